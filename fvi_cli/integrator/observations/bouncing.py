@@ -1,4 +1,4 @@
-"""The steps of a run with impacts: flights, what ends them, and when a motion has come to rest."""
+"""Steps of a run with impacts: flights, what ends them, and when a motion has come to rest."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ from dataclasses import astuple
 
 import numpy as np
 
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.recorder import why_unsolved
+from fvi_cli.integrator.engine.source import Proposal
+from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.isolation import FormulaAlong, first_below
+from fvi_cli.integrator.observations.landing import Landing, SceneStep
+from fvi_cli.integrator.observations.restitution import Restitution
 from fvi_cli.integrator.observations.surface import (
     ROUND_OFF,
     Contact,
@@ -22,202 +30,218 @@ from fvi_cli.integrator.observations.surface import (
     step_ends,
     velocity_at_end,
 )
-from fvi_cli.integrator.run.loop import Course
-from fvi_cli.integrator.run.setup import RunSetup, first_marker
-from fvi_cli.integrator.run.unfinished import CourseKeeper
-from fvi_cli.integrator.steps.dynamics import General
-from fvi_cli.integrator.steps.step import StepResult
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 SHORTEST_FLIGHT = 1e-9
 """Flights between rebounds shorter than this, relative to T, are the beginning of endless ones."""
-SWEEPS = 60
-MOST_PUSHES = 1000
-"""Pushes in a corner: surfaces at a sharp angle push many times."""
 START, IMPACT, BREAK = range(3)
 """What lies at the begin of a flight."""
 LEAST_IN_ULPS = 256
 """Steps behind an impact are no shorter than so many units in the last place of its time."""
-
 
 _NO_CONTACT = Contact(math.nan, math.nan, math.nan, math.nan)
 _ONE_STEP = np.zeros(2, dtype=np.intp)
 _ENDS = np.array([0.5, 1.0])
 
 
+def momentum_of_members(engine: Engine, change: Array) -> Array:
+    """A change of the momentum of the only scene, ``(d,)``, for its members, ``(q, e)``."""
+    return change[None] if engine.modes is None else engine.modes[0].forces(change)
+
+
 class Bouncing:
-    """The steps of a run with impacts."""
+    """Steps of T / N, graded behind the start, break points and impacts, cut where these are.
+
+    Parameters
+    ----------
+    scene, method, n_steps
+        The run.
+    surfaces
+        What it bounces off, by name.
+
+    Attributes
+    ----------
+    times
+        Of the impacts, by name.
+    jumps, late
+        Sum of the pushes at every point of the mesh, ``(d,)`` each; and by the number of the point
+        those that come when the step before it is recorded.
+    rest
+        What is said of a motion that has come to rest; empty: it has not.
+    """
 
     def __init__(
-        self,
-        setup: RunSetup,
-        surfaces: Mapping[str, Surface],
-        n_steps: int,
-        shortest: float,
-        checkpoints: RunKeeper | None,
+        self, scene: Scene, method: Method, n_steps: int, surfaces: Mapping[str, Surface]
     ) -> None:
-        self._setup, self._surfaces = setup, surfaces
-        self._end = setup.scene.final_time
-        self._step, self._shortest = self._end / n_steps, shortest
-        self._basis = lobatto_basis(setup.method.degree)
-        self._is_rough = is_rough_behind_impacts(setup.scene)
-        self.marker = first_marker(setup)
-        self.course = Course.begun(self.marker)
-        self.jumps = [np.zeros(setup.scene.dimension)]
+        self._scene, self._surfaces = scene, surfaces
+        self._law = Restitution(scene=scene, surfaces=surfaces)
+        self._end, self._degree = scene.final_time, method.degree
+        self._tables = step_tables(method)
+        self._step, self._shortest = self._end / n_steps, SHORTEST_STEP * self._end
+        self._is_rough = is_rough_behind_impacts(scene)
+        self._stops = [*scene.break_points, self._end]
+        self.jumps = [np.zeros(scene.dimension)]
+        self.late: dict[int, Array] = {}
         self.times: dict[str, list[float]] = {name: [] for name in surfaces}
         self.rest = ""
-        self.contacts: dict[str, Contact] = {}
-        self._passed, self._behind, self._begin = 0, START, 0.0
-        asked = (setup.method.case, n_steps, self._step)
-        given = (setup.scene, setup.method, tuple(surfaces.items()), shortest)
-        needs = tuple(self._state())
-        self.keeper = CourseKeeper(checkpoints, self.marker, self.course, asked, given, needs)
-        if self.keeper.found:
-            self._restore(self.keeper.found)
+        self.failure: Failure | None = None
+        self._contacts: dict[str, Contact] = {}
+        # the last two steps: ends, sizes, and velocities at the stages
+        self._last: list[tuple[float, float, Array]] = []
+        self._reach = np.zeros(scene.dimension)
+        self._time = 0.0
+        self._begin_flight(START, 0)
 
-    def _state(self) -> dict[str, Array]:
-        """What the steps to come depend on beside points and marker."""
-        impacts = {f"impacts_{k}": np.array(one) for k, one in enumerate(self.times.values())}
-        place = np.array([self._passed, self._behind, self._begin])
-        contacts = [astuple(self.contacts.get(name, _NO_CONTACT)) for name in self._surfaces]
-        kept = {"jumps": np.array(self.jumps), "place": place, "contacts": np.array(contacts)}
-        return {**kept, **impacts}
+    # the source of steps
 
-    def _restore(self, found: Mapping[str, Array]) -> None:
-        self.jumps = list(found["jumps"])
-        passed, behind, self._begin = found["place"].tolist()
-        self._passed, self._behind = int(passed), int(behind)
-        for name, kept in zip(self._surfaces, found["contacts"].tolist(), strict=True):
-            if not math.isnan(kept[0]):
-                self.contacts[name] = Contact(*kept)
-        for k, times in enumerate(self.times.values()):
-            times += found[f"impacts_{k}"].tolist()
+    def _begin_flight(self, behind: int, passed: int) -> None:
+        """Go from here to the next break point or the end."""
+        self._behind, self._passed, self._begin = behind, passed, self._time
+        self._landing: Landing | None = None
+        self._aim()
 
-    def march(self) -> None:
-        """To the end of the run, to rest, or to a failure."""
-        scene = self._setup.scene
-        ends = [*scene.break_points, self._end]
-        while self._passed < len(ends) and not self.rest and not self.course.failure:
-            power = start_power(scene, at_start=self._behind == START)
-            if self._behind == IMPACT:
-                power = power_behind_impact(scene)
-            if self._to(ends[self._passed], power):
-                self._behind = IMPACT
-            else:
-                self._behind = BREAK
-                self._passed += 1
-            self._begin = self.marker.time
-        if not self.rest and not self.course.failure:
-            self.keeper.offer(self._state, has_ended=True)
-
-    def _to(self, end: float, power: float | None) -> bool:
-        """The steps of a flight to a time, or the rest of them; whether an impact stopped it."""
-        begin = self._begin
+    def _aim(self) -> None:
+        """Ends of the steps of the flight that are to come, the last first."""
+        self._targets: list[float] = []
+        if self._passed == len(self._stops):
+            return
+        end, begin = self._stops[self._passed], self._begin
+        if self._behind == IMPACT:
+            power = power_behind_impact(self._scene)
+        else:
+            power = start_power(self._scene, at_start=self._behind == START)
         least = LEAST_IN_ULPS * math.ulp(begin) if begin else 0.0
-        is_first = self.marker.time == begin
-        if is_first:
-            self.marker.unknowns = None
-        for place in step_ends(self._step, end - begin, self._setup.method.degree, power, least):
-            target = min(begin + place, end)
-            if target <= self.marker.time:
-                continue
-            size = target - self.marker.time if is_first else self._size(target)
-            hit = self._advance(size, target, fresh=is_first)
-            is_first = False
-            if self.course.failure or self.rest:
-                return False
-            if hit:
-                return True
-            self.keeper.offer(self._state)
-        return False
+        ends = step_ends(self._step, end - begin, self._degree, power, least)
+        targets = [min(begin + place, end) for place in reversed(ends)]
+        self._targets = [one for one in targets if one > self._time]
 
-    def _size(self, target: float) -> float:
-        """The size of a step; of nearly equal ones the same, so that matrices are shared."""
-        size = target - self.marker.time
+    def propose(self) -> Proposal | None:
+        """The next step of a flight, or a part of it that may end on a surface."""
+        if self.failure is not None or self.rest or not self._targets:
+            return None
+        begin, is_first = self._time, self._time == self._begin
+        if self._landing is not None:
+            size = self._landing.size
+        else:
+            size = self._targets[-1] - begin
+            size = size if is_first else self._shared(size)
+        return Proposal(begin, size, 1, 1, is_first, begin)
+
+    def _shared(self, size: float) -> float:
+        """A nearly equal size that is T / N and a power of 2, so that tables are shared."""
         exact = self._step * 2.0 ** round(math.log2(size / self._step))
-        return exact if abs(exact - size) <= 4.0 * math.ulp(target) else size
+        return exact if abs(exact - size) <= 4.0 * math.ulp(self._time + size) else size
 
-    def _advance(self, size: float, target: float, *, fresh: bool) -> bool:
-        """One step, or the part of it up to an impact."""
-        stepper, marker = self._setup.stepper, self.marker
-        try:
-            result = stepper.attempt(marker, size, fresh=fresh)
-            fall = self._first_fall(result, size)
-            if fall is None:
-                self._accept(result, size, target)
-                return False
-            name = fall.surface
-            if fall.root * size <= self._shortest:
-                if name in self.contacts:
-                    self._end_in_rest(fall, size)
-                    return False
-                self._bounce(name)
-                return not self.course.failure
-            if self._is_endless(fall, size):
-                self._end_in_rest(fall, size)
-                return False
-            size, result, gap = self._landed(fall, size)
-        except StepFailedError as error:
-            self.course.note(error.residuals)
-            self.course.failure = Failure(f"t = {marker.time:.6g}: {error}", time=marker.time)
-            return False
-        tolerance = self._tolerance(name, result, size)
-        if gap < -tolerance:
-            self.course.failure = Failure(
-                f"t = {marker.time:.6g}: the step to {name} has no end on it", time=marker.time
+    def accept(self, count: int) -> float:
+        """Every step is judged."""
+        raise ValueError("steps: those with impacts are taken one by one")
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The end of a step that meets no surface, or ends on one; None: another one is needed."""
+        if steps.failed.any():
+            self._fail(why_unsolved(steps, state))
+            return None
+        step = SceneStep.of(engine, state, steps)
+        if self._landing is not None:
+            return self._land(self._landing, engine, step, steps)
+        fall = self._first_fall(step)
+        if fall is None:
+            end = self._targets.pop()
+            self._go_on(step, end)
+            if not self._targets:
+                self._begin_flight(BREAK, self._passed + 1)
+            return end
+        if fall.root * step.size <= self._shortest:
+            if fall.surface in self._contacts:
+                self._end_in_rest(fall, step)
+            else:
+                self._push_here(fall.surface, engine, state, step)
+        elif self._is_endless(fall, step):
+            self._end_in_rest(fall, step)
+        else:
+            self._landing = Landing(
+                surface=fall.surface,
+                low=fall.top * step.size,
+                high=min(fall.below, 1.0) * step.size,
+                size=fall.root * step.size,
             )
-            return False
-        self._accept(result, size, marker.time + size)
-        if not self.course.failure and gap <= tolerance:
-            self._bounce(name)
-        return not self.course.failure
+        return None
 
-    def _accept(self, result: StepResult, size: float, target: float) -> None:
-        course, marker = self.course, self.marker
-        course.note(result.residuals)
-        left = [name for name in self.contacts if self._rises(name, result, size)]
-        self._setup.stepper.accept(marker, result, size, target)
-        course.add(marker, result, size)
-        self.jumps.append(np.zeros(marker.position.value.size))
-        for name in left:
-            del self.contacts[name]
-        if not np.isfinite(marker.position.value).all():
-            course.failure = Failure.not_finite(len(course.sizes) - 1, target)
+    def _fail(self, error: StepFailedError) -> None:
+        words = f"t = {self._time:.6g}: {error}"
+        self.failure = Failure(words, error.reason, time=self._time)
 
-    def _along(self, surface: Surface, result: StepResult, size: float) -> FormulaAlong:
+    def _land(
+        self, landing: Landing, engine: Engine, step: SceneStep, steps: Steps
+    ) -> float | None:
+        """Go nearer to the surface, or take the step that is nearest."""
+        name = landing.surface
+        gap = float(self._surfaces[name].gap(step.end_position, step.end))
+        tolerance = self._tolerance(name, step)
+        if not landing.has_ended:
+            speed = self._law.speed(name, step.end_position, step.end_momentum, step.end)
+            if not landing.take(gap, speed, tolerance) or landing.size != step.size:
+                return None
+        if gap < -tolerance:
+            self._fail(StepFailedError(f"the step to {name} has no end on it"))
+            return None
+        self._go_on(step, step.end)
+        if gap <= tolerance:
+            push = self._push(name, step.end_position, step.end_momentum)
+            steps.dp = steps.dp + momentum_of_members(engine, push)[:, None]
+        self._begin_flight(IMPACT, self._passed)
+        return step.end
+
+    def _push_here(self, name: str, engine: Engine, state: State, step: SceneStep) -> None:
+        """A surface is met where the step begins."""
+        push, point = self._push(name, step.position, step.momentum), len(self.jumps) - 1
+        self.late[point] = self.late.get(point, 0.0) + push
+        own = momentum_of_members(engine, push)
+        state.p, state.p_lost = compensated(state.p, state.p_lost, own)
+        self._begin_flight(IMPACT, self._passed)
+
+    def _go_on(self, step: SceneStep, end: float) -> None:
+        """The step is taken."""
+        for name in [one for one in self._contacts if self._rises(one, step)]:
+            del self._contacts[name]
+        self.jumps.append(np.zeros(step.position.size))
+        velocity = self._tables.slopes[1:].T @ step.unknowns
+        self._last = [*self._last[-1:], (end, step.size, velocity)]
+        self._reach, self._time = step.reach, end
+
+    # what a step meets
+
+    def _along(self, name: str, step: SceneStep) -> FormulaAlong:
         """The gap along a step."""
-        begin, start = self.marker.position.value, self.marker.time
+        surface, basis = self._surfaces[name], lobatto_basis(self._degree)
 
         def variables(_: Places, tau: Array) -> dict[str, Array | float]:
-            way = self._basis.values(tau)[1:].T @ result.unknowns
-            return surface.values(begin + size * way, start + tau * size)
+            position = step.position + step.size * (basis.values(tau)[1:].T @ step.unknowns)
+            return surface.values(position, step.begin + tau * step.size)
 
         return FormulaAlong(surface.impact.when, variables)
 
-    def _tolerance(self, name: str, result: StepResult, size: float) -> float:
+    def _tolerance(self, name: str, step: SceneStep) -> float:
         """Gaps in a step smaller than this are not told from 0."""
-        marker, contact = self.marker, self.contacts.get(name)
-        reach = size * np.abs(result.unknowns).max(axis=0)
-        end = marker.time + size
-        found = self._surfaces[name].round_off(marker.position.value, reach, end)
+        contact = self._contacts.get(name)
+        found = self._surfaces[name].round_off(step.position, step.reach, step.end)
         if contact is None:
             return found
         # a wall along which the motion slides: its speed is zero up to round-off
-        return found + contact.slack + ROUND_OFF * contact.pace * (end - contact.time)
+        return found + contact.slack + ROUND_OFF * contact.pace * (step.end - contact.time)
 
-    def _rises(self, name: str, result: StepResult, size: float) -> bool:
+    def _rises(self, name: str, step: SceneStep) -> bool:
         """Whether a step leaves a surface that the motion was on."""
-        along = self._along(self._surfaces[name], result, size)
-        return bool(max(along(_ONE_STEP, _ENDS)) > self._tolerance(name, result, size))
+        gaps = self._along(name, step)(_ONE_STEP, _ENDS)
+        return bool(max(gaps) > self._tolerance(name, step))
 
-    def _first_fall(self, result: StepResult, size: float) -> Fall | None:
+    def _first_fall(self, step: SceneStep) -> Fall | None:
         """Where a step first goes through a surface, by more than round-off."""
         first: Fall | None = None
-        for name, surface in self._surfaces.items():
-            along = self._along(surface, result, size)
-            tolerance = self._tolerance(name, result, size)
-            found = first_below(along, -tolerance)
+        for name in self._surfaces:
+            found = first_below(self._along(name, step), -self._tolerance(name, step))
             if found is None:
                 continue
             top, below, root, gap = found
@@ -225,167 +249,106 @@ class Bouncing:
                 first = Fall(surface=name, root=root, top=top, below=below, gap=gap)
         return first
 
-    def _landed(self, fall: Fall, size: float) -> tuple[float, StepResult, float]:
-        """The step that ends on a surface, or as near above it as there is one, and its gap.
+    # impacts
 
-        Newton's iteration on its length, and bisection where that leaves the part of the step
-        in which the gap changes its sign.
-        """
-        stepper, marker, surface = self._setup.stepper, self.marker, self._surfaces[fall.surface]
-        low, high = fall.top * size, min(fall.below, 1.0) * size
-        now = fall.root * size
-        best: tuple[float, StepResult, float] | None = None
-        for _ in range(SWEEPS):
-            result = stepper.attempt(marker, now, fresh=False)
-            position = marker.position.value + now * result.unknowns[-1]
-            time = marker.time + now
-            gap = float(surface.gap(position, time))
-            is_better = best is None or abs(gap) < abs(best[2])
-            if (
-                best is not None
-                and not is_better
-                and abs(best[2]) <= self._tolerance(fall.surface, best[1], best[0])
-            ):
-                break
-            if best is None or is_better:
-                best = now, result, gap
-            if gap > 0.0:
-                low = now
-            else:
-                high = now
-            speed = self._speed(
-                surface, position, marker.momentum.value + result.momentum_change, time
-            )
-            following = now - gap / speed if speed else now
-            if not low < following < high:
-                following = 0.5 * (low + high)
-            if gap == 0.0 or abs(following - now) <= 0.5 * math.ulp(now):
-                break
-            now = following
-        if best is None:  # pragma: no cover - the first sweep sets it
-            raise ValueError("landed: no sweep was made")
-        return best
-
-    def _speed(self, surface: Surface, position: Array, momentum: Array, time: float) -> float:
-        """Derivative of the gap by time along the motion."""
-        normal, rate = surface.slopes(position, time)
-        velocity = self._setup.stepper.solver.dynamics.velocity(position, momentum, time)
-        return float(normal @ velocity) + rate
-
-    def _bounce(self, met: str) -> None:
-        """Reverse the normal velocity at every surface that is met here.
-
-        In a corner the surfaces push one after the other, the one that is met fastest first,
-        until the motion leaves them all.
-        """
-        marker, dynamics = self.marker, self._setup.stepper.solver.dynamics
-        position, time = marker.position.value, marker.time
-        wrong = self._momentum_error()
-        momentum = marker.momentum.value - wrong
-        total = np.zeros_like(momentum)
-        here, begun = {met: 0.0}, 0.0
-        reach = np.zeros_like(position)
-        if self.course.sizes:
-            reach = self.course.sizes[-1] * np.abs(self.course.unknowns[-1]).max(axis=0)
+    def _push(self, met: str, position: Array, momentum: Array) -> Array:
+        """Change of the momentum by all surfaces that are met here, ``(d,)``; these are touched."""
+        time, law = self._time, self._law
+        momentum = momentum - self._momentum_error(position, momentum)
+        here = {met: 0.0}
         for name, surface in self._surfaces.items():
             gap = float(surface.gap(position, time))
-            speed = self._speed(surface, position, momentum, time)
-            slack = surface.round_off(position, reach, time)
+            speed = law.speed(name, position, momentum, time)
+            slack = surface.round_off(position, self._reach, time)
             if name == met or abs(gap) <= slack + abs(speed) * self._shortest:
                 here[name] = slack + 4.0 * abs(gap)
-                begun = max(begun, -speed)
-        slopes = {name: self._surfaces[name].slopes(position, time) for name in here}
-        normals = {name: normal for name, (normal, _) in slopes.items()}
-        mobility = {name: self._mobility(normal) for name, normal in normals.items()}
-        pushed: set[str] = set()
-        for _ in range(MOST_PUSHES):
-            speeds = {
-                name: self._speed(self._surfaces[name], position, momentum + total, time)
-                for name in here
-            }
-            name = min(here, key=lambda one: speeds[one] / _length(normals[one], mobility[one]))
-            if speeds[name] >= -1e-14 * begun:
-                break
-            restitution = self._surfaces[name].impact.restitution
-            weight = float(normals[name] @ mobility[name])
-            total = total - (1.0 + restitution) * speeds[name] / weight * normals[name]
-            pushed.add(name)
-        if not np.isfinite(total).all():
-            self.course.failure = Failure(
-                f"t = {time:.6g}: the push of {met} is not finite", "not finite", time=time
-            )
-            return
-        marker.momentum.add(total)
-        marker.unknowns = None
-        self.jumps[-1] = self.jumps[-1] + total
-        self.course.momenta[-1] = marker.momentum.value.copy()
-        for name in here:
-            if name in pushed or name == met:
+        push, pushing = law.push(list(here), position, momentum, time)
+        if not np.isfinite(push).all():
+            self._fail(StepFailedError(f"the push of {met} is not finite", reason="not finite"))
+            return np.zeros_like(momentum)
+        self.jumps[-1] = self.jumps[-1] + push
+        velocity = law.velocity(position, momentum + push, time)
+        for name, slack in here.items():
+            if name in pushing or name == met:
                 self.times[name].append(time)
-            normal, rate = slopes[name]
-            velocity = dynamics.velocity(position, momentum + total, time)
-            self.contacts[name] = Contact(
+            normal, rate = self._surfaces[name].slopes(position, time)
+            self._contacts[name] = Contact(
                 time=time,
-                slack=here[name],
+                slack=slack,
                 speed=max(float(normal @ velocity) + rate, 0.0),
                 pace=float(np.abs(normal) @ np.abs(velocity)) + abs(rate),
             )
+        return push
 
-    def _momentum_error(self) -> Array:
+    def _momentum_error(self, position: Array, momentum: Array) -> Array:
         """What the momentum before the pushes at this point has too much."""
-        course = self.course
-        wrong = np.zeros_like(self.jumps[-1])
-        if not self._is_rough or not course.sizes:
-            return wrong
-        count = 2 if len(course.sizes) > 1 and course.times[-2] > self._begin else 1
-        velocity = velocity_at_end(
-            course.times[-count:],
-            course.sizes[-count:],
-            [self._setup.stepper.velocity_of(one) for one in course.unknowns[-count:]],
-            self._setup.stepper.solver.tables.points,
-            self.marker.time,
-        )
-        before = self.marker.momentum.value - self.jumps[-1]
-        dynamics = self._setup.stepper.solver.dynamics
-        right = dynamics.momentum(self.marker.position.value, velocity, self.marker.time)
-        return np.asarray(before - right)
+        if not self._is_rough or not self._last:
+            return np.zeros_like(momentum)
+        last = self._last if self._last[0][0] > self._begin else self._last[-1:]
+        ends, sizes, stages = zip(*last, strict=True)
+        velocity = velocity_at_end(ends, sizes, stages, self._tables.points, self._time)
+        right = self._law.momentum(position, velocity, self._time)
+        return np.asarray(momentum - self.jumps[-1] - right)
 
-    def _mobility(self, normal: Array) -> Array:
-        """Inverse of the mass matrix times a normal."""
-        dynamics = self._setup.stepper.solver.dynamics
-        if not isinstance(dynamics, General):
-            return dynamics.inertia.velocity(normal)
-        marker = self.marker
-        position, momentum = marker.position.value, marker.momentum.value
-        velocity = dynamics.velocity(position, momentum, marker.time)
-        at = dynamics.lagrangian.derivatives(position, velocity, marker.time)
-        return np.asarray(np.linalg.solve(at.mass, normal))
+    # rest
 
-    def _is_endless(self, fall: Fall, size: float) -> bool:
+    def _is_endless(self, fall: Fall, step: SceneStep) -> bool:
         """Whether a fall is the next of endless rebounds: its flight is short, and they shrink."""
-        contact = self.contacts.get(fall.surface)
+        contact = self._contacts.get(fall.surface)
         if contact is None or self._surfaces[fall.surface].impact.restitution == 1.0:
             return False
-        return self.marker.time - contact.time + fall.root * size < SHORTEST_FLIGHT * self._end
+        flight = step.begin - contact.time + fall.root * step.size
+        return flight < SHORTEST_FLIGHT * self._end
 
-    def _end_in_rest(self, fall: Fall, size: float) -> None:
+    def _end_in_rest(self, fall: Fall, step: SceneStep) -> None:
         """End the run on a surface that it does not leave by more than round-off."""
-        name, contact = fall.surface, self.contacts[fall.surface]
+        name, contact = fall.surface, self._contacts[fall.surface]
         begin, speed = contact.time, contact.speed
         restitution = self._surfaces[name].impact.restitution
         if restitution == 0.0 or speed == 0.0:
             self.rest = f"at rest on {name} from t = {begin:.10g} on: it does not bounce"
             return
         # the fall from the contact on says the acceleration, and with it the flights
-        since = self.marker.time - begin + fall.below * size
+        since = step.begin - begin + fall.below * step.size
         flight = min(since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.gap), 1e-300))
         end = begin + (flight / (1.0 - restitution) if restitution < 1.0 else 0.0)
-        count = len(self.times[name])
         self.rest = (
-            f"at rest on {name} from t = {end:.10g} on: after {count} impacts the next come "
-            f"within {flight:.2g}"
+            f"at rest on {name} from t = {end:.10g} on: after {len(self.times[name])} impacts the "
+            f"next come within {flight:.2g}"
         )
 
+    # checkpoints
 
-def _length(normal: Array, mobility: Array) -> float:
-    return math.sqrt(float(normal @ mobility)) or 1.0
+    def arrays(self) -> dict[str, Array]:
+        """Where it is behind a step, for a checkpoint."""
+        ends, sizes, stages = zip(*self._last, strict=True) if self._last else ((), (), ())
+        contacts = [astuple(self._contacts.get(name, _NO_CONTACT)) for name in self._surfaces]
+        found = {
+            "place": np.array([self._passed, self._behind, self._begin, self._time]),
+            "contacts": np.array(contacts),
+            "jumps": np.array(self.jumps),
+            "late": np.array(list(self.late), dtype=float),
+            "late pushes": np.array(list(self.late.values())),
+            "ends": np.array(ends),
+            "sizes": np.array(sizes),
+            "stages": np.array(stages),
+            "reach": self._reach,
+        }
+        return found | {f"impacts {k}": np.array(v) for k, v in enumerate(self.times.values())}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on from what :meth:`arrays` gave."""
+        passed, behind, self._begin, self._time = arrays["place"].tolist()
+        self._passed, self._behind = int(passed), int(behind)
+        for name, kept in zip(self._surfaces, arrays["contacts"].tolist(), strict=True):
+            if not math.isnan(kept[0]):
+                self._contacts[name] = Contact(*kept)
+        self.jumps = list(arrays["jumps"])
+        numbers = arrays["late"].astype(int).tolist()
+        self.late = dict(zip(numbers, arrays["late pushes"], strict=True))
+        ends, sizes = arrays["ends"].tolist(), arrays["sizes"].tolist()
+        self._last = list(zip(ends, sizes, arrays["stages"], strict=True))
+        self._reach = arrays["reach"]
+        for k, moments in enumerate(self.times.values()):
+            moments[:] = arrays[f"impacts {k}"].tolist()
+        self._aim()

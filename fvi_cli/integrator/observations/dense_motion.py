@@ -321,7 +321,7 @@ def _second_run(
         second = integrate_on_mesh(shorter, method, mesh, with_steps=True, checkpoints=checkpoints)
         whole = second.steps if second.status == "ok" else None
         return whole, f"{second.status}: {second.message}"
-    return replayed(prepare_on_mesh(shorter, method, mesh), steps, checkpoints), "failed"
+    return replayed(shorter, method, steps, checkpoints), "failed"
 
 
 def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:

@@ -21,12 +21,15 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST
 from fvi_cli.integrator.engine.checkpoint import RunKeeper
-from fvi_cli.integrator.failure import StepFailedError
-from fvi_cli.integrator.growth_bound import NO_BOUND
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.recorder import Recorder
+from fvi_cli.integrator.engine.source import Proposal
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Impact
-from fvi_cli.integrator.observations.bouncing import Bouncing
+from fvi_cli.integrator.observations.bouncing import Bouncing, momentum_of_members
 from fvi_cli.integrator.observations.surface import (
     Surface,
     is_rough_behind_impacts,
@@ -34,9 +37,8 @@ from fvi_cli.integrator.observations.surface import (
 )
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.loop import Course
-from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
-from fvi_cli.integrator.run.unfinished import CourseKeeper
+from fvi_cli.integrator.run.on_mesh import ScenesRun
+from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
@@ -85,34 +87,24 @@ def integrate_with_impacts(
     for name, surface in surfaces.items():
         if objection := start_objection(scene, surface):
             raise ValueError(f"impacts.{name}: {surface.impact.when.text} {objection}")
-    shortest = SHORTEST_STEP * scene.final_time
-    setup = prepare_run(
-        scene,
-        method,
-        shortest_step=shortest,
-        n_steps=MOST_SHORTEST,
-        bound=NO_BOUND,
-    )
+    engine = _engine(scene, method)
+    source = Bouncing(scene, method, n_steps, surfaces)
+    this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
+    this.begin()
     ready = clock.perf_counter()
-    run = Bouncing(setup, surfaces, n_steps, shortest, checkpoints)
-    with np.errstate(all="ignore"):
-        run.march()
-    finished = clock.perf_counter()
-    course = run.course
-    steps = RunSteps(
-        tables=setup.stepper.solver.tables,
-        time=np.array(course.times),
-        position=np.array(course.positions),
-        momentum=np.array(course.momenta),
-        step_size=np.array(course.sizes),
-        velocity=np.array([setup.stepper.velocity_of(one) for one in course.unknowns]),
-        jump=np.array(run.jumps),
-    )
+    asked = (method.case, n_steps, scene.final_time / n_steps)
+    seconds = this.march(checkpoints, asked, (scene, method, tuple(surfaces.items())))
+    steps, dynamics = this.recorder.steps(0), dynamics_of(scene)
+    momentum = steps.momentum.copy()
+    for point, push in source.late.items():
+        momentum[point] += push
+    steps = replace(steps, momentum=momentum, jump=np.array(source.jumps))
     if is_rough_behind_impacts(scene):
-        momentum = smooth_momenta(steps, setup.stepper.solver.dynamics.momentum, scene.break_points)
+        momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
         steps = replace(steps, momentum=momentum)
     with np.errstate(all="ignore"):
-        energy = setup.stepper.solver.dynamics.energy(steps.position, steps.momentum, steps.time)
+        energy = dynamics.energy(steps.position, steps.momentum, steps.time)
+    failure = this.recorder.failures.get(0)
     trajectory = Trajectory(
         time=steps.time,
         position=steps.position,
@@ -120,53 +112,81 @@ def integrate_with_impacts(
         energy=energy,
         n_steps=n_steps,
         step_size=scene.final_time / n_steps,
-        status=status_of(course.failure, finite=bool(np.isfinite(steps.position).all())),
-        message=str(course.failure or ""),
-        failure=course.failure,
-        newton=course.newton,
+        status=status_of(failure, finite=bool(np.isfinite(steps.position).all())),
+        message=str(failure or ""),
+        failure=failure,
+        newton=this.recorder.newton.of(0),
         setup_seconds=ready - began,
-        stepping_seconds=finished - ready + run.keeper.earlier_seconds,
-        remarks=(run.rest,) if run.rest else (),
+        stepping_seconds=seconds,
+        remarks=(source.rest,) if source.rest else (),
         steps=steps,
     )
-    return trajectory, {name: np.array(times) for name, times in run.times.items()}
+    return trajectory, {name: np.array(times) for name, times in source.times.items()}
 
 
 def replayed(
-    setup: RunSetup, steps: RunSteps, checkpoints: RunKeeper | None = None
+    scene: Scene, method: Method, steps: RunSteps, checkpoints: RunKeeper | None = None
 ) -> RunSteps | None:
     """The steps of a run with impacts by another method: the same sizes and pushes."""
-    marker = first_marker(setup)
-    course = Course.begun(marker)
-    asked = (setup.method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
-    given = (setup.scene, setup.method, steps.time, steps.step_size, steps.jump)
-    keeper = CourseKeeper(checkpoints, marker, course, asked, given, ("velocities",))
-    velocities = list(keeper.found.get("velocities", ()))
-    jumps = steps.jump if steps.jump is not None else np.zeros_like(steps.momentum)
+    engine = _engine(scene, method)
+    source = _Replay(scene, steps)
+    this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
+    this.begin()
+    asked = (method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
+    this.march(checkpoints, asked, (scene, method, steps.time, steps.step_size, source.jumps))
+    if this.recorder.failures:
+        return None
+    return replace(this.recorder.steps(0), jump=source.jumps)
 
-    def found() -> dict[str, Array]:
-        return {"velocities": np.array(velocities)}
 
-    for index in range(len(velocities), steps.n_steps):
-        h = float(steps.step_size[index])
-        try:
-            result = setup.stepper.attempt(marker, h, fresh=False)
-        except StepFailedError:
+class _Replay:
+    """Steps of the sizes of others, with the same pushes."""
+
+    failure: Failure | None = None
+
+    def __init__(self, scene: Scene, steps: RunSteps) -> None:
+        self._times, self._sizes = steps.time.tolist(), steps.step_size.tolist()
+        self.jumps = np.zeros_like(steps.momentum) if steps.jump is None else steps.jump
+        self._fresh = np.isin(steps.time, (0.0, *scene.break_points)) | self.jumps.any(axis=1)
+        self._done = 0
+
+    def propose(self) -> Proposal | None:
+        """The next step."""
+        done = self._done
+        if done == len(self._sizes):
             return None
-        setup.stepper.accept(marker, result, h, float(steps.time[index + 1]))
-        if np.any(jumps[index + 1]):
-            marker.momentum.add(jumps[index + 1])
-            marker.unknowns = None
-        course.add(marker, result, h)
-        velocities.append(result.velocity)
-        keeper.offer(found)
-    keeper.offer(found, has_ended=True)
-    return RunSteps(
-        tables=setup.stepper.solver.tables,
-        time=steps.time,
-        position=np.array(course.positions),
-        momentum=np.array(course.momenta),
-        step_size=steps.step_size,
-        velocity=np.array(velocities),
-        jump=jumps,
-    )
+        begin = self._times[done]
+        return Proposal(begin, self._sizes[done], 1, 1, bool(self._fresh[done]), begin)
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The time at its end, where it is pushed."""
+        push = momentum_of_members(engine, self.jumps[self._done + 1])
+        steps.dp = steps.dp + push[:, None]
+        return self.accept(1)
+
+    def accept(self, count: int) -> float:
+        """The time at the end of so many steps."""
+        self._done += count
+        return float(self._times[self._done])
+
+    def arrays(self) -> dict[str, Array]:
+        """Number of the steps that are done."""
+        return {"done": np.array(self._done)}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on there."""
+        self._done = int(arrays["done"])
+
+
+def _engine(scene: Scene, method: Method) -> Engine:
+    """Single steps of any size.
+
+    Raises
+    ------
+    ValueError
+        If the method is no Runge-Kutta one.
+    """
+    if not method.is_runge_kutta:
+        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
+    shortest = SHORTEST_STEP * scene.final_time
+    return Engine([scene], method, shortest_step=shortest, steps=MOST_SHORTEST, most=1)
