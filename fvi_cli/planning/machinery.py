@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import fits_break_points
-from fvi_cli.integrator.convolution.damping import directions_of
+from fvi_cli.integrator.engine.directions import pattern_of
 from fvi_cli.integrator.engine.plan import MeshPlan
 from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
@@ -128,7 +128,7 @@ def machinery_of(
         diagnosed=diagnosed,
         members=members if together else 1,
         plan=plan,
-        n_directions=len(directions_of(scene)),
+        n_directions=len(pattern_of(scene)),
         n_terms=len({term.order for term in scene.active_damping}),
         is_side_by_side=together,
     )

@@ -236,25 +236,25 @@ class Damping:
         return total
 
     def energy(self, states: Array, column: Array) -> Array | None:
-        r"""Energy that every direction stores, ``(n_directions, q)``; None where it has no weights.
+        r"""Energy that every direction stores, ``(n_directions, ..., q)``.
 
         .. math:: E = \tfrac12 \sum_j e_j\, s_j \cdot D s_j
 
-        with the states of a relative term less the start velocity. The weights of backward
-        differences are no positive sum of squares.
+        with the states ``(..., q, J, e)`` of a relative term less the start velocity. None for
+        backward differences: their weights are no positive sum of squares.
         """
         memory = self.memory
         if not isinstance(memory, Exponentials):
             return None
-        found = np.zeros((len(self.directions), len(states)))
+        found = np.zeros((len(self.directions), *states.shape[:-2]))
         if memory.kernel is None:
             return found
         by_term = memory.kernel.energy_weights
         every = zip(self._acted_on(states, column), self.combinations, self.directions, strict=True)
         for index, (acted, one, direction) in enumerate(every):
             free = acted - self._velocity if direction.is_relative else acted
-            squares = (free * along(free, one.matrix)).sum(axis=2)
-            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=1)
+            squares = (free * along(free, one.matrix)).sum(axis=-1)
+            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=-1)
         return found
 
     def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:

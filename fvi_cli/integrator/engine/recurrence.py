@@ -91,6 +91,7 @@ class Recurrence:
             wait=np.zeros(n, dtype=np.int64),
             excess=np.zeros(n, dtype=np.int64),
             stale=np.zeros(n, dtype=bool),
+            taken=np.zeros(n, dtype=np.int64),
         )
         return self.engine.solve(state, self.h, self.count, loads, starts_at_rest=True)
 

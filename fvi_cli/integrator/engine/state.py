@@ -35,6 +35,8 @@ class State:
         Of every member: steps of the longest block that may contract; blocks until a longer one is
         tried; iterations beyond the usual number; whether its second derivatives are to be made
         anew.
+    taken
+        Iterations of the last steps.
     live
         Members that have not failed.
     """
@@ -51,6 +53,7 @@ class State:
     wait: Integers
     excess: Integers
     stale: Mask
+    taken: Integers
     unknowns: Array | None = None
     h: float = 0.0
     rest: Array | None = None

@@ -29,8 +29,8 @@ from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Impact
-from fvi_cli.integrator.observations.bouncing import Bouncing, momentum_of_members
-from fvi_cli.integrator.observations.surface import (
+from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members
+from fvi_cli.integrator.observations.impacts.surface import (
     Surface,
     is_rough_behind_impacts,
     start_objection,

@@ -17,10 +17,11 @@ from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.isolation import FormulaAlong, first_below
-from fvi_cli.integrator.observations.landing import Landing, SceneStep
-from fvi_cli.integrator.observations.restitution import Restitution
-from fvi_cli.integrator.observations.surface import (
+from fvi_cli.integrator.observations.criteria import FormulaAlong
+from fvi_cli.integrator.observations.events import first_below
+from fvi_cli.integrator.observations.impacts.landing import Landing, SceneStep
+from fvi_cli.integrator.observations.impacts.restitution import Restitution
+from fvi_cli.integrator.observations.impacts.surface import (
     ROUND_OFF,
     Contact,
     Fall,

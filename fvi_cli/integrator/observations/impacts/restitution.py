@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.surface import Surface
+from fvi_cli.integrator.observations.impacts.surface import Surface
 from fvi_cli.mathematics.arrays import Array
 
 MOST_PUSHES = 1000
