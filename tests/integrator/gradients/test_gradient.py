@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import mpmath
@@ -36,8 +36,9 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, names_of
-from fvi_cli.integrator.observations.dense_motion import DenseMotion, stage_forces
-from fvi_cli.integrator.observations.observe import along_motion
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.observer import Observer
+from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.scenes.nonlinear import duffing, kepler
 
 GAUSS8 = Method(cq="gauss", degree=8, start="none")
@@ -342,12 +343,12 @@ def test_expressions_against_central_differences(name, monkeypatch):
         # damping forces by the engine, which the adjoint has from its own memory
         scene = family(changed)
         done = run_steps(scene, method, steps)
-        force = stage_forces(scene, method, done)
-        motion = DenseMotion(scene=scene, steps=done, shape=done, force=force)
+        forces = partial(forces_along, [scene], [method], [done])
+        motion = DenseMotion(scenes=(scene,), steps=(done,), shapes=(done,), find_forces=forces)
         asked = Observations(coordinates=names_of(scene))
         expression = quantity.expression(asked, scene)
         assert expression is not None
-        return soft.value(along_motion(motion, asked, expression)(*motion.located(times)))
+        return soft.value(Observer(motion, [asked]).along(expression)(*motion.located(0, times)))
 
     def derivatives() -> Any:
         return gradient_of(family(values), method, steps, quantity, variations(family, values))
