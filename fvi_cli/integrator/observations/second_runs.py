@@ -14,10 +14,9 @@ from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.engine.directions import pattern_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.impacts import replayed
+from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.setup import prepare_on_mesh
 from fvi_cli.mathematics.arrays import Array
 
 MOST_STAGES = 12
@@ -130,8 +129,7 @@ def _second_runs(
         if one.jump is None:
             groups.setdefault(one.time.tobytes(), []).append(index)
             continue
-        setup = prepare_on_mesh(shorter[index], method, meshes[index])
-        found[index] = replayed(setup, one, checkpoints), "failed"
+        found[index] = replayed(shorter[index], method, one, checkpoints), "failed"
     for places in groups.values():
         runs = integrate_members(
             [shorter[index] for index in places],
