@@ -36,7 +36,8 @@ def peak_bytes(run: Machinery) -> int:
     if run.diagnosed:
         of_steps = (10 + (7 + 5 * run.inputs) * d) * plan.n_steps
         again = (3 + (2 + run.inputs) * d) * plan.n_steps
-        again += 3 * plan.n_states * min(PIECE, plan.n_steps) * run.samples
+        pieces = min(PIECE, plan.n_steps) + 3 * SHORT_BLOCK * (plan.n_sizes - 1)
+        again += 3 * plan.n_states * pieces * run.samples
         found = max(found, kept + tables + max(of_steps, again))
     return int(8 * (SMALLEST + found))
 

@@ -59,7 +59,7 @@ class Check(Protocol):
         """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Ending:
     """Where a scene stopped: steps that it did, rows that are kept, and its last point."""
 
@@ -419,31 +419,34 @@ class Recorder:
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what :meth:`arrays` gave."""
-        for name, pieces in self._rows.items():
-            # no polynomials where they are not kept
-            pieces[:] = [arrays[name]] if name != "v" or self.with_steps else []
-        self._is_point = [arrays["is point"]]
-        self.newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
-        self._last = (
-            float(arrays["last time"]),
-            arrays["last position"],
-            arrays["last momentum"],
-        )
-        self.done, self.reported = arrays["done"].tolist()
-        if "stopped" not in arrays:
-            return
+        """Go on from what :meth:`arrays` gave; KeyError where something of it is missing."""
+        # no polynomials where they are not kept
+        names = [name for name in self._rows if name != "v" or self.with_steps]
+        rows = {name: [arrays[name]] for name in names}
+        newton = NewtonLog(self.live.size)
+        newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
+        last = (float(arrays["last time"]), arrays["last position"], arrays["last momentum"])
+        is_point, (done, reported) = arrays["is point"], arrays["done"].tolist()
+        stopped = self._stopped(arrays) if "stopped" in arrays else {}
+        self._rows |= rows
+        self._is_point, self.newton, self._last = [is_point], newton, last
+        self.done, self.reported = done, reported
+        for scene, (failure, end) in stopped.items():
+            self.live[scene] = False
+            self.failures[scene], self._endings[scene] = failure, end
+
+    def _stopped(self, arrays: Mapping[str, NDArray[Any]]) -> dict[int, tuple[Failure, _Ending]]:
         rows = zip(
             *(arrays[f"stopped{name}"].tolist() for name in ("", " times", " words", " steps")),
             arrays["stopped points"],
             strict=True,
         )
+        found = {}
         for (scene, done, kept), (time, begin), (words, reason), step, point in rows:
-            self.live[scene] = False
-            self.failures[scene] = Failure(words, reason, None if step < 0 else step, begin)
-            self._endings[scene] = _Ending(
-                done=done, rows=kept, time=time, position=point[0], momentum=point[1]
-            )
+            failure = Failure(words, reason, None if step < 0 else step, begin)
+            position, momentum = point
+            found[scene] = failure, _Ending(done, kept, time, position, momentum)
+        return found
 
     def go_on(self, state: State, done: int, reported: int) -> None:
         """Begin behind so many steps and reported points of the run, without a start."""

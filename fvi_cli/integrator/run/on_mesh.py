@@ -169,9 +169,14 @@ class ScenesRun:
         return self.recorder.arrays()
 
     def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Go on from there."""
-        self.go_on(arrays)
-        self.recorder.restore(kept)
+        """Go on from there; all stays as it is where something is missing or does not fit."""
+        begun = self.arrays()
+        try:
+            self.go_on(arrays)
+            self.recorder.restore(kept)
+        except (KeyError, TypeError, ValueError):
+            self.go_on(begun)
+            raise
 
     def go_on(self, arrays: Arrays) -> None:
         """Take the state of :meth:`arrays`, whatever was kept before."""
