@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Factored, symmetric_matrix
+from fvi_cli.effects.matrices import Factored, dense, symmetric_form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
@@ -162,7 +162,7 @@ class Directions:
         inner = np.asarray(coefficient, dtype=float)
         if inner.ndim == 0:
             inner = inner * np.eye(self.count)
-        inner = symmetric_matrix(inner, "coefficient")
+        inner = dense(symmetric_form(inner, "coefficient"))
         if inner.shape[0] != self.count:
             raise ArgumentError(
                 "coefficient",
