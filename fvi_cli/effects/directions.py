@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.matrices import Factored, dense, symmetric_form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
@@ -93,13 +93,12 @@ class Directions:
     rows: Array
 
     def __post_init__(self) -> None:
-        rows = np.atleast_2d(np.array(self.rows, dtype=float))
+        set_arrays(self, rows=np.atleast_2d(self.rows))
+        rows = self.rows
         if not np.all(np.isfinite(rows)):
             raise ArgumentError("acts_on", "every factor must be finite")
         if np.any(np.all(rows == 0, axis=1)):
             raise ArgumentError("acts_on", "a combination in which no coordinate is left")
-        rows.setflags(write=False)
-        object.__setattr__(self, "rows", rows)
 
     @classmethod
     def from_text(cls, texts: Sequence[str], coordinates: Sequence[str]) -> Directions:
