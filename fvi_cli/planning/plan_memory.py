@@ -6,7 +6,7 @@ matrices of a block and what its past does while they are put together, and the 
 
 from __future__ import annotations
 
-from fvi_cli.integrator.balances.mesh_balance import PIECE
+from fvi_cli.integrator.engine.damper_forces import PIECE
 from fvi_cli.integrator.engine.loop import chunk_steps
 from fvi_cli.integrator.engine.plan import MeshPlan
 from fvi_cli.integrator.engine.recurrence import pays_as_one

@@ -62,7 +62,10 @@ def stored_energy(damping: Damping, step_sizes: Array, inputs: Array) -> Array |
         As for :func:`forces_of_dampers`.
     """
     states, column = damping.start()
-    found = [damping.energy(states[None], column[None])]
+    start = damping.energy(states[None], column[None])
+    if start is None:
+        return None
+    known = [start]
     for first, tables in _pieces(damping, step_sizes):
         single = damping.tables(float(step_sizes[first]), 1)
         path, columns = [], []
@@ -71,23 +74,32 @@ def stored_energy(damping: Damping, step_sizes: Array, inputs: Array) -> Array |
             column = damping.push_column(single, column, 1)
             path.append(states)
             columns.append(column)
-        found.append(damping.energy(np.array(path), np.array(columns)))
-    known = [one for one in found if one is not None]
-    if len(known) < len(found):
-        return None
+        energy = damping.energy(np.array(path), np.array(columns))
+        if energy is not None:
+            known.append(energy)
     return np.concatenate(known, axis=1).swapaxes(1, 2)
 
 
-def _pieces(damping: Damping, step_sizes: Array) -> Iterator[tuple[int, DampingTables]]:
-    """First step and tables of pieces of equal steps, none longer than :data:`PIECE`."""
-    made: dict[tuple[float, int], DampingTables] = {}
+def pieces_of_equal_steps(step_sizes: Array) -> list[tuple[int, int]]:
+    """Ranges of equal step sizes, none longer than :data:`PIECE`."""
+    if step_sizes.size == 0:
+        return []
     ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]
-    for begin, end in itertools.pairwise(ends):
-        for first in range(begin, end, PIECE):
-            key = float(step_sizes[first]), min(PIECE, end - first)
-            if key not in made:
-                made[key] = damping.tables(*key)
-            yield first, made[key]
+    return [
+        (first, min(first + PIECE, end))
+        for begin, end in itertools.pairwise(ends)
+        for first in range(begin, end, PIECE)
+    ]
 
 
-__all__ = ["forces_of_dampers", "stored_energy"]
+def _pieces(damping: Damping, step_sizes: Array) -> Iterator[tuple[int, DampingTables]]:
+    """First step and tables of all pieces of equal steps."""
+    made: dict[tuple[float, int], DampingTables] = {}
+    for first, last in pieces_of_equal_steps(step_sizes):
+        key = float(step_sizes[first]), last - first
+        if key not in made:
+            made[key] = damping.tables(*key)
+        yield first, made[key]
+
+
+__all__ = ["forces_of_dampers", "pieces_of_equal_steps", "stored_energy"]

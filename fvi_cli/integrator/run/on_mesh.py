@@ -461,18 +461,8 @@ def trajectory_of(
 
 def _diagnostics(this: ScenesRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
     """What is asked for on all points of the mesh."""
-    from fvi_cli.integrator.run.setup import prepare_on_mesh
-
-    scene = this.engine.scenes[index]
+    engine = this.engine
+    scene, loads = engine.scenes[index], engine.loads_of[index]
     mesh = this.mesh or steps.mesh(scene.break_points)
-    fresh = [one.begin for one in mesh.stretches if one.is_fresh]
-    setup = prepare_on_mesh(scene, this.engine.method, mesh)
     with np.errstate(all="ignore"):
-        return diagnose_run(
-            steps,
-            setup.stepper.solver,
-            this.engine.loads_of[index],
-            np.isin(steps.time[:-1], np.array(fresh)),
-            asked,
-            has_kicks=this.engine.method.sampling == "nodes",
-        )
+        return diagnose_run(scene, engine.method, mesh, steps, loads, asked)

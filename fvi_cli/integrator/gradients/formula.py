@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.linearised import LinearisedRun
-from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.variation import Variation, differentiate
+from fvi_cli.integrator.gradients.linearised import LinearisedRun
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.observations.asked import Observations
-from fvi_cli.integrator.observations.dense_motion import DenseMotion
-from fvi_cli.integrator.observations.observe import along_motion, variables_at
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of
@@ -69,15 +69,21 @@ class Formula:
         kinds = {own.derived.get(name, (name, 0))[0] for name in expression.names}
         self.is_of_motion = kinds <= {"", "v", "t"}
         force = run.damping_force if kinds & {"a", "d"} else None
-        self._motion = DenseMotion(scene=run.scene, steps=run.steps, shape=run.steps, force=force)
-        self._places = self._motion.located(times)
+        self._motion = DenseMotion(
+            scenes=(run.scene,),
+            steps=(run.steps,),
+            shapes=(run.steps,),
+            find_forces=lambda _: (None if force is None else force[None],),
+        )
+        self._places = self._motion.located(0, times)
         self.observation = Observation(run.steps, self._places)
-        self.values = along_motion(self._motion, own, expression)(*self._places)
+        self.values = Observer(self._motion, [own]).along(expression)(*self._places)
 
     def slopes(self) -> tuple[Array, Array, Array]:
         """Derivatives by the position, the velocity and the damping force F, each ``(n, d)``."""
         places, derived = self._places, self._own.derived
-        values = variables_at(self._motion, self._own, self._expression, *places)
+        observer = Observer(self._motion, [self._own])
+        values = {**self._own.parameters, **observer.variables(self._expression, *places)}
         by = np.zeros((4, places[0].size, self._scene.dimension))
         position, velocity, acceleration, damping = by
         rows = {"": position, "v": velocity, "a": acceleration, "d": damping}
@@ -98,19 +104,20 @@ class Formula:
             return found
         for index, one in enumerate(variations):
             values = partial(self._beside, index)
-            (found[:, index],) = differentiate(one, self._scene, values, is_straight=False)
+            (found[:, index],) = differentiate(one, self._scene, values)
         return found
 
     def _beside(self, index: int, scene: Scene, number: float) -> list[Array]:
-        motion = replace(self._motion, scene=scene)
-        return [along_motion(motion, self._asked(index, number), self._expression)(*self._places)]
+        motion = replace(self._motion, scenes=(scene,))
+        observer = Observer(motion, [self._asked(index, number)])
+        return [observer.along(self._expression)(*self._places)]
 
 
 def _through_accelerations(
     motion: DenseMotion, places: tuple[NDArray[np.intp], Array], weights: Array
 ) -> Array:
     """Derivatives of ``sum(weights * a)`` by position, velocity and force, ``(3, n, d)``."""
-    scene: Scene = motion.scene
+    scene: Scene = motion.scenes[0]
     dynamics, time = dynamics_of(scene), motion.time(*places)
     position, velocity = motion.position(*places), motion.velocity(*places)
     by_position, by_velocity = np.zeros((2, *weights.shape))
