@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
 from fvi_cli.integrator.engine.damper_forces import (
@@ -34,7 +35,6 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
@@ -36,7 +37,6 @@ from fvi_cli.integrator.run.regular import (
     rough_remarks,
 )
 from fvi_cli.integrator.run.soundness import Soundness
-from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 

@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST
 from fvi_cli.integrator.engine.checkpoint import RunKeeper
@@ -38,7 +39,6 @@ from fvi_cli.integrator.observations.impacts.surface import (
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import ScenesRun
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
