@@ -9,8 +9,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.failure import no_unique_solution
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method

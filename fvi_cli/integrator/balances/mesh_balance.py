@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
-from fvi_cli.integrator.engine.damper_forces import (
+from fvi_cli.integrator.damping.damper_forces import (
     forces_of_dampers,
     pieces_of_equal_steps,
     stored_energy,
 )
-from fvi_cli.integrator.engine.damping import Damping, damping_of
+from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.reach import Reach, find_reach

@@ -20,13 +20,13 @@ import numpy as np
 
 from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import Recorder
-from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Impact
