@@ -150,7 +150,7 @@ def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monke
 
         return made_up
 
-    for module, name in ((study, "integrate"), (tolerance_runs, "prepare_adaptive")):
+    for module, name in ((study, "integrate"), (tolerance_runs, "adaptive_engine")):
         monkeypatch.setattr(module, name, mistaken(getattr(module, name)))
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml", code=1)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
@@ -78,6 +79,11 @@ class Lagrangian:
         return tuple(map(velocity_name, self.coordinates))
 
     @cached_property
+    def variables(self) -> tuple[str, ...]:
+        """Coordinates, velocities and the time: the components of points."""
+        return (*self.coordinates, *self.velocities, TIME)
+
+    @cached_property
     def first(self) -> FormulaSystem:
         r""":math:`\partial L/\partial v`, d values, and :math:`\partial L/\partial q`, d values."""
         return _along(self.value, (*self.velocities, *self.coordinates))[1:]
@@ -122,20 +128,15 @@ class Lagrangian:
         parameters: Mapping[str, float] | None = None,
     ) -> Array:
         """Values of a program in q, v<q>, t and parameters, ``(..., number of outputs)``."""
-        kind = np.result_type(position, velocity)
-        functions: Mapping[str, Callable[..., Any]] = NUMPY_FUNCTIONS
-        if kind.kind == "c":
-            functions = BESIDE_REAL
-        names: dict[str, Array | float] = {**(parameters or self.parameters)}
-        names[TIME] = np.asarray(time, dtype=float)
-        for index, name in enumerate(self.coordinates):
-            names[name] = position[..., index]
-            names[velocity_name(name)] = velocity[..., index]
-        values = system.evaluate(names, functions)
-        result = np.empty((*position.shape[:-1], len(values)), dtype=kind)
-        for index, value in enumerate(values):
-            result[..., index] = value
-        return result
+        is_real = np.result_type(position, velocity).kind != "c"
+        program = PointFormulas(
+            system,
+            self.variables,
+            parameters or self.parameters,
+            NUMPY_FUNCTIONS if is_real else BESIDE_REAL,
+        )
+        with np.errstate(all="ignore"):
+            return program(position, velocity, np.asarray(time, dtype=float)[..., None])
 
     def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
@@ -195,10 +196,8 @@ class Lagrangian:
         functions: Mapping[str, Callable[..., T]],
     ) -> tuple[list[T | float], list[T | float]]:
         """dL/dv and dL/dq on any algebra: d values each (numbers where one is constant)."""
-        names: dict[str, T | float] = {**self.parameters, TIME: time}
-        for name, q, v in zip(self.coordinates, position, velocity, strict=True):
-            names[name] = q
-            names[velocity_name(name)] = v
+        point = dict(zip(self.variables, (*position, *velocity, time), strict=True))
+        names: dict[str, T | float] = {**self.parameters, **point}
         values = self.first.evaluate(names, functions)
         momenta, forces = values[: self.dimension], values[self.dimension :]
         if self.stiffness is not None:

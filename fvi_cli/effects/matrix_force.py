@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, dense, is_zero, symmetric_form
+from fvi_cli.effects.matrices import (
+    Factored,
+    Form,
+    SparseMatrix,
+    as_csr,
+    dense,
+    entries,
+    is_sparse,
+    is_zero,
+    scaled,
+    symmetric_form,
+)
 from fvi_cli.mathematics.arrays import Array
+
+SAME = 1e-14
+"""Entries of matrices of the same direction differ by no more than this part."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -69,3 +85,33 @@ class MatrixForce:
     def is_active(self) -> bool:
         """Whether the force does anything: its matrix is not zero."""
         return not is_zero(self.form)
+
+
+def scale_and_direction(force: MatrixForce) -> tuple[float, Form]:
+    """The coefficient matrix as a number times a matrix whose largest entry is 1."""
+    kept = entries(force.form)
+    scale = float(kept[np.abs(kept).argmax()])
+    return scale, scaled(force.form, 1.0 / scale)
+
+
+def is_same_direction(a: Form, b: Form) -> bool:
+    """Whether two matrices from `scale_and_direction` are one."""
+    if a.shape != b.shape or is_sparse(a) != is_sparse(b):
+        return False
+    if not isinstance(a, np.ndarray):
+        one, other = as_csr(a), as_csr(b)
+        if not (
+            np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
+        ):
+            return False
+    return bool(np.allclose(entries(a), entries(b), rtol=SAME, atol=0))
+
+
+def distinct_directions(forces: Sequence[MatrixForce]) -> list[Form]:
+    """The matrices of forces without their scales, each once."""
+    found: list[Form] = []
+    for force in forces:
+        _, direction = scale_and_direction(force)
+        if not any(is_same_direction(other, direction) for other in found):
+            found.append(direction)
+    return found

@@ -21,6 +21,7 @@ from fvi_cli.effects.matrices import (
 )
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.algebra.builder import joined
 from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
@@ -137,17 +138,19 @@ class ExpressionPotential:
         # they stand direction by direction, and are symmetric
         return derivatives(self.gradient_system, along)[self.dimension :]
 
+    def __getstate__(self) -> dict[str, object]:
+        """What is pickled: all but compiled programs."""
+        return {name: value for name, value in vars(self).items() if name != "_programs"}
+
     @cached_property
-    def _every(self) -> FormulaSystem:
-        return joined(self.energy_expression.system, self.gradient_system, self.hessian_system)
+    def _programs(self) -> tuple[PointFormulas, ...]:
+        """V, its gradient and its Hessian at points."""
+        systems = (self.energy_expression.system, self.gradient_system, self.hessian_system)
+        return tuple(PointFormulas(one, self.coordinates, self.parameters) for one in systems)
 
     @cached_property
     def _stiffness(self) -> Array | None:
         return None if self.stiffness is None else dense(self.stiffness)
-
-    @cached_property
-    def _numbers(self) -> dict[str, Array]:
-        return {name: np.asarray(value, dtype=float) for name, value in self.parameters.items()}
 
     def evaluate(
         self,
@@ -156,73 +159,35 @@ class ExpressionPotential:
         parameters: Mapping[str, float | Array] | None = None,
     ) -> list[Array | float]:
         """Values of a program in the coordinates and, if not these, other parameters."""
-        return system.evaluate(
-            {**(parameters or self.parameters), **self._components(position)}, NUMPY_FUNCTIONS
-        )
-
-    def _components(self, position: Array) -> dict[str, Array]:
-        # contiguous: vector instructions do the same to every member, wherever it stands
-        return {
-            name: np.ascontiguousarray(position[..., index])
-            for index, name in enumerate(self.coordinates)
-        }
-
-    def _run(
-        self, system: FormulaSystem, position: Array, parameters: Mapping[str, Array] | None = None
-    ) -> list[Array | float]:
-        given = self._components(position)
-        given.update(self._numbers if parameters is None else parameters)
-        return system.run(given)
+        names: dict[str, Array | float] = {**(parameters or self.parameters)}
+        for index, coordinate in enumerate(self.coordinates):
+            names[coordinate] = position[..., index]
+        return system.evaluate(names, NUMPY_FUNCTIONS)
 
     @np.errstate(all="ignore")
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        return self._energy(self._run(self.energy_expression.system, position), position)
+        found = self._programs[0](position)[..., 0]
+        if self.stiffness is None:
+            return found
+        pull = times(position, self.stiffness)
+        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, pull))
 
     @np.errstate(all="ignore")
     def gradient(self, position: Array) -> Array:
         """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
         return self.slopes(position)
 
+    def slopes(self, position: Array) -> Array:
+        """The gradient; floating-point errors are treated as the caller's ``np.errstate`` says."""
+        found = self._programs[1](position)
+        return found if self.stiffness is None else found + times(position, self.stiffness)
+
     @np.errstate(all="ignore")
     def hessian(self, position: Array) -> Array:
         """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        return self._hessian(self._run(self.hessian_system, position), position)
-
-    def slopes(self, position: Array, parameters: Mapping[str, Array] | None = None) -> Array:
-        """The gradient, quickly, with arguments and rules of :meth:`derivatives`."""
-        return self._gradient(self._run(self.gradient_system, position, parameters), position)
-
-    def derivatives(
-        self, position: Array, parameters: Mapping[str, Array] | None = None
-    ) -> tuple[Array, Array, Array]:
-        """V, its gradient and its Hessian by one program.
-
-        Positions ``(q, n, d)`` of q members go with parameters ``(q, 1)``; without any, the own
-        ones are taken. Values of a member are the same to the last bit whatever others stand
-        beside it. Floating-point errors are treated as the caller's ``np.errstate`` says.
-        """
-        values, d = self._run(self._every, position, parameters), self.dimension
-        return (
-            self._energy(values[:1], position),
-            self._gradient(values[1 : d + 1], position),
-            self._hessian(values[d + 1 :], position),
-        )
-
-    def _energy(self, values: Sequence[Array | float], position: Array) -> Array:
-        found = _filled(values, position)
-        if self.stiffness is None:
-            return found
-        pull = times(position, self.stiffness)
-        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, pull))
-
-    def _gradient(self, values: Sequence[Array | float], position: Array) -> Array:
-        result = _filled(values, position, self.dimension)
-        return result if self.stiffness is None else result + times(position, self.stiffness)
-
-    def _hessian(self, values: Sequence[Array | float], position: Array) -> Array:
-        result = _filled(values, position, self.dimension, self.dimension)
-        return result if self._stiffness is None else result + self._stiffness
+        found = self._programs[2](position).reshape(*position.shape, self.dimension)
+        return found if self._stiffness is None else found + self._stiffness
 
     def gradient_components(
         self, position: Sequence[T], functions: Mapping[str, Callable[..., T]]
@@ -235,21 +200,6 @@ class ExpressionPotential:
 
 
 Potential = QuadraticPotential | ExpressionPotential
-
-
-def _filled(values: Sequence[Array | float], position: Array, *shape: int) -> Array:
-    """Values at positions ``(..., d)`` as one array ``(..., *shape)``."""
-    points = position.shape[:-1]
-    only = values[0]
-    is_whole = len(values) == 1 and isinstance(only, np.ndarray) and only.shape == points
-    # an array with a base is the position itself
-    if is_whole and only.base is None:  # type: ignore[union-attr]
-        return np.asarray(only).reshape(points + shape)
-    result = np.zeros((*points, len(values)))
-    for index, value in enumerate(values):
-        if not isinstance(value, float) or value:
-            result[..., index] = value
-    return result.reshape(points + shape)
 
 
 def plus_linear(values: Sequence[Any], matrix: Array, position: Sequence[Any]) -> list[Any]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.matrix_force import distinct_directions
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.directions import terms_by_direction
 from fvi_cli.mathematics.arrays import Array
 
 DIAGONAL_TOLERANCE = 1e-13
@@ -135,7 +135,7 @@ def linear_decoupling(scene: Scene) -> Decoupling | None:
         return None
     potential = scene.potential
     stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-    directions = [dense(matrix) for matrix, _ in terms_by_direction(scene.active_damping)]
+    directions = [dense(matrix) for matrix in distinct_directions(scene.active_damping)]
     directions += [law.coefficient for law in scene.active_laws]
     return decouple_forms(scene.inertia.mass, stiffness, directions)
 

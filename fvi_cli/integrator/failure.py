@@ -62,3 +62,12 @@ class Failure:
     def not_finite(cls, step: int, time: float) -> Failure:
         """A step that ends at `time` with numbers that are not finite."""
         return cls(f"not finite after step {step}, t = {time:.6g}", "not finite", step, time)
+
+
+def no_unique_solution(step_size: float) -> StepFailedError:
+    """Of steps whose equations are singular, as with negative stiffness."""
+    return StepFailedError(
+        f"the equations of a step of length {step_size:.6g} have no unique solution; take "
+        "another number of steps",
+        reason="no unique solution",
+    )

@@ -273,6 +273,19 @@ def scene_bound(scene: Scene) -> GrowthBound:
     return _bound(scene, force)
 
 
+def least_bound(scene: Scene) -> tuple[float, float]:
+    r"""C of :class:`GrowthBound` without forces, and what a unit of the largest force adds to it.
+
+    A position that is smaller is inside of the bound at any time.
+    """
+    scale = float(np.abs(scene.initial_position).max())
+    scale += scene.final_time * float(np.abs(scene.initial_velocity).max())
+    per_force = 0.0
+    if scene.forcing is not None:
+        per_force = scene.final_time**2 * _largest_flexibility(scene.inertia)
+    return TOLERATED_FACTOR * scale, TOLERATED_FACTOR * per_force
+
+
 def energy_remarks(
     scene: Scene, position: Array, energy: Array, largest_force: float
 ) -> tuple[str, ...]:

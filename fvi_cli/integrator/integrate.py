@@ -8,13 +8,13 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
+from fvi_cli.integrator.failure import no_unique_solution
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.run.loop import no_unique_solution
 from fvi_cli.integrator.run.objections import check_laws
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_on_mesh
-from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
@@ -110,5 +110,5 @@ def _unsolved(scene: Scene, n_steps: int) -> Trajectory:
         n_steps=n_steps,
         step_size=h,
         status="failed",
-        message=no_unique_solution(h),
+        message=str(no_unique_solution(h)),
     )

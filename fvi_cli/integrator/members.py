@@ -1,17 +1,37 @@
-"""Many scenes by one method and on one grid: those that fit together are one batch."""
+"""Many scenes by one method and on one grid: those of one kind are integrated as one batch."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
+from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.batches.kinds import kinds_of, side_by_side
-from fvi_cli.integrator.batches.run import integrate_side_by_side
 from fvi_cli.integrator.counts import check_counts
+from fvi_cli.integrator.decoupling import linear_decoupling
+from fvi_cli.integrator.engine.blocks import longest_in_batch
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
+from fvi_cli.integrator.engine.damping import LEAST_BLOCK_STEPS, damping_of
+from fvi_cli.integrator.engine.directions import pattern_of
+from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.run.unfinished import RunKeeper
+from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.trajectory import Trajectory
+
+LARGEST_STEP = 24
+"""Unknowns of a step of a member, at most: beyond, matrix products are quicker one by one."""
+FEWEST_LINEAR = 4
+"""Linear scenes that make a batch worth while."""
+FEWEST_NONLINEAR, STEPS_FOR_ONE_MORE = (16, 64), 64
+"""The same for nonlinear ones, on few steps and on many, which are quick alone in blocks; and with
+how many steps one more is needed."""
+MOST_TOGETHER = 512
+"""Members that are stepped together: more would not stay in the cache."""
 
 
 def integrate_members(
@@ -22,12 +42,7 @@ def integrate_members(
     every: int = 1,
     checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
 ) -> list[Trajectory]:
-    """Integrate every scene, those that fit together as one batch.
-
-    Scenes of one mesh go side by side, see
-    :func:`fvi_cli.integrator.batches.kinds.side_by_side`, nonlinear ones of the same formulas too;
-    by backward differences those of the same orders of damping. What is left is integrated one by
-    one.
+    """Integrate every scene, those of one kind (:func:`kind_of`) as one batch.
 
     Parameters
     ----------
@@ -36,13 +51,14 @@ def integrate_members(
     method, n_steps, every
         As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
     checkpoints
-        Where a scene that is integrated by itself keeps its checkpoint.
+        Where a scene that is integrated individually keeps its checkpoint.
 
     Returns
     -------
     list of Trajectory
-        One per scene, in their order: what `integrate` gives, to round-off, with a status of its
-        own; times are the equal shares of those of the batch, operations those of the scene.
+        One per scene, in their order: what `integrate` gives, to round-off, and the same to the
+        last bit whatever others are in its batch, with a status of its own; times are the equal
+        shares of those of the batch.
 
     Raises
     ------
@@ -54,7 +70,7 @@ def integrate_members(
     for indices in _groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
         if len(indices) > 1 and isinstance(method, Method):
-            batch = integrate_side_by_side(together, method, int(n_steps), every=every)
+            batch = integrate_batch(together, method, int(n_steps), every=every)
         else:
             batch = [
                 integrate(scene, method, n_steps, every=every, checkpoints=checkpoints(scene))
@@ -62,6 +78,38 @@ def integrate_members(
             ]
         found.update(zip(indices, batch, strict=True))
     return [found[index] for index in range(len(scenes))]
+
+
+def integrate_batch(
+    scenes: Sequence[Scene], method: Method, n_steps: int, *, every: int = 1
+) -> list[Trajectory]:
+    """Integrate scenes of one kind, so many at a time as stay in the cache.
+
+    One whose numbers cease to be finite is integrated individually, where overflow in blocks is
+    told from a run that left its bound before.
+    """
+    mesh, block = mesh_for(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
+    found: list[Trajectory] = []
+    together = max(1, MOST_TOGETHER // _width(scenes[0]))
+    for first in range(0, len(scenes), together):
+        part = scenes[first : first + together]
+        runs = integrate_scenes(part, method, mesh, every=every, most=block)
+        found += [
+            integrate_scenes([scene], method, mesh, every=every)[0] if _overflows(one) else one
+            for scene, one in zip(part, runs, strict=True)
+        ]
+    return found
+
+
+def block_in_batch(scene: Scene, method: Method) -> int:
+    """Steps of the longest block of a scene in a batch, whatever others are in it."""
+    inputs = len(sampling_of(method).to_inputs) * scene.dimension // _width(scene)
+    return longest_in_batch(inputs, is_linear=scene.is_linear)
+
+
+def _overflows(trajectory: Trajectory) -> bool:
+    """Whether a look step by step may show that it left its bound before."""
+    return trajectory.failure is not None and trajectory.failure.reason == "not finite"
 
 
 def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[int]:
@@ -75,11 +123,91 @@ def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list
 
 def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     """Whether a scene may be one of a batch."""
-    return isinstance(method, Method) and side_by_side(scene, method, n_steps) is not None
+    return isinstance(method, Method) and kind_of(scene, method, n_steps) is not None
+
+
+def fewest(scene: Scene, n_steps: int) -> int:
+    """So many scenes of one kind are quicker in a batch."""
+    if scene.is_linear:
+        return FEWEST_LINEAR
+    least, most = FEWEST_NONLINEAR
+    return max(least, min(most, n_steps // STEPS_FOR_ONE_MORE))
 
 
 def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[list[int]]:
-    """Places of the scenes that are taken together."""
-    if isinstance(method, Method):
-        return kinds_of(scenes, method, n_steps)
-    return [[place] for place in range(len(scenes))]
+    """Places of the scenes that are integrated together; one where a scene is so individually."""
+    if not isinstance(method, Method):
+        return [[place] for place in range(len(scenes))]
+    found: dict[Hashable, list[int]] = {}
+    for index, scene in enumerate(scenes):
+        kind = kind_of(scene, method, n_steps)
+        found.setdefault(("alone", index) if kind is None else kind, []).append(index)
+    groups: list[list[int]] = []
+    for places in found.values():
+        if len(places) >= fewest(scenes[places[0]], n_steps):
+            groups.append(places)
+        else:
+            groups += [[place] for place in places]
+    return groups
+
+
+def kind_of(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
+    """What scenes have in common that differ in numbers alone; None: it goes individually."""
+    if scene.is_sparse:
+        return None
+    memory: Hashable = any(term.order != 1 for term in scene.active_damping)
+    if not method.is_runge_kutta:
+        is_corrected = method.start == "weights" and scene.active_damping
+        if scene.active_laws or is_corrected or writes_out(method, n_steps):
+            return None
+        memory = tuple(term.order for term in scene.active_damping)
+    elif scene.active_laws:
+        memory = _rates_of(scene, method, mesh_for(scene, method, n_steps))
+    width = _width(scene)
+    if method.degree * (scene.dimension // width) > LARGEST_STEP:
+        return None
+    powers = None
+    if method.start == "graded":
+        powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
+    return (
+        *(scene.dimension, width, scene.final_time, scene.break_points, scene.derivative),
+        *(_formulas_of(scene.lagrangian or scene.potential), powers, memory),
+        pattern_of(scene),
+    )
+
+
+def writes_out(method: Method, n_steps: int) -> bool:
+    """Whether every sum of the memory of backward differences is written out."""
+    if method.history == "auto":
+        return n_steps < LEAST_BLOCK_STEPS
+    return method.history == "direct"
+
+
+def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:
+    """Rates of the exponentials for a scene, which laws shape."""
+    damping = damping_of(
+        [scene], method, shortest_step=mesh.shortest_step, steps=mesh.equivalent_steps
+    )
+    memory = None if damping is None else damping.memory
+    if not isinstance(memory, Exponentials) or memory.kernel is None:
+        return None
+    return memory.kernel.rates.tobytes()
+
+
+def _formulas_of(energy: object) -> Hashable:
+    """The formulas of a nonlinear scene; None for linear ones."""
+    if isinstance(energy, ExpressionPotential):
+        own = None if energy.stiffness is None else dense(energy.stiffness).tobytes()
+        formulas = (energy.gradient_system, energy.hessian_system)
+        return (energy.coordinates, tuple(sorted(energy.parameters)), formulas, own)
+    if isinstance(energy, Lagrangian):
+        own = None if energy.stiffness is None else dense(energy.stiffness).tobytes()
+        formulas = (energy.first, energy.second)
+        return (energy.coordinates, tuple(sorted(energy.parameters)), formulas, own)
+    return None
+
+
+def _width(scene: Scene) -> int:
+    """Number of independent systems that make a scene."""
+    found = linear_decoupling(scene)
+    return 1 if found is None else found.batch

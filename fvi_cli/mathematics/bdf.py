@@ -11,7 +11,6 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from math import comb
-from typing import overload
 
 import numpy as np
 
@@ -34,73 +33,30 @@ _NEGLIGIBLE = 1e-40
 
 
 def quotient_polynomial(bdf_order: int) -> Array:
-    """Return the coefficients of ``q_p(z) = gamma_p(z) / (1-z)`` in powers of z.
+    """The coefficients of ``q_p(z) = gamma_p(z) / (1-z)`` in powers of z, shape ``(p,)``.
 
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-
-    Returns
-    -------
-    Array
-        Shape ``(p,)``; exact rationals, rounded once; read-only.
-
-    Raises
-    ------
-    ValueError
-        For an order outside 1 to 6.
+    Exact rationals, rounded once.
     """
     return _rounded(_quotient(bdf_order))
 
 
-@overload
-def symbol_at(bdf_order: int, z: complex) -> np.complex128: ...
-@overload
-def symbol_at(bdf_order: int, z: ComplexArray) -> ComplexArray: ...
-def symbol_at(bdf_order: int, z: complex | ComplexArray) -> np.complex128 | ComplexArray:
-    """Evaluate ``gamma_p(z)`` at complex numbers, accurately near z = 1 as well.
-
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-    z
-        A number or an array.
-
-    Raises
-    ------
-    ValueError
-        For an order outside 1 to 6.
-    """
+def symbol_at(bdf_order: int, z: ComplexArray) -> ComplexArray:
+    """``gamma_p(z)`` at complex numbers of any shape, accurately near z = 1 as well."""
     _check_bdf_order(bdf_order)
     difference = 1.0 - np.asarray(z, dtype=np.complex128)
-    value = np.zeros_like(difference)
+    value: ComplexArray = np.zeros_like(difference)
     for k in range(bdf_order, 0, -1):
         value = (value + 1.0 / k) * difference
-    return value if value.ndim else np.complex128(value[()])
+    return value
 
 
 def convolution_weights(bdf_order: int, order: float, n_weights: int) -> Array:
-    """Return the first coefficients of ``gamma_p(z)**order`` in powers of z.
+    """The first N coefficients of ``gamma_p(z)**order`` in powers of z, shape ``(N,)``.
 
     With step size h, ``h**-order * sum_{n=0..k} w_n f_{k-n}`` approximates the derivative of
-    that order at ``t_k`` (the integral, for negative order).
-
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-    order
-        Order of the derivative in (-2, 2]; negative for a fractional integral. For 0, 1 and 2
-        the weights are finite stencils: exact rationals, rounded once, then zeros.
-    n_weights
-        Number of weights N, at least 1.
-
-    Returns
-    -------
-    Array
-        ``w_0 .. w_{N-1}``, shape ``(N,)``, with relative accuracy in the tail.
+    that order at ``t_k`` (the integral, for negative order). Orders lie in (-2, 2]; for 0, 1 and 2
+    the weights are finite stencils: exact rationals, rounded once, then zeros. The tail is right
+    relative to itself.
 
     Raises
     ------
@@ -120,30 +76,12 @@ def convolution_weights(bdf_order: int, order: float, n_weights: int) -> Array:
 
 
 def difference_weights(bdf_order: int, order: float, n_weights: int) -> Array:
-    """Return the first coefficients of ``gamma_p(z)**order / (1-z)`` in powers of z.
+    """The first N coefficients of ``gamma_p(z)**order / (1-z)`` in powers of z, shape ``(N,)``.
 
     They act on increments: ``sum_n w_n f_{k-n} = sum_n v_n (f_{k-n} - f_{k-n-1})`` with
     ``f_{-1} = 0``, w the convolution weights and v these. They are computed from the binomial
-    series of ``(1-z)**(order-1)``; running sums of w would lose the tail.
-
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-    order
-        Order of the derivative in (-2, 2]. For 1 and 2 the weights are finite stencils.
-    n_weights
-        Number of weights N, at least 1.
-
-    Returns
-    -------
-    Array
-        ``v_0 .. v_{N-1}``, shape ``(N,)``, with relative accuracy in the tail.
-
-    Raises
-    ------
-    ValueError
-        For a formula, an order or a number out of range.
+    series of ``(1-z)**(order-1)``; running sums of w would lose the tail. Range and errors as of
+    :func:`convolution_weights`.
     """
     exact = _check_arguments(bdf_order, order, n_weights)
     return _power_weights(bdf_order, exact - 1, exact, n_weights)

@@ -22,27 +22,14 @@ def fractional_integral(order: float, step_size: float, values: Array) -> Array:
 
     .. math:: (J^a f)(t_n) = \frac{1}{\Gamma(a)} \int_0^{t_n} (t_n - s)^{a-1} f(s)\, ds
 
-    of the quintic spline through the values, exactly but for round-off: on every step the spline
-    is a sum of powers, whose moments with the kernel are known.
-
-    Parameters
-    ----------
-    order
-        a > 0.
-    step_size
-        h.
-    values
-        f at t_k = k h, shape ``(N + 1, d)`` with N >= 5.
-
-    Returns
-    -------
-    Array
-        Shape ``(N + 1, d)``; error O(h^6) for a smooth function.
+    of the quintic spline through f at t_k = k h, shape ``(N + 1, d)`` with N >= 5, exactly but for
+    round-off: on every step the spline is a sum of powers, whose moments with the kernel are known.
+    The error is O(h^6) for a smooth function.
 
     Raises
     ------
     ValueError
-        If the order is not positive.
+        If the order a is not positive.
     """
     if not order > 0:
         raise ValueError(f"order: {order!r} is not allowed; it must be positive")
@@ -64,17 +51,7 @@ def fractional_integral(order: float, step_size: float, values: Array) -> Array:
 def work_along(force: Array, velocity: Array, step_size: float) -> Array:
     r"""Work :math:`\int_0^{t_n} F \cdot v\, dt` up to every grid point, by a quintic spline.
 
-    Parameters
-    ----------
-    force, velocity
-        Shape ``(N + 1, d)``.
-    step_size
-        h.
-
-    Returns
-    -------
-    Array
-        Shape ``(N + 1,)``.
+    Force and velocity of shape ``(N + 1, d)`` to ``(N + 1,)``.
     """
     power = (force * velocity).sum(axis=1)
     grid = step_size * np.arange(power.size, dtype=float)

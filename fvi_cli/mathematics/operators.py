@@ -18,41 +18,26 @@ _LONGEST_DIRECT_SUM = 1024
 
 
 def left_operator(bdf_order: int, exponent: float, step_size: float, values: ArrayLike) -> Array:
-    """Apply the retarded operator, which looks at the past.
+    """The retarded operator, which looks at the past, on values ``(N + 1,)`` or ``(N + 1, d)``.
 
     ``(J_- X)_k = h**-e sum_{n=0..k} w_n X_{k-n}`` with ``sum_n w_n z^n = gamma_p(z)**e``: for
-    e > 0 the left Riemann-Liouville derivative of order e at ``t_k = k h``.
-
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-    exponent
-        Order of differentiation e in (-2, 2]; negative for an integral.
-    step_size
-        Step h > 0 of the grid.
-    values
-        The sequence X_0 .. X_N, shape ``(N + 1,)`` or ``(N + 1, d)``; axis 0 is time.
-
-    Returns
-    -------
-    Array
-        Same shape; units of `values` times time to the power -e.
+    e in (0, 2] the left Riemann-Liouville derivative of order e at ``t_k = k h``, down to -2 its
+    integral; in units of `values` times time to the power -e. Operators of one formula and one
+    step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one series (Lubich,
+    *Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986; Hariz Belgacem, Jimenez,
+    Ober-Bloebaum, arXiv 2403.18362).
 
     Raises
     ------
     ValueError
         For a formula or exponent out of range, a step that is not positive and finite, and
         values that are empty or of more than two axes.
-
-    Notes
-    -----
-    Lubich, *Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986. Operators of one
-    formula and one step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one
-    series (Hariz Belgacem, Jimenez, Ober-Bloebaum, *Fractional variational integrators based on
-    convolution quadrature*, arXiv 2403.18362).
     """
-    samples = _checked_samples(values)
+    samples = np.asarray(values, dtype=np.float64)
+    if samples.ndim not in (1, 2) or samples.size == 0:
+        raise ValueError(
+            f"values: shape {samples.shape} is not allowed; it must be (n,) or (n, d), not empty"
+        )
     if not (step_size > 0 and np.isfinite(step_size)):
         raise ValueError(f"step_size: {step_size!r} is not allowed; it must be positive")
     n_samples = samples.shape[0]
@@ -72,12 +57,3 @@ def left_operator(bdf_order: int, exponent: float, step_size: float, values: Arr
         transform = fft.rfft(weights, length)[:, None] * fft.rfft(columns, length, axis=0)
         convolved = fft.irfft(transform, length, axis=0)[:n_samples]
     return np.asarray(step_size**-exponent * convolved.reshape(samples.shape), dtype=np.float64)
-
-
-def _checked_samples(values: ArrayLike) -> Array:
-    samples = np.asarray(values, dtype=np.float64)
-    if samples.ndim not in (1, 2) or samples.size == 0:
-        raise ValueError(
-            f"values: shape {samples.shape} is not allowed; it must be (n,) or (n, d), not empty"
-        )
-    return samples

@@ -1,4 +1,8 @@
-"""Gauss, Lobatto and Radau quadrature on [0, 1], with any number of points up to 64."""
+"""Gauss, Lobatto and Radau quadrature on [0, 1], with any number of points up to 64.
+
+Nodes are roots of Jacobi polynomials; weights by Davis and Rabinowitz, *Methods of Numerical
+Integration*, section 2.7. What the rules integrate is held by tests, over all of them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,6 @@ LARGEST_RULE = 64
 """Largest number of points that the rules are made for."""
 
 _ORDER_DEFICIT = {"gauss": 0, "radau-right": 1, "lobatto": 2}
-_MOMENT_TOLERANCE = 1e-13
 # Newton's method starts from eigenvalues that are right to about 1e-15 and converges
 # quadratically; the third step only catches what the second one rounds.
 _NEWTON_STEPS = 3
@@ -22,23 +25,14 @@ _NEWTON_STEPS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class QuadratureRule:
-    """An interpolatory rule: the integral of f over [0, 1] is about ``sum_i b_i f(c_i)``.
+    """The integral of f over [0, 1] is about ``sum_i b_i f(c_i)``.
 
     Parameters
     ----------
     name
-        Family of the rule: ``gauss``, ``lobatto`` or ``radau-right``; it fixes the order.
-    nodes
-        The nodes c_i, strictly increasing in [0, 1], shape ``(n,)``.
-    weights
-        The weights b_i, positive, shape ``(n,)``.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name, wrong shapes, nodes out of order or outside [0, 1], weights that
-        are not positive, and a rule that does not integrate every monomial up to its degree of
-        exactness.
+        ``gauss``, ``lobatto`` or ``radau-right``; it fixes the order.
+    nodes, weights
+        The c_i, increasing, and the b_i, positive; shape ``(n,)``, read-only.
     """
 
     name: str
@@ -46,34 +40,8 @@ class QuadratureRule:
     weights: Array
 
     def __post_init__(self) -> None:
-        if self.name not in _ORDER_DEFICIT:
-            raise ArgumentError(
-                "quadrature", f"{self.name!r} is not one of {', '.join(sorted(_ORDER_DEFICIT))}"
-            )
-        nodes = np.array(self.nodes, dtype=np.float64)
-        weights = np.array(self.weights, dtype=np.float64)
-        if nodes.ndim != 1 or nodes.size == 0 or nodes.shape != weights.shape:
-            raise ArgumentError(
-                "quadrature",
-                f"nodes of shape {nodes.shape} and weights of shape {weights.shape} "
-                "are not allowed; both must be (n,) with n >= 1",
-            )
-        if not (np.all(np.diff(nodes) > 0) and nodes[0] >= 0 and nodes[-1] <= 1):
-            raise ArgumentError("quadrature", f"nodes {nodes} must increase strictly within [0, 1]")
-        if not (np.all(weights > 0) and np.all(np.isfinite(weights))):
-            raise ArgumentError("quadrature", f"weights {weights} must be positive and finite")
-        nodes.setflags(write=False)
-        weights.setflags(write=False)
-        object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "weights", weights)
-        degrees = np.arange(self.order)
-        defects = np.abs(weights @ nodes[:, None] ** degrees - 1 / (degrees + 1.0))
-        for degree in np.flatnonzero(defects > _MOMENT_TOLERANCE)[:1]:
-            raise ArgumentError(
-                "quadrature",
-                f"the integral of t**{degree} by {self.name} with {nodes.size} points "
-                f"is wrong by {defects[degree]:.3g}; at most {_MOMENT_TOLERANCE:g} is allowed",
-            )
+        self.nodes.setflags(write=False)
+        self.weights.setflags(write=False)
 
     @property
     def n_points(self) -> int:
@@ -93,23 +61,10 @@ class QuadratureRule:
 
 @cache
 def gauss_rule(n_points: int) -> QuadratureRule:
-    """Return the Gauss-Legendre rule on [0, 1].
+    """The Gauss-Legendre rule with 1 to 64 points.
 
-    Parameters
-    ----------
-    n_points
-        Number of points, 1 to 64; the order is ``2 * n_points``.
-
-    Raises
-    ------
-    ValueError
-        For a number of points outside 1 to 64.
-
-    Notes
-    -----
     With the roots x_i of the Legendre polynomial P_n the weights on [0, 1] are
-    ``1 / ((1 - x_i^2) P_n'(x_i)^2)`` (Davis and Rabinowitz, *Methods of Numerical
-    Integration*, section 2.7).
+    ``1 / ((1 - x_i^2) P_n'(x_i)^2)``.
     """
     _check_number("gauss", n_points, least=1)
     roots = _jacobi_roots(n_points, 0, 0)
@@ -119,23 +74,10 @@ def gauss_rule(n_points: int) -> QuadratureRule:
 
 @cache
 def lobatto_rule(n_points: int) -> QuadratureRule:
-    """Return the Gauss-Lobatto rule on [0, 1], whose first and last nodes are 0 and 1.
+    """The Gauss-Lobatto rule with 2 to 64 points, the first and last of which are 0 and 1.
 
-    Parameters
-    ----------
-    n_points
-        Number of points, 2 to 64; the order is ``2 * n_points - 2``.
-
-    Raises
-    ------
-    ValueError
-        For a number of points outside 2 to 64.
-
-    Notes
-    -----
     The inner nodes are the roots of ``P_{n-1}'``; the weights on [0, 1] are
-    ``1 / (n (n-1) P_{n-1}(x_i)^2)`` (Davis and Rabinowitz, *Methods of Numerical
-    Integration*, section 2.7).
+    ``1 / (n (n-1) P_{n-1}(x_i)^2)``.
     """
     _check_number("lobatto", n_points, least=2)
     one = np.ones(1, dtype=np.longdouble)
@@ -146,34 +88,18 @@ def lobatto_rule(n_points: int) -> QuadratureRule:
 
 @cache
 def radau_right_rule(n_points: int) -> QuadratureRule:
-    """Return the Gauss-Radau rule on [0, 1] whose last node is 1 (Radau IIA).
+    """The Gauss-Radau rule with 1 to 64 points, the last of which is 1 (Radau IIA).
 
-    Parameters
-    ----------
-    n_points
-        Number of points, 1 to 64; the order is ``2 * n_points - 1``.
-
-    Raises
-    ------
-    ValueError
-        For a number of points outside 1 to 64.
-
-    Notes
-    -----
     The other nodes are the roots of the Jacobi polynomial ``P_{n-1}^{(1,0)}``; the weights on
-    [0, 1] are ``(1 + x_i) / (2 n^2 P_{n-1}(x_i)^2)`` (Davis and Rabinowitz, *Methods of
-    Numerical Integration*, section 2.7, mirrored).
+    [0, 1] are ``(1 + x_i) / (2 n^2 P_{n-1}(x_i)^2)``.
     """
     _check_number("radau-right", n_points, least=1)
     one = np.ones(1, dtype=np.longdouble)
     roots = np.concatenate([_jacobi_roots(n_points - 1, 1, 0), one])
     legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
     weights = (1 + roots) / (2 * n_points**2 * legendre**2)
-    return QuadratureRule(
-        name="radau-right",
-        nodes=((1 + roots) / 2).astype(np.float64),
-        weights=weights.astype(np.float64),
-    )
+    nodes = ((1 + roots) / 2).astype(np.float64)
+    return QuadratureRule(name="radau-right", nodes=nodes, weights=weights.astype(np.float64))
 
 
 def _check_number(name: str, n_points: int, *, least: int) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansions.interpolation_limit import interpolation_limit
-from fvi_cli.integrator.expansions.motion import forcing_powers, solution_expansion
 from fvi_cli.integrator.meshes.singular_start import powers_behind, start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.starts.expansion import forcing_powers, solution_expansion
+from fvi_cli.integrator.starts.interpolation_limit import interpolation_limit
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import SeriesError
 from fvi_cli.planning.kinks import has_kinks
@@ -167,7 +167,7 @@ def _leaves_out_weights(scene: Scene, method: Method) -> bool:
     """Whether the systems for starting weights are too ill-conditioned."""
     if not scene.active_damping:
         return False
-    from fvi_cli.integrator.expansions.starting_weights import leaves_out
+    from fvi_cli.integrator.starts.starting_weights import leaves_out
 
     return leaves_out(scene, method)
 

@@ -6,14 +6,12 @@ import functools
 from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.batches.kinds import fewest
-from fvi_cli.integrator.batches.plan import plan_side_by_side
 from fvi_cli.integrator.break_points import fits_break_points
-from fvi_cli.integrator.convolution.damping import directions_of
-from fvi_cli.integrator.members import goes_together
+from fvi_cli.integrator.engine.directions import pattern_of
+from fvi_cli.integrator.engine.plan import MeshPlan
+from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.march import MeshPlan
 from fvi_cli.integrator.run.on_mesh import plan_on_mesh
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 
@@ -115,15 +113,13 @@ def machinery_of(
     # a run with a break point between two equal steps is refused when it begins, not here
     fits = method.is_runge_kutta or fits_break_points(scene, n_steps)
     together = together and fits and members >= fewest(scene, n_steps)
-    if together:
-        plan = plan_side_by_side(scene, method, n_steps)
-    else:
-        mesh: int | Mesh = n_steps
-        if not fits:
-            mesh = uniform_mesh(scene.final_time, n_steps)
-        if grading != 1.0:
-            mesh = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
-        plan = plan_on_mesh(scene, method, mesh)
+    mesh: int | Mesh = n_steps
+    if not fits:
+        mesh = uniform_mesh(scene.final_time, n_steps)
+    if grading != 1.0:
+        mesh = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
+    most = block_in_batch(scene, method) if together else None
+    plan = plan_on_mesh(scene, method, mesh, most=most)
     return Machinery(
         scene=scene,
         method=method,
@@ -132,7 +128,7 @@ def machinery_of(
         diagnosed=diagnosed,
         members=members if together else 1,
         plan=plan,
-        n_directions=len(directions_of(scene)),
+        n_directions=len(pattern_of(scene)),
         n_terms=len({term.order for term in scene.active_damping}),
         is_side_by_side=together,
     )

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_operations
-from fvi_cli.integrator.expansions.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.starts.interpolation_limit import interpolation_remarks
 from fvi_cli.planning.machinery import machinery_of
 from fvi_cli.planning.plan_memory import peak_bytes
 from fvi_cli.planning.plan_seconds import machine_speed, predicted_seconds

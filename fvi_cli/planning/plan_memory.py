@@ -7,12 +7,11 @@ matrices of a block and what its past does while they are put together, and the 
 from __future__ import annotations
 
 from fvi_cli.integrator.balances.mesh_balance import PIECE
-from fvi_cli.integrator.batches.march import CHUNK as CHUNK_TOGETHER
-from fvi_cli.integrator.batches.plan import BLOCK
-from fvi_cli.integrator.batches.run import MOST_TOGETHER
+from fvi_cli.integrator.engine.loop import chunk_steps
+from fvi_cli.integrator.engine.plan import MeshPlan
+from fvi_cli.integrator.engine.recurrence import pays_as_one
 from fvi_cli.integrator.loads.panels import tested_rule
-from fvi_cli.integrator.run.march import MeshPlan, chunk_steps
-from fvi_cli.integrator.steps.linear_blocks import is_recurrence
+from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.planning.machinery import Machinery
 
 SMALLEST = 8_000
@@ -67,8 +66,8 @@ def _linear_blocks(run: Machinery, plan: MeshPlan) -> float:
     chunk = min(chunk_steps(run.scene.dimension), plan.n_steps)
     q, e, block, states = plan.systems, plan.coupled, plan.block, plan.n_states
     numbers = float(run.block_numbers)
-    if block and is_recurrence(q, e, states, chunk // block, plan.n_steps // block):
-        size = (states + 2) * e
+    size = (states + 2) * e
+    if q == 1 and block and pays_as_one(size, block, chunk // block, plan.n_steps):
         numbers += size * (size + run.block_columns + block * (run.inputs + 2) * e)
         if plan.n_lags:
             # the change of all states, and what takes a block to them
@@ -102,8 +101,9 @@ def _side_by_side(run: Machinery, plan: MeshPlan) -> float:
     d, states = run.components, plan.n_states
     points = run.n_steps / run.every + 2
     m, e, q = run.samples, run.coupled, min(run.systems, MOST_TOGETHER)
+    block, chunk = max(plan.block, 1), chunk_steps(q * e)
     size = (run.method.degree + 1) * e
-    tables = states * (3 * BLOCK * m + 5 * q * e) + 2 * BLOCK * m * m * states
-    matrices = q * (2 * size * (size + e) + BLOCK * m * (m + 2 * e))
-    loads = 0 if run.scene.forcing is None else 3 * CHUNK_TOGETHER * size * q
+    tables = states * (3 * block * m + 5 * q * e) + 2 * block * m * m * states
+    matrices = q * (2 * size * (size + e) + block * m * (m + 2 * e))
+    loads = 0 if run.scene.forcing is None else 3 * chunk * size * q
     return max(5 * d, 4 * d + 2 * run.members) * points + tables + matrices + loads

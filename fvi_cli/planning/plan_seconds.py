@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from fvi_cli.integrator.batches.run import MOST_TOGETHER
+from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.planning.machinery import Machinery
 
 CALIBRATION_LENGTH = 2**15

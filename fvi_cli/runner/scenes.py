@@ -13,12 +13,12 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.engine.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, names_of, observations
 from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import parts
-from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.parts import Part
 from fvi_cli.integrator.stability import prediction as stability

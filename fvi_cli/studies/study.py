@@ -9,18 +9,18 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from fvi_cli.integrator.expansions.interpolation_limit import interpolation_remarks
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed
-from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.stability.limits import refusal
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,
     predict_stability,
     stability_along,
 )
+from fvi_cli.integrator.starts.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order

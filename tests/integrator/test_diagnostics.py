@@ -18,7 +18,7 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run import on_mesh
 from fvi_cli.integrator.run.loop import Stepper
-from fvi_cli.mathematics.runge_kutta import gauss_tableau
+from fvi_cli.mathematics.runge_kutta import tableau
 from fvi_cli.scenes.records.samples import samples_as_text
 from fvi_cli.scenes.registry import build_problem
 
@@ -297,7 +297,7 @@ def test_states_for_the_past_have_the_works_of_sums_over_it():
     scene, method, n_steps = oscillator(0.5), Method(cq="gauss", degree=2), 64
     free = integrate(scene, method, n_steps, diagnostics=asked).diagnostics
     velocity = integrate_written_out(scene, method, n_steps).velocity
-    h, rule = scene.final_time / n_steps, gauss_tableau(2)
+    h, rule = scene.final_time / n_steps, tableau("gauss", 2)
     force = left_operator_rk(rule, -0.5, h, velocity) @ scene.damping[0].coefficient
     work = np.cumsum(h * np.einsum("i,kid,kid->k", rule.b, velocity, force))
     assert np.abs(free.dissipated_work[1:] - work).max() < 1e-13

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from fvi_cli.config.method_names import method_named
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.batches.run import integrate_side_by_side
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_batch
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -147,7 +147,7 @@ def test_batches_say_the_same_as_runs_one_by_one() -> None:
         speeds = np.linspace(-3.0, 4.0, 9)
         scenes = [towards_wall(formula, unit, order=0.5, speed=float(v), final=1.0) for v in speeds]
         for method in (GAUSS3, method_named("bdf2-nodes")):
-            found = integrate_side_by_side(scenes, method, 12, every=3)
+            found = integrate_batch(scenes, method, 12, every=3)
             alone = [integrate(scene, method, 12, every=3) for scene in scenes]
             assert [one.status for one in found] == [one.status for one in alone]
             assert [one.message for one in found] == [one.message for one in alone]

@@ -6,7 +6,7 @@ import numpy as np
 from spread import spread
 
 import fvi_cli as fvi
-from fvi_cli.integrator.batches.run import integrate_side_by_side
+from fvi_cli.integrator.members import integrate_batch
 
 METHODS = ("bdf3-none", "bdf4-none", "bdf2", "gauss3")
 
@@ -66,7 +66,7 @@ def test_the_run_that_was_ok_without_a_word():
         assert run.energy.max() - least > 1e4 * begun
     # and in a batch the same
     scenes = [swinging("oscillator", 1.95, c, unit=1.0) for c in (0.9, 1.0, 1.1, 1e-9)]
-    batch = integrate_side_by_side(scenes, fvi.method_named("bdf3-none"), 50)
+    batch = integrate_batch(scenes, fvi.method_named("bdf3-none"), 50)
     alone = [fvi.integrate(one, fvi.method_named("bdf3-none"), 50) for one in scenes]
     assert [bool(one.remarks) for one in batch] == [bool(one.remarks) for one in alone]
     assert batch[1].remarks

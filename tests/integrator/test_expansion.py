@@ -7,7 +7,7 @@ import pytest
 from letters import spring
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansions.motion import solution_expansion
+from fvi_cli.integrator.starts.expansion import solution_expansion
 from fvi_cli.mathematics.series.power_series import SeriesError
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 

@@ -12,9 +12,9 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.starts.expansion import solution_expansion
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene

@@ -17,11 +17,8 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import members as members_module
-from fvi_cli.integrator.batches import run as run_module
-from fvi_cli.integrator.batches.lags import SideLags
-from fvi_cli.integrator.batches.run import integrate_side_by_side
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import companions, integrate_members
+from fvi_cli.integrator.members import companions, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
@@ -102,20 +99,11 @@ def test_each_member_is_what_it_is_alone(method, forcing):
     agree(oscillators(5, forcing=forcing), method, 300)
 
 
-TERMS = [FractionalDamping(order=o, coefficient=c) for o, c in ((0.5, 0.2), (1.0, 0.4), (1.5, 0.9))]
 KINDS: dict[str, tuple[list[Scene], int]] = {
     **{
         f"orders {orders}": (oscillators(4, orders), 200)
         for orders in ((), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5))
     },
-    # the same orders, with the coefficients of one scene at those of the other
-    "any sequence": (
-        [
-            spring(T=4.0, k=2.0, x=1.0, v=0.5, damping=[TERMS[place] for place in places])
-            for places in ((0, 1, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1))
-        ],
-        100,
-    ),
     "Riemann-Liouville": (
         [replace(scene, derivative="riemann-liouville") for scene in oscillators(4, (0.3, 0.8))],
         100,
@@ -149,7 +137,7 @@ def pendulums(*orders: float) -> list[Scene]:
             T=4.0,
             omega=0.5 + 0.1 * place,
             x=1.0,
-            v=0.2 * place,
+            v=0.2 + 0.2 * place,
             damping=[FractionalDamping(order=order, coefficient=0.3) for order in orders],
         )
         for place in range(16)
@@ -184,9 +172,9 @@ COMPANY = {
 def test_who_stands_beside_changes_nothing(name, method):
     """To the last bit, in any company; the sums of bdf6 are the longest."""
     scenes, n_steps = COMPANY[name](), 300 if method.cq == "bdf6" else 60
-    together = integrate_side_by_side(scenes, method, n_steps)
+    together = integrate_batch(scenes, method, n_steps)
     for places in ([3], [5, 0, 4], [*range(6)] * 5):
-        packed = integrate_side_by_side([scenes[place] for place in places], method, n_steps)
+        packed = integrate_batch([scenes[place] for place in places], method, n_steps)
         for place, one in zip(places, packed, strict=True):
             assert np.array_equal(one.position, together[place].position)
             assert np.array_equal(one.momentum, together[place].momentum)
@@ -195,7 +183,7 @@ def test_who_stands_beside_changes_nothing(name, method):
 def test_more_than_are_stepped_together():
     scenes = oscillators(20)
     runs = integrate_members(scenes, BDF2, 64)
-    with patch.object(run_module, "MOST_TOGETHER", 8):
+    with patch.object(members_module, "MOST_TOGETHER", 8):
         parts = integrate_members(scenes, BDF2, 64)
     assert all(
         np.array_equal(one.position, other.position) for one, other in zip(runs, parts, strict=True)
@@ -204,9 +192,9 @@ def test_more_than_are_stepped_together():
 
 def counted(call: Callable[[], object]) -> tuple[int, int]:
     """How many batches were run, and how many scenes were integrated one by one."""
-    together = members_module.integrate_side_by_side
+    together = members_module.integrate_batch
     with (
-        patch.object(members_module, "integrate_side_by_side", wraps=together) as batches,
+        patch.object(members_module, "integrate_batch", wraps=together) as batches,
         patch.object(members_module, "integrate", wraps=members_module.integrate) as alone,
     ):
         call()
@@ -254,34 +242,6 @@ def test_a_member_that_diverges_does_not_spoil_the_others():
     undisturbed = integrate_members([scenes[0], *scenes[2:]], method, 3000)
     for one, other in zip([batch[0], *batch[2:]], undisturbed, strict=True):
         assert np.array_equal(one.position, other.position)
-
-
-@pytest.mark.parametrize("n_steps", [100, 600])
-def test_operations_are_those_of_the_member(n_steps):
-    """What the memory takes is what is counted; whole blocks have their lags in matrices."""
-    counted = [0]
-
-    class Counted(SideLags):
-        def past(self, block, states, carried):
-            counted[0] += block.response.size * states[0].size
-            return super().past(block, states, carried)
-
-        def of_block(self, tables, driving, done):
-            if driving.ndim == 3:
-                counted[0] += tables.lags[0].shape[0] * driving[: done * self._inputs].size
-            return super().of_block(tables, driving, done)
-
-        def pushed(self, block, states, driving):
-            if self._step is not None:
-                counted[0] += self._step.rates.size * driving.size
-            return super().pushed(block, states, driving)
-
-    scenes = oscillators(8, (0.5, 1.5))
-    for method in (BDF2, METHODS[3]):
-        counted[0] = 0
-        with patch.object(run_module, "SideLags", Counted):
-            runs = integrate_members(scenes, method, n_steps)
-        assert sum(run.history_operations for run in runs) == counted[0] > 0
 
 
 def test_thinned():

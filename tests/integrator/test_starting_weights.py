@@ -9,10 +9,10 @@ from letters import spring, swing
 from scipy.special import gamma as gamma_function
 from spread import spread
 
-from fvi_cli.integrator.expansions import starting_weights as starting_weights_module
-from fvi_cli.integrator.expansions.starting_weights import starting_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.starts import starting_weights as starting_weights_module
+from fvi_cli.integrator.starts.starting_weights import starting_weights
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 from spread import spread
 
-from fvi_cli.mathematics.quadrature import (
-    QuadratureRule,
-    gauss_rule,
-    lobatto_rule,
-    radau_right_rule,
-)
+from fvi_cli.mathematics.quadrature import gauss_rule, lobatto_rule, radau_right_rule
 
 RULES = {"gauss": gauss_rule, "lobatto": lobatto_rule, "radau-right": radau_right_rule}
 LEAST = {"gauss": 1, "lobatto": 2, "radau-right": 1}
@@ -28,6 +23,10 @@ def test_moments_are_right_to_round_off_and_symmetry_is_exact(name):
         k = np.arange(rule.exactness + 1)
         defects = rule.weights @ rule.nodes[:, None] ** k - 1 / (k + 1.0)
         assert np.abs(defects).max() < (1e-15 if EXTENDED or name != "radau-right" else 3e-14), n
+        assert np.all(np.diff(rule.nodes) > 0)
+        assert rule.nodes[0] >= 0
+        assert rule.nodes[-1] <= 1
+        assert np.all(rule.weights > 0)
         assert rule.n_points == n
         assert rule.exactness == rule.order - 1
         symmetric = np.array_equal(1.0 - rule.nodes, rule.nodes[::-1])
@@ -156,25 +155,3 @@ def test_numbers_of_points_out_of_range(name, n):
         return
     with pytest.raises(ValueError, match=rf"{name}: {n} points; permitted are {LEAST[name]} to 64"):
         RULES[name](n)
-
-
-@pytest.mark.parametrize(
-    ("name", "nodes", "weights", "complaint"),
-    [
-        ("simpson", [0, 0.5, 1], [1 / 6, 4 / 6, 1 / 6], "'simpson' is not one of"),
-        ("gauss", [], [], r"must be \(n,\)"),
-        ("gauss", [0.5], [0.5, 0.5], r"must be \(n,\)"),
-        ("gauss", [0.8, 0.2], [0.5, 0.5], "increase strictly"),
-        ("gauss", [0.2, 1.1], [0.5, 0.5], "increase strictly"),
-        ("gauss", [float("nan")], [1.0], "increase strictly"),
-        ("gauss", [0.5], [-1.0], "positive"),
-        ("gauss", [0.5], [1.0 + 1e-12], r"integral of t\*\*0"),
-        ("gauss", [0.5 + 1e-12], [1.0], r"integral of t\*\*1"),
-        # The trapezoidal rule is Lobatto's, not Gauss's.
-        ("gauss", [0.0, 1.0], [0.5, 0.5],
-         r"integral of t\*\*2 by gauss with 2 points is wrong by 0.167"),
-    ],
-)  # fmt: skip
-def test_wrong_rules_are_refused(name, nodes, weights, complaint):
-    with pytest.raises(ValueError, match=complaint):
-        QuadratureRule(name=name, nodes=np.array(nodes), weights=np.array(weights))

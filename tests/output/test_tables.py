@@ -512,6 +512,9 @@ def test_names_of_methods():
     ]
     both = [BDF2, Method(cq="bdf4", degree=2, sampling="points")]
     assert [name.label for name in method_names(both).values()] == ["BDF2 nodes", "BDF4 points"]
+    # samples at nodes are the paper's; where all are at points, that is said as well
+    points = [Method(cq=f"bdf{p}", degree=2, sampling="points") for p in (3, 4)]
+    assert [name.label for name in method_names(points).values()] == ["BDF3 points", "BDF4 points"]
 
 
 def test_methods_of_one_family_are_told_apart_by_what_differs():

@@ -15,8 +15,8 @@ from spread import spread
 
 from benchmarks.robustness import LADDER
 from fvi_cli.config import load_config
-from fvi_cli.integrator.run import march
-from fvi_cli.integrator.run.unfinished import UnfinishedRun
+from fvi_cli.integrator.engine import loop
+from fvi_cli.integrator.engine.checkpoint import UnfinishedRun
 from fvi_cli.runner.executors.checkpoints import CheckpointFile, CheckpointFolder
 
 N = 600
@@ -32,7 +32,7 @@ PARTS = Path("results/long.parts")
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(march, "CHUNK", 64)
+    monkeypatch.setattr(loop, "CHUNK", 64)
     (tmp_path / "long.yaml").write_text(LONG)
     return tmp_path
 

@@ -204,7 +204,9 @@ def test_a_dense_relaxed_stiffness_beside_a_formula():
             energy = made.lagrangian.energy(place, np.zeros(n), 0.0)
         else:
             assert isinstance(made.potential, ExpressionPotential)
-            energy, gradient, curvature = made.potential.derivatives(place)
+            potential = made.potential
+            energy, gradient = potential.energy(place), potential.gradient(place)
+            curvature = potential.hessian(place)
             force = -gradient
             assert made.potential.gradient(place) == pytest.approx(gradient, abs=0)
             components = made.potential.gradient_components(list(place), {})

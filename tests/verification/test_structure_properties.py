@@ -20,7 +20,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.runge_kutta import gauss_tableau
+from fvi_cli.mathematics.runge_kutta import tableau
 
 Array = np.ndarray
 
@@ -84,16 +84,16 @@ def check_dissipation(
     scene = random_scene(seed, d, tuple(orders), velocity=velocity)
     found = integrate(scene, Method(cq="gauss", degree=stages), n_steps, with_steps=True)
     assert found.momentum is not None
-    h, tableau = scene.final_time / n_steps, gauss_tableau(stages)
+    h, method = scene.final_time / n_steps, tableau("gauss", stages)
     rate = found.steps.velocity
 
     def work(shift: float) -> float:
         total = 0.0
         for term in scene.damping:
             moving = rate - (scene.initial_velocity if term.order > 1 else 0.0)
-            force = left_operator_rk(tableau, term.order - 1.0 + shift, h, moving)
+            force = left_operator_rk(method, term.order - 1.0 + shift, h, moving)
             power = np.einsum("kid,de,kie->ki", rate, term.coefficient, force)
-            total += h * float((power @ tableau.b).sum())
+            total += h * float((power @ method.b).sum())
         return total
 
     energy = scene.energy(found.position, found.momentum)

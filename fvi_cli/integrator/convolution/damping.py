@@ -27,8 +27,9 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, form, scaled, times
+from fvi_cli.effects.matrix_force import is_same_direction as same_direction
+from fvi_cli.effects.matrix_force import scale_and_direction
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.directions import same_direction, scale_and_direction
 from fvi_cli.integrator.convolution.kernel import Kernel, Term, power_kernel
 from fvi_cli.integrator.convolution.reach import Reach
 from fvi_cli.integrator.convolution.stages import StageOperator, StepHistory

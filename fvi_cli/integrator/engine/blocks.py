@@ -51,6 +51,14 @@ def longest_block(engine: Engine) -> int:
     return most
 
 
+def longest_in_batch(inputs: int, *, is_linear: bool) -> int:
+    """The same for a member of a batch with so many inputs of a step, whatever others are in it."""
+    most = STEPS_OF_LINEAR if is_linear else STEPS_OF_NEWTON
+    while most > 1 and most * inputs > SIZE_IN_BATCH:
+        most //= 2
+    return most
+
+
 def block_for(engine: Engine, left: int) -> int:
     """Steps at once of so many equal ones: what the tables of a block cost must come back."""
     block = engine.most

@@ -62,14 +62,20 @@ def stored_energy(damping: Damping, step_sizes: Array, inputs: Array) -> Array |
         As for :func:`forces_of_dampers`.
     """
     states, column = damping.start()
-    found = [damping.energy(states, column)]
-    for first, h in enumerate(step_sizes.tolist()):
-        tables = damping.tables(h, 1)
-        states = damping.push(tables, states, inputs[:, first], 1)
-        column = damping.push_column(tables, column, 1)
-        found.append(damping.energy(states, column))
+    found = [damping.energy(states[None], column[None])]
+    for first, tables in _pieces(damping, step_sizes):
+        single = damping.tables(float(step_sizes[first]), 1)
+        path, columns = [], []
+        for step in range(first, first + tables.kernels.count):
+            states = damping.push(single, states, inputs[:, step], 1)
+            column = damping.push_column(single, column, 1)
+            path.append(states)
+            columns.append(column)
+        found.append(damping.energy(np.array(path), np.array(columns)))
     known = [one for one in found if one is not None]
-    return np.stack(known, axis=-1) if len(known) == len(found) else None
+    if len(known) < len(found):
+        return None
+    return np.concatenate(known, axis=1).swapaxes(1, 2)
 
 
 def _pieces(damping: Damping, step_sizes: Array) -> Iterator[tuple[int, DampingTables]]:

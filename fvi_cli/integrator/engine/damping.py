@@ -99,7 +99,8 @@ class Damping:
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
         relative = any(one.is_relative for one in self.directions)
-        plain = any(not one.is_relative and self._remembers(one) for one in self.directions)
+        # whether or not the others remember: members of order 1 stand beside other orders
+        plain = any(not one.is_relative for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
 
@@ -235,25 +236,25 @@ class Damping:
         return total
 
     def energy(self, states: Array, column: Array) -> Array | None:
-        r"""Energy that every direction stores, ``(n_directions, q)``; None where it has no weights.
+        r"""Energy that every direction stores, ``(n_directions, ..., q)``.
 
         .. math:: E = \tfrac12 \sum_j e_j\, s_j \cdot D s_j
 
-        with the states of a relative term less the start velocity. The weights of backward
-        differences are no positive sum of squares.
+        with the states ``(..., q, J, e)`` of a relative term less the start velocity. None for
+        backward differences: their weights are no positive sum of squares.
         """
         memory = self.memory
         if not isinstance(memory, Exponentials):
             return None
-        found = np.zeros((len(self.directions), len(states)))
+        found = np.zeros((len(self.directions), *states.shape[:-2]))
         if memory.kernel is None:
             return found
         by_term = memory.kernel.energy_weights
         every = zip(self._acted_on(states, column), self.combinations, self.directions, strict=True)
         for index, (acted, one, direction) in enumerate(every):
             free = acted - self._velocity if direction.is_relative else acted
-            squares = (free * along(free, one.matrix)).sum(axis=2)
-            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=1)
+            squares = (free * along(free, one.matrix)).sum(axis=-1)
+            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=-1)
         return found
 
     def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:

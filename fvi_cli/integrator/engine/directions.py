@@ -9,16 +9,13 @@ import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, as_csr, dense, entries, form, is_sparse, scaled
-from fvi_cli.effects.matrix_force import MatrixForce
+from fvi_cli.effects.matrices import Form, dense, form, is_sparse, scaled
+from fvi_cli.effects.matrix_force import is_same_direction, scale_and_direction
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
 from fvi_cli.integrator.memory.reach import Reach
 from fvi_cli.mathematics.arrays import Array
-
-SAME = 1e-14
-"""Entries of matrices of the same direction differ by no more than this part."""
 
 DampingForce = FractionalDamping | Law
 Pattern = tuple[tuple[tuple[int, ...], bool], ...]
@@ -140,26 +137,6 @@ def _term(force: DampingForce) -> Term:
     if isinstance(force, Law):
         return force.kernel
     return min(1.0 - force.order, LARGEST_EXPONENT)
-
-
-def scale_and_direction(force: MatrixForce) -> tuple[float, Form]:
-    """The coefficient matrix as a number times a matrix whose largest entry is 1."""
-    kept = entries(force.form)
-    scale = float(kept[np.abs(kept).argmax()])
-    return scale, scaled(force.form, 1.0 / scale)
-
-
-def is_same_direction(a: Form, b: Form) -> bool:
-    """Whether two matrices from `scale_and_direction` are one."""
-    if a.shape != b.shape or is_sparse(a) != is_sparse(b):
-        return False
-    if not isinstance(a, np.ndarray):
-        one, other = as_csr(a), as_csr(b)
-        if not (
-            np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
-        ):
-            return False
-    return bool(np.allclose(entries(a), entries(b), rtol=SAME, atol=0))
 
 
 __all__ = ["Direction", "Pattern", "directions_of", "pattern_of"]

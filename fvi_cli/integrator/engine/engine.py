@@ -16,7 +16,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.blocks import longest_block
-from fvi_cli.integrator.engine.damping import damping_of
+from fvi_cli.integrator.engine.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of, modes_of
 from fvi_cli.integrator.engine.law import Law, Linearisation, force_of
@@ -33,6 +33,8 @@ from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 KEPT_TABLES = 128
+OFTEN = 5
+"""After a single step of more iterations its second derivatives are made anew."""
 LONGEST_GUESS = 1.5
 """The polynomial of a step is continued over a step up to so many times as long."""
 NEVER_SHORTER = 1 << 30
@@ -46,7 +48,7 @@ class Engine:
     scenes, method
         What is integrated, and how.
     shortest_step, steps
-        As for :func:`fvi_cli.integrator.convolution.kernel.power_kernel`.
+        As for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     n_steps
         Number of equal steps, for backward differences.
     most
@@ -144,7 +146,26 @@ class Engine:
             wait=np.zeros(q, dtype=np.int64),
             excess=np.zeros(q, dtype=np.int64),
             stale=np.zeros(q, dtype=bool),
+            taken=np.zeros(q, dtype=np.int64),
         )
+
+    def start_at(self, position: Array, momentum: Array) -> State:
+        """The same with other positions and momenta of the scenes, ``(S, d)``.
+
+        What derivatives subtract is still that of the scenes.
+        """
+        state = self.start()
+        state.x, state.p = position.copy(), momentum.copy()
+        if self.modes is not None:
+            pairs = list(zip(self.modes, position, momentum, strict=True))
+            state.x = np.concatenate([mode.positions(x) for mode, x, _ in pairs])
+            state.p = np.concatenate([mode.forces(p) for mode, _, p in pairs])
+        return state
+
+    def add_loads(self, scene: int, loads: Array) -> None:
+        """Take load vectors of the first steps of a scene, ``(n, s + 1, d)``, among its own."""
+        self.loads_of[scene].add(loads)
+        self.has_loads = True
 
     def frame(self, h: float, count: int) -> Frame:
         """Tables of `count` steps of length h."""
@@ -173,6 +194,9 @@ class Engine:
     def _single(self, state: State, h: float, guess: Array | None) -> Operator:
         if state.single is None or state.single_h != h:
             state.single, state.single_h = self._at_guess(state, h, guess), h
+        elif guess is not None and (slow := np.flatnonzero(state.taken > OFTEN)).size:
+            state.single = state.single.copy()
+            state.single.put(slow, self.of(slow)._at_guess(state.of(slow), h, guess[slow]))
         known = self._of_step
         if known is None or known.frame.h != h or known.at is not state.single:
             known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
@@ -257,6 +281,8 @@ class Engine:
             known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
         if loads is not None:
             known = known - loads
+        if is_linear and self.is_batch and 1 < count == frame.count:
+            return self._linear(op, state, known, damping)
         n, c = count * s * e, count * (s + 1) * e
         begin = np.concatenate([state.x, state.p], axis=1)
         unknowns = apply(op.start[:, :n], begin) - apply(op.by_load[:, :n, :c], known.reshape(q, c))
@@ -289,8 +315,37 @@ class Engine:
             inputs=inputs,
             z=z,
             iterations=np.ones(q, dtype=np.int64) if solution is None else solution.iterations,
-            failed=np.zeros(q, dtype=bool) if solution is None else solution.failed,
+            failed=np.repeat(op.singular, q // len(op.singular))
+            if solution is None
+            else solution.failed,
+            attempts=() if solution is None else (solution.attempt,),
             rest=None if solution is None else solution.rest,
+        )
+
+    def _linear(self, op: Operator, state: State, known: Array, damping: Damping | None) -> Steps:
+        """A block of linear members, by one matrix for each."""
+        frame, (q, count, _, e) = op.frame, known.shape
+        given = np.concatenate([state.x, state.p, known.reshape(q, -1)], axis=1)
+        found = np.matmul(op.outputs, given[..., None])[..., 0]
+        n = count * len(self.sampling.to_inputs) * e
+        inputs = found[:, :n].reshape(q, -1, e)
+        dx, dp = found[:, n:].reshape(q, 2, count, e).swapaxes(0, 1)
+        unknowns = inputs.reshape(q, count, -1, e)
+        if self.method.is_runge_kutta:
+            unknowns = on_steps(self.tables.to_unknowns, unknowns)
+        z = state.z
+        if damping is not None and frame.damping is not None:
+            z = damping.push(frame.damping, state.z, inputs, count)
+        return Steps(
+            h=frame.h,
+            count=count,
+            dx=dx,
+            dp=dp,
+            unknowns=unknowns,
+            inputs=inputs,
+            z=z,
+            iterations=np.ones(q, dtype=np.int64),
+            failed=np.zeros(q, dtype=bool),
         )
 
     def _pulled(self, op: Operator, state: State, u: Array, moved: Array) -> Array:
@@ -319,6 +374,7 @@ class Engine:
             state.column = self.pushed_column(state.column, steps.h, steps.count)
         state.z = steps.z
         state.unknowns, state.h, state.t = steps.unknowns[:, -1], steps.h, end
+        state.taken = steps.iterations
         if steps.rest is not None:
             state.rest = steps.rest[:, -1]
         if steps.failed.any():
@@ -364,6 +420,18 @@ class Engine:
         return np.concatenate(
             [mode.forces(one) for mode, one in zip(self.modes, every, strict=True)]
         )
+
+    @property
+    def width(self) -> int:
+        """Number of members that make a scene."""
+        return 1 if self.modes is None else self.modes[0].batch
+
+    def scene_positions(self, x: Array) -> Array:
+        """Positions or velocities of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
+        if self.modes is None:
+            return x
+        k = self.width
+        return np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)])
 
     def to_scene(self, x: Array, p: Array) -> tuple[Array, Array]:
         """Positions and momenta of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""

@@ -203,6 +203,11 @@ class Frame:
             part.__dict__.pop(name, None)
         return part
 
+    @property
+    def local(self) -> tuple[Array, ...]:
+        """For every direction inputs to forces, ``(q or 1, B m, B i)``."""
+        return () if self.damping is None else self.damping.local
+
     @cached_property
     def kicks(self) -> list[Array]:
         """For every direction inputs to changes of momentum, ``(q or 1, B, B i)``."""

@@ -9,16 +9,16 @@ beside these. A linear scene has no remainder. Shapes: q members, n points, e co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
+from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.integrator.engine.tables import apply
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem
+from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.arrays import Array, Places
 
 
@@ -163,12 +163,9 @@ class Potential:
     has_rates: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        self._gradient = _arguments(self.formulas.gradient_system, self._sources())
-        self._hessian = _arguments(self.formulas.hessian_system, self._sources())
-
-    def _sources(self) -> dict[str, Array | int]:
-        places = {name: index for index, name in enumerate(self.formulas.coordinates)}
-        return {**self.parameters, **places}
+        own = self.formulas
+        self._gradient = PointFormulas(own.gradient_system, own.coordinates, self.parameters)
+        self._hessian = PointFormulas(own.hessian_system, own.coordinates, self.parameters)
 
     def of(self, places: Places) -> Potential:
         """That of some members."""
@@ -189,9 +186,7 @@ class Potential:
 
     def gradient(self, x: Array) -> Array:
         """The gradient of V at ``(q, n, e)``."""
-        found = np.empty(x.shape)
-        for index, value in enumerate(self._gradient(_components(x))):
-            found[..., index] = value
+        found = self._gradient(x)
         return found if self.stiffness is None else found + force_of(self.stiffness, x)
 
     def linearise(
@@ -199,9 +194,7 @@ class Potential:
     ) -> Linearisation:
         """M and second derivatives of V; zero for members where these are not finite."""
         e = x.shape[-1]
-        second = np.empty((*x.shape, e))
-        for index, value in enumerate(self._hessian(_components(x))):
-            second[..., index // e, index % e] = value
+        second = self._hessian(x).reshape(*x.shape, e)
         if self.stiffness is not None:
             second += self.stiffness[:, None]
         finite = np.isfinite(second).all(axis=(1, 2, 3), keepdims=True)
@@ -239,16 +232,9 @@ class General:
     has_rates: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
-        self._first = _arguments(self.lagrangian.first, self._sources())
-        self._second = _arguments(self.lagrangian.second, self._sources())
-
-    def _sources(self) -> dict[str, Array | int]:
-        names = self.lagrangian.coordinates
-        found: dict[str, Array | int] = {**self.parameters}
-        for index, name in enumerate(names):
-            found[name], found[velocity_name(name)] = index, len(names) + index
-        found[TIME] = 2 * len(names)
-        return found
+        own = self.lagrangian
+        self._first = PointFormulas(own.first, own.variables, self.parameters)
+        self._second = PointFormulas(own.second, own.variables, self.parameters)
 
     def of(self, places: Places) -> General:
         """That of some members."""
@@ -260,7 +246,7 @@ class General:
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
         """dL/dv."""
-        return self._values(self._first, x[:, None], v[:, None], t)[:, 0, : x.shape[1]]
+        return self._first(x[:, None], v[:, None], np.full((1, 1), t))[:, 0, : x.shape[1]]
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """By Newton's iteration, for every member by itself."""
@@ -269,7 +255,7 @@ class General:
         e = x.shape[-1]
 
         def mismatch(v: Array) -> tuple[Array, Array, Array]:
-            values = self._values(self._second, x[:, None], v[:, None], t)[:, 0]
+            values = self._second(x[:, None], v[:, None], np.full((1, 1), t))[:, 0]
             mass = values[:, 2 * e : 2 * e + e * e].reshape(-1, e, e)
             own = values[:, :e]
             terms = apply(np.abs(mass), np.abs(v)) + np.abs(p) + np.abs(own)
@@ -278,25 +264,16 @@ class General:
         v, found, _ = find_roots(mismatch, np.zeros_like(p))
         return np.where(found[:, None], v, np.nan)
 
-    def _values(self, program: _Program, x: Array, v: Array, t: Array | float) -> Array:
-        """Values of a program, ``(q, n, number of values)``."""
-        given = [*_components(x), *_components(v), np.asarray(t, dtype=float)]
-        values = program(given)
-        found = np.empty((*x.shape[:-1], len(values)))
-        for index, value in enumerate(values):
-            found[..., index] = value
-        return found
-
     def _first_at(self, x: Array, v: Array, t: Array | float) -> Array:
         """P and Q side by side, ``(q, n, 2 e)``."""
-        found, e = self._values(self._first, x, v, t), x.shape[-1]
+        found, e = self._first(x, v, np.asarray(t)[..., None]), x.shape[-1]
         if self.stiffness is not None:
             found[..., e:] -= force_of(self.stiffness, x)
         return found
 
     def _second_at(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
         """P and Q side by side, and the second derivatives ``(q, n, 3, e, e)``."""
-        found, e = self._values(self._second, x, v, t), x.shape[-1]
+        found, e = self._second(x, v, np.asarray(t)[..., None]), x.shape[-1]
         first, second = found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
         if self.stiffness is not None:
             first[..., e:] -= force_of(self.stiffness, x)
@@ -347,25 +324,3 @@ class General:
             ],
             axis=-1,
         )
-
-
-_Program = Callable[[Sequence[Array]], list[Array | float]]
-
-
-def _arguments(system: FormulaSystem, sources: Mapping[str, Array | int]) -> _Program:
-    """A compiled program as a function of the components of points, its parameters bound."""
-    run = system.on_arrays
-    bound = [sources[name] for name in system.names]
-
-    def call(components: Sequence[Array]) -> list[Array | float]:
-        given = [components[one] if isinstance(one, int) else one for one in bound]
-        return cast(list[Array | float], run(*given))
-
-    return call
-
-
-def _components(values: Array) -> list[Array]:
-    """``(q, n, e)`` as e arrays, contiguous so that every member's are computed alike."""
-    if values.shape[-1] == 1:
-        return [values[..., 0]]
-    return [np.ascontiguousarray(values[..., index]) for index in range(values.shape[-1])]

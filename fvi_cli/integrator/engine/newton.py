@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import Mask, State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each
@@ -36,6 +37,7 @@ class Solution:
     rest: Array
     iterations: Integers
     failed: Mask
+    attempt: Attempt
 
 
 class Newton:
@@ -99,6 +101,7 @@ class Newton:
         everyone, done = bool(live.all()), ~live
         floor: Array | None = None
         renewed: Places | None = None
+        changes: list[Array] = []
         limit = before = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
             fresh = engine.law.remainder(
@@ -106,6 +109,7 @@ class Newton:
             )
             moved = self.begin + apply(self.fold, fresh.reshape(q, -1))
             change = self._largest(moved - points)
+            changes.append(change)
             if everyone:
                 rest, points = fresh, moved
             else:
@@ -156,12 +160,16 @@ class Newton:
             if not (everyone or live.any()):
                 break
             before = change
+        failed |= live & ~done
+        # blocks that do not contract are taken again in shorter pieces, which count
+        counted = iterations if self.guess is not None else np.where(failed, 0, iterations)
         return Solution(
             unknowns=self.fixed + apply(self.by_rest, rest.reshape(q, -1)),
             points=points.reshape(q, self.n, self.width),
             rest=rest,
             iterations=iterations,
-            failed=failed | (live & ~done),
+            failed=failed,
+            attempt=Attempt(0, np.arange(q), counted, changes),
         )
 
     def _floor(self, rest: Array, points: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 
 import numpy as np
 
@@ -145,6 +146,36 @@ class Operator:
         loads = (s + 1) * e
         self.start = np.ascontiguousarray(every[..., loads:]).reshape(q, -1, 2 * e)
         return np.ascontiguousarray(every[..., :loads])
+
+    @cached_property
+    def outputs(self) -> Array:
+        """Position, momentum and known loads to inputs, dx and dp, of a linear scene.
+
+        One matrix for every member, ``(q, B (i + 2) e, (2 + B (s + 1)) e)``; loads have the sign of
+        the left side.
+        """
+        f, k = self.frame, self.at.stiffness
+        q, c = len(self.by_load), self.by_load.shape[2]
+        e, count, h = k.shape[-1], f.count, f.h
+        width = 2 * e + c
+        u = np.concatenate([self.start, -self.by_load], axis=2).reshape(q, count, -1, e * width)
+        inputs = np.matmul(f.sampling.to_inputs, u).reshape(q, -1, e * width)
+        dx = h * np.cumsum(u[:, :, -1], axis=1)
+        place = np.matmul((h * f.tables.weights)[None] @ f.displacement[0], u)[:, :, 0]
+        place[:, 1:] += h * dx[:, :-1]
+        place = place.reshape(q, count, e, width)
+        place[..., np.arange(e), np.arange(e)] += h
+        change = -np.matmul(k[:, None], place)
+        for kicks, matrix in zip(f.kicks, self._matrices, strict=True):
+            kick = np.matmul(kicks, inputs).reshape(q, count, e, width)
+            change -= np.matmul(matrix[:, None], kick)
+        loads = np.arange(c).reshape(count, -1, e)
+        for step in range(count):
+            for component in range(e):
+                change[:, step, component, 2 * e + loads[step, :, component]] -= 1.0
+        dp = np.cumsum(change, axis=1)
+        parts = [one.reshape(q, -1, width) for one in (inputs.reshape(q, -1, e, width), dx, dp)]
+        return np.concatenate(parts, axis=1)
 
     def of(self, places: Places) -> Operator:
         """That of some members, with arrays of its own."""

@@ -21,6 +21,24 @@ LARGE_STATE, STEPS_OF_LARGE = 200, 4
 """From so many numbers on, so many blocks for each of 4 pay for the tables."""
 
 
+def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
+    """Whether blocks of a linear system with a state of `size` numbers are best one recurrence.
+
+    Parameters
+    ----------
+    size, block, blocks
+        J e + 2 e, steps of a block, and blocks in a row.
+    total
+        Equal steps of their stretch.
+    """
+    return (
+        size <= LARGEST_STATE
+        and block >= LEAST_BLOCKS // 6
+        and blocks >= LEAST_BLOCKS
+        and (size <= LARGE_STATE or total // block >= size // STEPS_OF_LARGE)
+    )
+
+
 class Recurrence:
     """w = (z, x, p) from block to block as one matrix.
 
@@ -54,16 +72,8 @@ class Recurrence:
     @staticmethod
     def pays(engine: Engine, block: int, blocks: int, total: int) -> bool:
         """Whether so many blocks, of `total` steps in their stretch, are quicker so."""
-        size = (engine.n_states + 2) * engine.e
-        return (
-            isinstance(engine.law, Linear)
-            and engine.q == 1
-            and not engine.is_batch
-            and size <= LARGEST_STATE
-            and block >= LEAST_BLOCKS // 6
-            and blocks >= LEAST_BLOCKS
-            and (size <= LARGE_STATE or total // block >= size // STEPS_OF_LARGE)
-        )
+        is_one = isinstance(engine.law, Linear) and engine.q == 1 and not engine.is_batch
+        return is_one and pays_as_one((engine.n_states + 2) * engine.e, block, blocks, total)
 
     def _solved(self, z: Array, x: Array, p: Array, loads: Array | None) -> Steps:
         """Steps from many states without a start velocity."""
@@ -81,6 +91,7 @@ class Recurrence:
             wait=np.zeros(n, dtype=np.int64),
             excess=np.zeros(n, dtype=np.int64),
             stale=np.zeros(n, dtype=bool),
+            taken=np.zeros(n, dtype=np.int64),
         )
         return self.engine.solve(state, self.h, self.count, loads, starts_at_rest=True)
 

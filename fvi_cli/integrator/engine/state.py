@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.engine.law import Linearisation
+from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.mathematics.arrays import Array, Integers, Places
 
 Mask = NDArray[np.bool_]
@@ -34,6 +35,8 @@ class State:
         Of every member: steps of the longest block that may contract; blocks until a longer one is
         tried; iterations beyond the usual number; whether its second derivatives are to be made
         anew.
+    taken
+        Iterations of the last steps.
     live
         Members that have not failed.
     """
@@ -50,6 +53,7 @@ class State:
     wait: Integers
     excess: Integers
     stale: Mask
+    taken: Integers
     unknowns: Array | None = None
     h: float = 0.0
     rest: Array | None = None
@@ -117,6 +121,8 @@ class Steps:
         Of Newton's iteration, ``(q,)``: how many, and where it found no solution.
     rest
         Remainders at the points, ``(q, B r, w)``; None for linear scenes.
+    attempts
+        How the iterations went that solved them.
     """
 
     h: float
@@ -129,6 +135,7 @@ class Steps:
     iterations: Integers
     failed: Mask
     rest: Array | None = None
+    attempts: tuple[Attempt, ...] = ()
 
     def _members(self) -> dict[str, Array]:
         every = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -139,13 +146,15 @@ class Steps:
         mine, new = self._members(), other._members()
         for name in mine.keys() & new.keys():
             mine[name][places] = new[name]
+        self.attempts += tuple(one.among(places) for one in other.attempts)
 
     def among(self, places: Places, members: int) -> Steps:
         """The same among so many members, zero for others."""
-        found = {}
+        found: dict[str, object] = {}
         for name, one in self._members().items():
-            found[name] = np.zeros((members, *one.shape[1:]), one.dtype)
-            found[name][places] = one
+            whole = found[name] = np.zeros((members, *one.shape[1:]), one.dtype)
+            whole[places] = one
+        found["attempts"] = tuple(one.among(places) for one in self.attempts)
         return replace(self, **found)  # type: ignore[arg-type]
 
     @classmethod
@@ -153,7 +162,11 @@ class Steps:
         """Steps one after the other."""
         x, p = np.zeros(()), np.zeros(())
         dx, dp = [], []
+        attempts: list[Attempt] = []
+        done = 0
         for one in parts:
+            attempts += [own._replace(first=own.first + done) for own in one.attempts]
+            done += one.count
             dx.append(x + one.dx)
             dp.append(p + one.dp)
             x, p = x + one.dx[:, -1:], p + one.dp[:, -1:]
@@ -169,6 +182,7 @@ class Steps:
             iterations=np.sum([one.iterations for one in parts], axis=0),
             failed=np.any([one.failed for one in parts], axis=0),
             rest=np.concatenate(rests, axis=1) if rests else None,
+            attempts=tuple(attempts),
         )
 
 

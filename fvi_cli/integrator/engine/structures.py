@@ -20,6 +20,7 @@ from fvi_cli.integrator.engine.algebra import solver_of
 from fvi_cli.integrator.engine.frame import Frame
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.method import Method
@@ -135,6 +136,7 @@ def solve_one_by_one(
     solve, drive = law.solver(frame, combinations), engine.sampling.to_inputs
     (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, engine.e)
     r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
+    every = [expand(one[0]) for one in frame.sequences]
     past = np.zeros((count * m, r))
     if damping is not None and frame.damping is not None:
         past = damping.past(frame.damping, state.z, state.column, count)[0]
@@ -147,8 +149,8 @@ def solve_one_by_one(
         """Force in a step by the inputs of some steps of the group, ``(m, d)``."""
         total = np.zeros((m, r))
         rows, by = slice(step * m, step * m + m), slice(first * i, last * i)
-        for local, matrix in zip(frame.local, matrices, strict=True):
-            total += times(local[0, rows, by] @ driven[by], matrix)
+        for local, matrix in zip(every, matrices, strict=True):
+            total += times(local[rows, by] @ driven[by], matrix)
         return total
 
     for k in range(count):

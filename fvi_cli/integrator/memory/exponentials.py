@@ -112,6 +112,7 @@ class Exponentials:
         Rates and weights; None where no term remembers anything.
     """
 
+    n_lags = 0
     column: Array | None = None
     column_start = 1.0
 

@@ -176,8 +176,8 @@ class Memory(Protocol):
     ----------
     terms
         What is remembered, each once.
-    n_states
-        Number J.
+    n_states, n_lags
+        Number J, and steps of the past that are remembered one by one, in states of their own.
     weights
         Factors of the states in the force of every term, ``(K, J)``; ``(K, 0)`` where they are not
         numbers.
@@ -190,6 +190,7 @@ class Memory(Protocol):
 
     terms: tuple[Term, ...]
     n_states: int
+    n_lags: int
     weights: Array
     column: Array | None
     column_start: float

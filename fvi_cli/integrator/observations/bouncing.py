@@ -8,6 +8,7 @@ from dataclasses import astuple
 
 import numpy as np
 
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.isolation import FormulaAlong, first_below
@@ -23,7 +24,7 @@ from fvi_cli.integrator.observations.surface import (
 )
 from fvi_cli.integrator.run.loop import Course
 from fvi_cli.integrator.run.setup import RunSetup, first_marker
-from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
+from fvi_cli.integrator.run.unfinished import CourseKeeper
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.step import StepResult
 from fvi_cli.mathematics.arrays import Array, Places

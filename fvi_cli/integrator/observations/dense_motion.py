@@ -33,6 +33,7 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
@@ -40,7 +41,6 @@ from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.setup import prepare_on_mesh
-from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis

@@ -19,6 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.growth_bound import NO_BOUND
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
@@ -33,9 +35,8 @@ from fvi_cli.integrator.observations.surface import (
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.loop import Course
-from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
-from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
+from fvi_cli.integrator.run.unfinished import CourseKeeper
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import AnyMethod, Method
@@ -29,7 +30,6 @@ from fvi_cli.integrator.observations.pieces import (
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.regular import rough_remark
-from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places

@@ -11,7 +11,7 @@ import numpy as np
 
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.domain import first_undefined, undefined_near
-from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.local_error.defect import StepPath
@@ -127,14 +127,6 @@ class Course:
             self.worst_step = len(self.sizes) if step is None else step
 
 
-def no_unique_solution(step_size: float) -> str:
-    """What is said of steps whose equations are singular, as with negative stiffness."""
-    return (
-        f"the equations of a step of length {step_size:.6g} have no unique solution; take "
-        "another number of steps"
-    )
-
-
 class Stepper:
     """Steps of one run; matrices of the sizes used last are kept."""
 
@@ -210,9 +202,7 @@ class Stepper:
         try:
             at = self.matrices(step_size)
         except np.linalg.LinAlgError:
-            raise StepFailedError(
-                no_unique_solution(step_size), reason="no unique solution"
-            ) from None
+            raise no_unique_solution(step_size) from None
         return self.solver.solve(
             at,
             marker.time,

@@ -1,9 +1,10 @@
-"""A run on a mesh, from scene and steps to the trajectory."""
+"""Runs on a mesh: from scenes and steps to trajectories."""
 
 from __future__ import annotations
 
 import math
 import time as clock
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,76 +13,34 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.compensated import CompensatedSum
-from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.growth_bound import energy_remarks, scene_bound
-from fvi_cli.integrator.local_error.examine import Examiner
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
+from fvi_cli.integrator.engine.checkpoint import Arrays, Keeper, RunKeeper
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.loop import run
+from fvi_cli.integrator.engine.plan import MeshPlan, memory_operations, plan_steps
+from fvi_cli.integrator.engine.recorder import Recorder
+from fvi_cli.integrator.engine.source import MeshSource, Source
+from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.growth_bound import energy_remarks
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.momenta import smooth_momenta
-from fvi_cli.integrator.results.newton_record import NewtonRecord
-from fvi_cli.integrator.run.loop import Course, march_adaptively
-from fvi_cli.integrator.run.march import March, MeshPlan
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.regular import (
     has_rough_momenta,
     keeps_for_momenta,
     regular_until,
     rough_remarks,
 )
-from fvi_cli.integrator.run.setup import (
-    RunSetup,
-    first_marker,
-    prepare_on_mesh,
-    prepare_run,
-    ready_on_mesh,
-)
-from fvi_cli.integrator.run.sink import Sink
-from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
-from fvi_cli.integrator.steps.dynamics import General
+from fvi_cli.integrator.run.soundness import Soundness
+from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 AnySteps = int | Mesh | AdaptiveSteps
-
-MOST_SHORTEST = 256.0
-"""Adaptive runs take fewer steps of their shortest size than this."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Ended:
-    """How the loop ended.
-
-    Parameters
-    ----------
-    failure, newton
-        What stopped it, if anything, and the record of Newton's iteration.
-    rejected, operations
-        Steps that were done in vain, and multiply-adds of the memory.
-    earlier_seconds
-        Time of the steps before a checkpoint.
-    doubts
-        Times with what the steps there may have missed.
-    """
-
-    failure: Failure | None
-    newton: NewtonRecord
-    rejected: int = 0
-    operations: int = 0
-    earlier_seconds: float = 0.0
-    doubts: tuple[tuple[float, str], ...] = ()
-
-
-def end_of(march: March, earlier_seconds: float = 0.0) -> Ended:
-    """How the steps of a mesh ended."""
-    return Ended(
-        failure=march.failure,
-        newton=march.course.newton,
-        operations=march.operations,
-        earlier_seconds=earlier_seconds,
-    )
 
 
 def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
@@ -102,11 +61,186 @@ def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
-def plan_on_mesh(scene: Scene, method: Method, steps: int | Mesh) -> MeshPlan:
-    """How :func:`integrate_on_mesh` will do the steps of a run; no step is done."""
-    mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
-    setup = prepare_on_mesh(scene, method, mesh)
-    return March(setup, mesh, Sink(every=1, with_steps=False)).plan()
+def engine_on_mesh(
+    scenes: Sequence[Scene], method: Method, mesh: Mesh, *, most: int | None = None
+) -> Engine:
+    """The engine of scenes for the steps of a mesh.
+
+    Parameters
+    ----------
+    scenes, method, mesh
+        What, by which method, on which steps.
+    most
+        Steps of the longest block, for a batch; None: as the size of its matrices allows.
+
+    Raises
+    ------
+    ValueError
+        For a method of equal steps on a mesh that has others.
+    """
+    if not method.is_runge_kutta and len({one.step_size for one in mesh.stretches}) > 1:
+        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
+    return Engine(
+        scenes,
+        method,
+        shortest_step=mesh.shortest_step,
+        steps=mesh.equivalent_steps,
+        n_steps=mesh.n_steps,
+        most=most,
+    )
+
+
+@dataclass(eq=False)
+class ScenesRun:
+    """Scenes as far as their steps are done.
+
+    Parameters
+    ----------
+    engine, source, recorder
+        What solves the steps, where they come from, and what keeps them.
+    mesh
+        Where they are; None: they are found on the way.
+    remarks
+        What is to be told of every run.
+    """
+
+    engine: Engine
+    source: Source
+    recorder: Recorder
+    mesh: Mesh | None = None
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.state = self.engine.start()
+
+    def march(
+        self,
+        checkpoints: RunKeeper | None,
+        asked: tuple[str, int, float],
+        determined_by: tuple[object, ...],
+    ) -> float:
+        """Do the steps; parameters as for :class:`~fvi_cli.integrator.engine.checkpoint.Keeper`.
+
+        Returns
+        -------
+        float
+            Seconds, those before a checkpoint among them.
+        """
+        began = clock.perf_counter()
+        keeper = Keeper(checkpoints, asked, determined_by, self)
+        run(
+            self.engine,
+            self.source,
+            state=self.state,
+            recorder=self.recorder,
+            after=None if checkpoints is None else keeper.offer,
+        )
+        if not self.recorder.failures:
+            keeper.offer(has_ended=True)
+        return clock.perf_counter() - began + keeper.earlier_seconds
+
+    def begin(self) -> None:
+        """Record the start."""
+        scenes = self.engine.scenes
+        position = np.array([one.initial_position for one in scenes])
+        momentum = np.array(
+            [
+                dynamics_of(one).momentum(one.initial_position, one.initial_velocity, 0.0)
+                for one in scenes
+            ]
+        )
+        self.recorder.begin(0.0, position, momentum)
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Finished steps and reported points."""
+        return self.recorder.reached, self.recorder.reported
+
+    def arrays(self) -> Arrays:
+        """Everything that the steps to come depend on."""
+        self.recorder.flush(self.state)
+        source = {f"source {name}": one for name, one in self.source.arrays().items()}
+        forces = np.array([one.largest_force for one in self.engine.loads_of])
+        return {**self.state.arrays(), **source, "largest forces": forces}
+
+    def kept(self) -> Arrays:
+        """What was kept of the steps so far."""
+        return self.recorder.arrays()
+
+    def restore(self, arrays: Arrays, kept: Arrays) -> None:
+        """Go on from there."""
+        self.go_on(arrays)
+        self.recorder.restore(kept)
+
+    def go_on(self, arrays: Arrays) -> None:
+        """Take the state of :meth:`arrays`, whatever was kept before."""
+        state = State.from_arrays({n: one for n, one in arrays.items() if " " not in n})
+        if any(getattr(state, n).shape != getattr(self.state, n).shape for n in "xpz"):
+            raise ValueError("state: it has other shapes")
+        self.source.restore({n.removeprefix("source "): one for n, one in arrays.items()})
+        self.state = state
+        for loads, force in zip(self.engine.loads_of, arrays["largest forces"], strict=True):
+            loads.largest_force = float(force)
+
+
+def prepare(
+    scenes: Sequence[Scene],
+    method: Method,
+    mesh: Mesh,
+    *,
+    every: int = 1,
+    with_steps: bool = False,
+    most: int | None = None,
+) -> ScenesRun:
+    """Everything that is ready before the steps of a mesh, corrections of the start among it.
+
+    Raises
+    ------
+    ValueError
+        For starting weights with a general Lagrangian, and unequal steps by a method of equal ones.
+    """
+    engine = engine_on_mesh(scenes, method, mesh, most=most)
+    remarks: tuple[str, ...] = ()
+    if method.start == "weights" and scenes[0].active_damping:
+        remarks = _add_starting_weights(engine, mesh)
+    recorder = Recorder(
+        engine,
+        every=every,
+        with_steps=with_steps,
+        n_reported=mesh.n_reported,
+        check=Soundness(scenes, engine.loads_of),
+    )
+    return ScenesRun(engine, MeshSource(mesh), recorder, mesh, remarks)
+
+
+def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
+    """Take the force of the starting weights of one scene among the known ones."""
+    from fvi_cli.integrator.starts.starting_weights import corrected_start
+
+    (scene,), method, tables = engine.scenes, engine.method, engine.tables
+    if scene.lagrangian is not None:
+        raise ValueError("start: weights are not made for a general Lagrangian; use none")
+    h = scene.final_time / mesh.n_steps
+    fresh = {0, *steps_at_break_points(scene, mesh.n_steps)}
+
+    def first_samples(loads: Array, n_steps: int) -> Array:
+        state = engine.start()
+        found = np.empty((n_steps, tables.sample_points.size, scene.dimension))
+        for index in range(n_steps):
+            own = np.array([loads[index : index + 1]])
+            own = own if engine.modes is None else engine.modes[0].forces(own[0])
+            known = engine.loads(index * h, h, 1, is_fresh=index in fresh)
+            steps = engine.solve(state, h, 1, own if known is None else known + own)
+            inside = h * np.matmul(tables.sample_basis[1:].T, steps.unknowns[:, 0])
+            place = engine.scene_positions(state.x[:, None] + inside)[0]
+            found[index] = place - scene.initial_position
+            engine.accept(state, steps, (index + 1) * h)
+        return found
+
+    loads, remarks = corrected_start(scene, method, tables, mesh.n_steps, first_samples)
+    if loads is not None:
+        engine.add_loads(0, loads)
+    return remarks
 
 
 def path_from(
@@ -132,15 +266,27 @@ def path_from(
         If the equations of a step have no unique solution.
     """
     mesh = mesh_for(scene, method, n_steps)
-    setup, sink = prepare_on_mesh(scene, method, mesh), Sink(every=1, with_steps=False)
-    marker = first_marker(setup)
-    marker.position, marker.momentum = CompensatedSum(position), CompensatedSum(momentum)
-    march = March(setup, mesh, sink)
-    sink.begin(0.0, position, momentum)
-    march.run(marker)
-    if march.failure is not None and march.failure.reason == "no unique solution":
-        raise np.linalg.LinAlgError(str(march.failure))
-    return sink.position
+    engine = engine_on_mesh([scene], method, mesh)
+    recorder = Recorder(engine)
+    recorder.begin(0.0, position[None], momentum[None])
+    run(
+        engine,
+        MeshSource(mesh),
+        state=engine.start_at(position[None], momentum[None]),
+        recorder=recorder,
+    )
+    failure = recorder.failures.get(0)
+    if failure is not None and failure.reason == "no unique solution":
+        raise np.linalg.LinAlgError(str(failure))
+    return recorder.points(0)[1]
+
+
+def plan_on_mesh(
+    scene: Scene, method: Method, steps: int | Mesh, *, most: int | None = None
+) -> MeshPlan:
+    """How :func:`integrate_scenes` will do the steps of a scene; no step is done."""
+    mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
+    return plan_steps(engine_on_mesh([scene], method, mesh, most=most), mesh)
 
 
 def integrate_on_mesh(
@@ -152,16 +298,57 @@ def integrate_on_mesh(
     diagnostics: Asked = NOTHING,
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
-    prepared: RunSetup | None = None,
 ) -> Trajectory:
-    """Integrate a scene over [0, T].
+    """Integrate a scene over [0, T]; parameters and errors as for :func:`integrate_scenes`.
 
     Parameters
     ----------
-    scene, method
-        What, and by which Runge-Kutta method.
+    scene, method, every, diagnostics, with_steps, checkpoints
+        As there.
     steps
         Number of steps, a mesh, or what the steps are chosen for.
+    """
+    if isinstance(steps, AdaptiveSteps):
+        from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
+
+        return integrate_adaptively(
+            scene,
+            method,
+            steps,
+            every=every,
+            diagnostics=diagnostics,
+            with_steps=with_steps,
+            checkpoints=checkpoints,
+        )
+    (found,) = integrate_scenes(
+        [scene],
+        method,
+        steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps),
+        every=every,
+        diagnostics=diagnostics,
+        with_steps=with_steps,
+        checkpoints=checkpoints,
+    )
+    return found
+
+
+def integrate_scenes(
+    scenes: Sequence[Scene],
+    method: Method,
+    mesh: Mesh,
+    *,
+    every: int = 1,
+    diagnostics: Asked = NOTHING,
+    with_steps: bool = False,
+    checkpoints: RunKeeper | None = None,
+    most: int | None = None,
+) -> list[Trajectory]:
+    """Integrate scenes of one kind over [0, T], all at once.
+
+    Parameters
+    ----------
+    scenes, method, mesh
+        What, by which method, on which steps.
     every
         Keep every n-th reported point, the first and the last.
     diagnostics
@@ -170,9 +357,8 @@ def integrate_on_mesh(
         Keep all steps as polynomials, for dense output.
     checkpoints
         Where the run may have a checkpoint, from which it goes on, and keeps one now and then.
-    prepared
-        What :func:`prepare_adaptive` gave for the same scene, method and first step: runs share
-        the matrices of step sizes that they have in common.
+    most
+        Steps of the longest block, for a batch; None: as the size of its matrices allows.
 
     Raises
     ------
@@ -182,168 +368,52 @@ def integrate_on_mesh(
     MemoryError
         If there is no room for the points that are kept.
     """
-    began = clock.perf_counter()
-    sink = Sink(every=every, with_steps=with_steps or not diagnostics.is_empty)
-    if isinstance(steps, AdaptiveSteps):
-        setup = prepared or prepare_adaptive(scene, method, steps)
-        sink.with_steps |= has_rough_momenta(scene, method)
-        ended, finished, count = _adaptive(setup, steps, sink, checkpoints)
-        fresh_at = (0.0, *scene.break_points)
-        ready = began
-    else:
-        mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
-        if not math.isclose(mesh.final_time, scene.final_time, rel_tol=1e-12):
-            raise ValueError(
-                f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}"
-            )
-        mesh.check_breaks(scene.break_points)
-        count = mesh.n_reported
-        # without room for its points a run says so here: libraries that are refused some later may
-        # end the process
-        np.empty((count // every + 1, 2 * scene.dimension + 2))
-        bound = scene_bound(scene)
-        setup = ready_on_mesh(scene, method, mesh, bound)
-        ready = clock.perf_counter()
-        sink.with_steps |= keeps_for_momenta(scene, method, mesh.n_steps)
-        ended = _given(setup, mesh, sink, checkpoints)
-        finished = clock.perf_counter()
-        fresh_at = tuple(one.begin for one in mesh.stretches if one.is_fresh)
-    return trajectory_of(
-        setup,
-        sink,
-        ended,
-        count,
-        every,
-        diagnostics,
-        fresh_at,
-        with_steps=with_steps,
-        seconds=(ready - began, finished - ready + ended.earlier_seconds),
-    )
-
-
-def _given(setup: RunSetup, mesh: Mesh, sink: Sink, checkpoints: RunKeeper | None) -> Ended:
-    """The steps of a mesh."""
-    march, marker, earlier = March(setup, mesh, sink), first_marker(setup), 0.0
-    if checkpoints is None:
-        sink.begin(0.0, marker.position.value, marker.momentum.value)
-        march.run(marker)
-    else:
-        marker, earlier = march_with_checkpoints(setup, mesh, sink, march, checkpoints)
-    if not march.failure:
-        sink.finish(marker.time, marker.position.value, marker.momentum.value)
-    return end_of(march, earlier)
-
-
-def prepare_adaptive(scene: Scene, method: Method, steps: AdaptiveSteps) -> RunSetup:
-    """What is ready before steps are found on the way, whatever their tolerance is.
-
-    Raises
-    ------
-    ValueError
-        If it is no Gauss method of degree 2 or more.
-    """
-    if method.cq != "gauss" or method.degree < 2:
-        raise ValueError(
-            f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
-            f"for {method.case}"
+    began, first = clock.perf_counter(), scenes[0]
+    if not math.isclose(mesh.final_time, first.final_time, rel_tol=1e-12):
+        raise ValueError(f"mesh: it ends at {mesh.final_time:g}, the run at {first.final_time:g}")
+    mesh.check_breaks(first.break_points)
+    # without room for its points a run says so here: libraries that are refused some later may
+    # end the process
+    np.empty((mesh.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
+    keeps = with_steps or not diagnostics.is_empty
+    keeps |= keeps_for_momenta(first, method, mesh.n_steps)
+    this = prepare(scenes, method, mesh, every=every, with_steps=keeps, most=most)
+    this.begin()
+    ready = clock.perf_counter()
+    asked = (method.case, mesh.n_reported, first.final_time / max(mesh.n_reported, 1))
+    seconds = this.march(checkpoints, asked, (*scenes, method, mesh))
+    share = 1.0 / len(scenes)
+    return [
+        trajectory_of(
+            this,
+            index,
+            every,
+            diagnostics,
+            with_steps=with_steps,
+            seconds=(share * (ready - began), share * seconds),
         )
-    return prepare_run(
-        scene,
-        method,
-        shortest_step=_controller(scene, method, steps).shortest_step,
-        n_steps=MOST_SHORTEST,
-        bound=scene_bound(scene),
-    )
-
-
-def _controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepController:
-    is_singular = start_power(scene, at_start=True) is not None
-    return StepController(
-        steps,
-        final_time=scene.final_time,
-        breaks=scene.break_points,
-        stages=method.degree,
-        is_singular=is_singular or bool(scene.break_points),
-    )
-
-
-def _adaptive(
-    setup: RunSetup, steps: AdaptiveSteps, sink: Sink, checkpoints: RunKeeper | None
-) -> tuple[Ended, float, int]:
-    """Steps that are found on the way."""
-    scene = setup.scene
-    controller = _controller(scene, setup.method, steps)
-    examiner = Examiner(scene, setup.stepper.solver.tables)
-    marker = first_marker(setup)
-    sink.begin(0.0, marker.position.value, marker.momentum.value)
-    course = Course.begun(marker)
-    asked = (setup.method.case, 0, steps.tolerance)
-    keeper = CourseKeeper(
-        checkpoints, marker, course, asked, (scene, setup.method, steps), ("state",)
-    )
-
-    def state() -> dict[str, Array]:
-        return {"state": np.array([*examiner.state, *controller.state], dtype=float)}
-
-    if keeper.found:
-        largest, starts_on, *rest = keeper.found["state"].tolist()
-        examiner.restore(largest, starts_on)
-        controller.restore(rest)
-    march_adaptively(
-        setup.stepper,
-        marker,
-        course,
-        controller,
-        examiner,
-        most_steps=steps.most_steps,
-        bound=setup.bound,
-        after_step=lambda: keeper.offer(state),
-    )
-    if not course.failure:
-        keeper.offer(state, has_ended=True)
-    count = len(course.sizes)
-    if count:
-        velocity = np.array([setup.stepper.velocity_of(one) for one in course.unknowns])
-        sink.add(
-            np.array(course.times[1:]),
-            np.array(course.sizes),
-            np.array(course.positions[1:]),
-            np.array(course.momenta[1:]),
-            velocity,
-            np.arange(count),
-        )
-    sink.finish(marker.time, marker.position.value, marker.momentum.value)
-    per_step = 0 if setup.damping is None else setup.damping.operations_per_step
-    ended = Ended(
-        failure=course.failure,
-        newton=course.newton,
-        rejected=course.rejected,
-        operations=count * per_step,
-        doubts=tuple(course.doubts),
-        earlier_seconds=keeper.earlier_seconds,
-    )
-    return ended, clock.perf_counter(), count
+        for index in range(len(scenes))
+    ]
 
 
 def trajectory_of(
-    setup: RunSetup,
-    sink: Sink,
-    ended: Ended,
-    n_steps: int,
+    this: ScenesRun,
+    index: int,
     every: int,
     diagnostics: Asked,
-    fresh_at: tuple[float, ...],
     *,
     with_steps: bool,
     seconds: tuple[float, float],
 ) -> Trajectory:
-    """What is reported of a finished run."""
-    scene, dynamics = setup.scene, setup.stepper.solver.dynamics
-    time, position, momentum = sink.time, sink.position, sink.momentum
-    failure, force = ended.failure, setup.stepper.loads.largest_force
-    remarks = setup.remarks
-    steps = sink.steps(setup.stepper.solver.tables) if sink.with_steps else None
-    if has_rough_momenta(scene, setup.method):
+    """What is reported of a scene whose steps are done."""
+    scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
+    dynamics = dynamics_of(scene)
+    n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
+    time, position, momentum = recorder.points(index)
+    failure = recorder.failures.get(index)
+    steps = recorder.steps(index) if recorder.with_steps else None
+    remarks = this.remarks
+    if has_rough_momenta(scene, method):
         if steps is not None:
             every_momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
             momentum = every_momentum[np.searchsorted(steps.time, time)]
@@ -364,17 +434,10 @@ def trajectory_of(
     finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
     found = None
     if steps is not None and not diagnostics.is_empty and steps.n_steps:
-        fresh = np.isin(steps.time[:-1], np.array(fresh_at))
-        with np.errstate(all="ignore"):
-            every_point = diagnose_run(
-                steps,
-                setup.stepper.solver,
-                setup.stepper.loads,
-                fresh,
-                diagnostics,
-                has_kicks=setup.method.sampling == "nodes",
-            )
-        found = every_point.at(np.searchsorted(steps.time, time))
+        found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
+    if failure is None:
+        force = this.engine.loads_of[index].largest_force
+        remarks += energy_remarks(scene, position, energy, force)
     return Trajectory(
         time=time,
         position=position,
@@ -385,14 +448,31 @@ def trajectory_of(
         status=status_of(failure, finite=finite),
         message=str(failure or ""),
         failure=failure,
-        history_operations=ended.operations,
-        newton=ended.newton,
+        history_operations=memory_operations(this.engine, recorder.steps_done(index)),
+        newton=recorder.newton.of(index),
         setup_seconds=seconds[0],
         stepping_seconds=seconds[1],
         every=every,
         diagnostics=found,
         steps=steps if with_steps else None,
-        rejected=ended.rejected,
-        doubts=ended.doubts,
-        remarks=remarks if failure else (*remarks, *energy_remarks(scene, position, energy, force)),
+        remarks=remarks,
     )
+
+
+def _diagnostics(this: ScenesRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
+    """What is asked for on all points of the mesh."""
+    from fvi_cli.integrator.run.setup import prepare_on_mesh
+
+    scene = this.engine.scenes[index]
+    mesh = this.mesh or steps.mesh(scene.break_points)
+    fresh = [one.begin for one in mesh.stretches if one.is_fresh]
+    setup = prepare_on_mesh(scene, this.engine.method, mesh)
+    with np.errstate(all="ignore"):
+        return diagnose_run(
+            steps,
+            setup.stepper.solver,
+            this.engine.loads_of[index],
+            np.isin(steps.time[:-1], np.array(fresh)),
+            asked,
+            has_kicks=this.engine.method.sampling == "nodes",
+        )

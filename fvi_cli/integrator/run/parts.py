@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING
-from fvi_cli.integrator.growth_bound import scene_bound
+from fvi_cli.integrator.engine.checkpoint import Checkpoint, fingerprint
+from fvi_cli.integrator.engine.loop import run
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.checkpoint import Checkpoint, fingerprint
-from fvi_cli.integrator.run.march import March
-from fvi_cli.integrator.run.on_mesh import end_of, mesh_for, trajectory_of
-from fvi_cli.integrator.run.setup import first_marker, ready_on_mesh
-from fvi_cli.integrator.run.sink import Sink
+from fvi_cli.integrator.run.on_mesh import mesh_for, prepare, trajectory_of
 from fvi_cli.integrator.trajectory import Trajectory
 
 
@@ -45,7 +42,7 @@ def integrate_part(
     """Integrate from a checkpoint to the next place to stop.
 
     The trajectories of successive parts, one after the other, are that of the whole run to the
-    last bit: a run stops only where nothing is left of how its steps were done.
+    last bit.
 
     Parameters
     ----------
@@ -76,35 +73,26 @@ def integrate_part(
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
-    setup = ready_on_mesh(scene, method, mesh, scene_bound(scene))
-    sink = Sink(every=every, with_steps=False)
-    marker = first_marker(setup) if checkpoint is None else checkpoint.marker()
-    place = (0, 0) if checkpoint is None else (checkpoint.stretch, checkpoint.step)
+    this = prepare([scene], method, mesh, every=every)
     if checkpoint is None:
-        sink.begin(0.0, marker.position.value, marker.momentum.value)
+        this.begin()
     else:
-        sink.go_on(checkpoint.reported, scene.dimension)
+        this.go_on(checkpoint.arrays)
+        this.recorder.go_on(this.state, checkpoint.done, checkpoint.reported)
     ready = clock.perf_counter()
-    march = March(setup, mesh, sink, done=done)
-    following = march.run(marker, stretch=place[0], step=place[1], until=until)
-    if following is None and not march.failure:
-        sink.finish(marker.time, marker.position.value, marker.momentum.value)
+    run(this.engine, this.source, state=this.state, recorder=this.recorder, until=until)
     trajectory = trajectory_of(
-        setup,
-        sink,
-        end_of(march),
-        n_steps,
+        this,
+        0,
         every,
         NOTHING,
-        (),
         with_steps=False,
         seconds=(ready - began, clock.perf_counter() - ready),
     )
-    if following is None or trajectory.status != "ok":
+    if trajectory.status != "ok" or this.recorder.done == mesh.n_steps:
         return Part(trajectory=trajectory, checkpoint=None)
+    done, reported = this.progress
     return Part(
         trajectory=trajectory,
-        checkpoint=Checkpoint.taken(
-            marker, asked, place=following, done=march.done, reported=sink.reported
-        ),
+        checkpoint=Checkpoint(run=asked, done=done, reported=reported, arrays=this.arrays()),
     )

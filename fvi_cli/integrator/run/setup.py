@@ -14,6 +14,7 @@ from fvi_cli.integrator.convolution.lags import LagDamping
 from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
+from fvi_cli.integrator.engine.structures import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.growth_bound import NO_BOUND, GrowthBound
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.meshes.mesh import Mesh
@@ -21,7 +22,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Marker, Stepper
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
-from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.steps.step import StepSolver, sampling_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
@@ -192,7 +192,7 @@ def ready_on_mesh(scene: Scene, method: Method, mesh: Mesh, bound: GrowthBound) 
 
 def _with_starting_weights(setup: RunSetup, mesh: Mesh) -> RunSetup:
     """The same with the force of the starting weights among the known ones."""
-    from fvi_cli.integrator.expansions.starting_weights import corrected_start
+    from fvi_cli.integrator.starts.starting_weights import corrected_start
 
     scene, method, tables = setup.scene, setup.method, setup.stepper.solver.tables
     if scene.lagrangian is not None:

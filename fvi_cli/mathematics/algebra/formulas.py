@@ -24,7 +24,6 @@ from fvi_cli.mathematics.algebra.arithmetic import (
     ExpressionError,
     value_of,
 )
-from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 Instruction = tuple[str | float | int, ...]
@@ -129,27 +128,21 @@ class FormulaSystem:
             If a value or a function is missing.
         """
         given = [value_of(name, values) for name in self.names]
-        run = self.on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
         with np.errstate(all="ignore"):
-            return cast(list[T | float], run(*given))
-
-    def run(self, values: Mapping[str, Array]) -> list[Array | float]:
-        """The values for floating-point arrays; quick, and without checks.
-
-        Floating-point errors are treated as the caller's ``np.errstate`` says.
-        """
-        return self.on_arrays(*[values[name] for name in self.names])
+            return cast(list[T | float], self.compiled_for(functions)(*given))
 
     @cached_property
     def _code(self) -> CodeType:
         return _compiled(_source(self))
 
     @cached_property
-    def on_arrays(self) -> Callable[..., list[Any]]:
-        """The program as a function of arrays, one for each of :attr:`names`, without checks."""
+    def _on_arrays(self) -> Callable[..., list[Any]]:
         return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
 
-    def _on(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
+    def compiled_for(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
+        """The program as a function of values for each of :attr:`names`, without checks."""
+        if functions is NUMPY_FUNCTIONS:
+            return self._on_arrays
         scope: dict[str, object] = {"__builtins__": {}, "square": _square, "power": _power}
         if functions is BESIDE_REAL:
             scope |= BESIDE_REAL

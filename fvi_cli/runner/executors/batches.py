@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
-from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import members_at_a_time

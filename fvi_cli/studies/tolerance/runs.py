@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.on_mesh import integrate_on_mesh, prepare_adaptive
-from fvi_cli.integrator.run.setup import RunSetup
-from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
+from fvi_cli.integrator.run.adaptive_run import adaptive_engine, integrate_adaptively
 from fvi_cli.integrator.trajectory import Trajectory
 
 MOST_STEPS = 200_000
@@ -61,7 +61,7 @@ class AdaptiveRuns:
         self._checkpoints = checkpoints
         self._scene, self._method = scene, gauss(scene, degree)
         self._points, self._most_steps = points, most_steps
-        self._prepared: dict[float | None, RunSetup] = {}
+        self._engines: dict[float | None, Engine] = {}
 
     def run(self, local: float, first_step: float | None = None) -> Trajectory:
         """A run with a local tolerance, a length, with its polynomials."""
@@ -72,12 +72,12 @@ class AdaptiveRuns:
             points=self._points,
         )
         scene, method = self._scene, self._method
-        if first_step not in self._prepared:
-            self._prepared[first_step] = prepare_adaptive(scene, method, steps)
-        prepared = self._prepared[first_step]
+        if first_step not in self._engines:
+            self._engines[first_step] = adaptive_engine(scene, method, steps)
+        engine = self._engines[first_step]
         own = part_of(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
-        return integrate_on_mesh(
-            scene, method, steps, with_steps=True, prepared=prepared, checkpoints=own
+        return integrate_adaptively(
+            scene, method, steps, with_steps=True, engine=engine, checkpoints=own
         )
 
 

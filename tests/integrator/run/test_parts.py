@@ -12,11 +12,11 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine import loop
+from fvi_cli.integrator.engine.checkpoint import Checkpoint
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run import march
-from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part, integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -32,7 +32,7 @@ CHUNK = 512
 @pytest.fixture
 def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """So that N steps are several."""
-    monkeypatch.setattr(march, "CHUNK", CHUNK)
+    monkeypatch.setattr(loop, "CHUNK", CHUNK)
 
 
 def damping(*orders: float, size: int = 1) -> list[FractionalDamping]:
@@ -129,15 +129,16 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name, case):
             assert np.array_equal(joined(parts, field), getattr(whole, field)), (stops, field)
 
 
-@pytest.mark.parametrize("field", ["states", "position", "momentum", "position_lost"])
+@pytest.mark.parametrize("field", ["z", "x", "p", "p_lost"])
 @pytest.mark.usefixtures("short_chunks")
 def test_everything_in_a_checkpoint_matters(field):
     """The control: with any part of it set to zero the run goes on differently."""
     scene, n_steps = SCENES["pendulum"], N
     whole = integrate(scene, GAUSS2, n_steps)
-    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=625).checkpoint
-    assert np.abs(getattr(checkpoint, field)).max() > 0
-    broken = replace(checkpoint, **{field: np.zeros_like(getattr(checkpoint, field))})
+    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=100).checkpoint
+    arrays = checkpoint.arrays
+    assert np.abs(arrays[field]).max() > 0
+    broken = replace(checkpoint, arrays={**arrays, field: np.zeros_like(arrays[field])})
     rest = integrate_part(scene, GAUSS2, n_steps, checkpoint=broken).trajectory
     assert not np.array_equal(rest.position, whole.position[checkpoint.reported + 1 :])
 
@@ -200,9 +201,10 @@ def test_memory_does_not_grow_with_the_number_of_steps():
         return most
 
     peak(GAUSS2, 1024)
-    assert peak(GAUSS2, 2**13) < 1.1 * peak(GAUSS2, 2**11)
+    # from there on blocks have their full length
+    assert peak(GAUSS2, 2**14) < 1.1 * peak(GAUSS2, 2**12)
     usual = Method(cq="bdf2", degree=2)
-    assert peak(usual, 2**13) < 1.2 * peak(usual, 2**11)
+    assert peak(usual, 2**14) < 1.1 * peak(usual, 2**12)
     # control: every sum over the past is written out
     written_out = replace(usual, history="direct")
     assert peak(written_out, 2**10) > 2.0 * peak(written_out, 2**8)
@@ -226,7 +228,7 @@ def same_end(scene: Scene, method: Method, n_steps: int) -> tuple[Trajectory, Tr
 
 @pytest.mark.parametrize("n_steps", [300, 4500])
 def test_a_run_that_leaves_its_bound_stops(n_steps):
-    """A repelling potential: the motion is infinite at t = 2.4, no step behind that is true."""
+    """A repelling potential: the motion is infinite at t = 2.16, no step behind that is true."""
     scene = duffing(
         stiffness=-1.0,
         cubic_stiffness=-1.0,
@@ -239,7 +241,7 @@ def test_a_run_that_leaves_its_bound_stops(n_steps):
     assert found.status == usual.status != "ok"
     assert found.message.startswith("step ")
     assert found.time.size < n_steps // 2
-    assert found.time[-1] > 2.3
+    assert 2.1 < found.time[-1] < 2.16 + 30.0 / n_steps
     same = int((found.time < 2.0).sum())
     assert np.abs(found.position[:same] - usual.position[:same]).max() < 1e-11
 

@@ -7,18 +7,19 @@ import pytest
 from letters import spring, swing
 
 import fvi_cli as fvi
+from fvi_cli.integrator.engine import loop
+from fvi_cli.integrator.engine.checkpoint import (
+    OF_ANOTHER_RUN,
+    UnfinishedRun,
+    digest_of,
+    fingerprint,
+)
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
-from fvi_cli.integrator.run import march
-from fvi_cli.integrator.run.checkpoint import fingerprint
 from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.parts import integrate_part
-from fvi_cli.integrator.run.unfinished import OF_ANOTHER_RUN, UnfinishedRun, _digest
 
-FIELDS = (
-    *("checkpoint", "operations", "seconds", "iterations", "largest", "worst_step"),
-    *("worst_residuals", "kept_times", "kept_positions", "kept_momenta"),
-)
+HEAD = ("seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
 N, T = 96, 8.0
 METHOD = fvi.Method(cq="gauss", degree=2, start="none", history="exponentials")
 SCENE = spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5)
@@ -60,7 +61,7 @@ class Kept:
 
 @pytest.fixture(autouse=True)
 def short_chunks(monkeypatch):
-    monkeypatch.setattr(march, "CHUNK", 16)
+    monkeypatch.setattr(loop, "CHUNK", 16)
 
 
 def kept_of(scene, method, mesh):
@@ -142,13 +143,19 @@ def test_a_checkpoint_that_lacks_something_says_so():
     """With a checksum that holds: another version may have written other things."""
     with np.load(io.BytesIO(kept_of(SCENE, METHOD, MESH))) as found:
         arrays = {name: found[name] for name in found.files if name != "digest"}
+    expected, rejected = integrate_on_mesh(SCENE, METHOD, MESH), []
     for missing in arrays:
         left = {name: values for name, values in arrays.items() if name != missing}
         stream = io.BytesIO()
-        np.savez(stream, digest=np.array(_digest(left)), **left)
+        np.savez(stream, digest=np.array(digest_of(left)), **left)
         kept = Kept(stream.getvalue())
-        if missing in ("label", *FIELDS):
+        if missing in ("label", *HEAD):
             with pytest.raises(ValueError, match=r"another run|is of another version \("):
                 kept.load()
         else:
-            integrate_on_mesh(SCENE, METHOD, MESH, checkpoints=kept)
+            found = integrate_on_mesh(SCENE, METHOD, MESH, checkpoints=kept)
+            assert np.array_equal(found.position, expected.position)
+            rejected += kept.rejected
+    # what a state may lack is what not every scene has
+    assert set(rejected) == {OF_ANOTHER_RUN}
+    assert len(rejected) > 20

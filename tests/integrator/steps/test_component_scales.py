@@ -14,13 +14,11 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
-from fvi_cli.integrator.batches import newton as batch_newton
-from fvi_cli.integrator.batches.run import integrate_side_by_side
+from fvi_cli.integrator.engine.newton import Newton
 from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_batch
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.steps import newton_blocks
-from fvi_cli.mathematics import convergence
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 METHODS = [
@@ -85,29 +83,27 @@ def test_members_of_a_batch(ratio, method):
         scene("vx**2/2 + cos(x) + vy**2/2 + cos(y)", ("x", 1, 0), ("y", size, 0))
         for size in (1e-6, 3.0)
     ]
-    found = integrate_side_by_side([others[0], both, others[1]], method, 60)[1]
+    found = integrate_batch([others[0], both, others[1]], method, 60)[1]
     expected = integrate(alone, method, 60)
     assert found.position[:, place] == pytest.approx(expected.position[:, 0], abs=2e-12)
 
 
-def joint(change, previous, scale, floor, **options):
-    """The control: one scale for all components."""
-    largest = np.full_like(scale, scale.max())
-    return convergence.judge(
-        change, previous, largest, lambda _: convergence.UNIT * largest, **options
-    )
-
-
 def test_a_scale_for_all_is_seen():
+    """The control: one scale for all components."""
+    largest = Newton._largest
+
+    def joint(self, values):
+        found = largest(self, values)
+        return np.broadcast_to(found.max(axis=1, keepdims=True), found.shape).copy()
+
     both, alone, _ = pair("linear beside a pendulum", 1e9, small_first=False)
-    expected = integrate(alone, METHODS[0], 400)
-    with patch.object(newton_blocks, "judge", joint):
+    with patch.object(Newton, "_largest", joint):
         found = integrate(both, METHODS[0], 400)
+        members = integrate_batch([both, both], METHODS[0], 60)
+    expected = integrate(alone, METHODS[0], 400)
     assert np.abs(found.position[:, 1] - expected.position[:, 0]).max() > 1e-8
-    with patch.object(batch_newton, "judge", joint):
-        found = integrate_side_by_side([both, both], METHODS[0], 60)[0]
     expected = integrate(alone, METHODS[0], 60)
-    assert np.abs(found.position[:, 1] - expected.position[:, 0]).max() > 1e-8
+    assert np.abs(members[0].position[:, 1] - expected.position[:, 0]).max() > 1e-8
 
 
 @spread(small=[1e-12, 1e-9, 1e-4], turned=[False, True], n_steps=[40, 640])

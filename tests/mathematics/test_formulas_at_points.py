@@ -1,11 +1,15 @@
-"""Formulas of potentials at the points of many members at once, with parameters of their own."""
+"""Formulas at the points of many members at once, with parameters of their own."""
 
 from __future__ import annotations
+
+import pickle
 
 import numpy as np
 import pytest
 
 from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.expressions import Expression
 
 FORMULAS = (
@@ -23,7 +27,6 @@ def potential(coordinates: tuple[str, ...], text: str, **values: float) -> Expre
         coordinates=coordinates,
         energy_expression=Expression.parse(text, variables=(*coordinates, "a", "b")),
         parameters=values,
-        stiffness=np.diag(np.arange(1.0, len(coordinates) + 1)) if "b" in text else None,
     )
 
 
@@ -35,34 +38,53 @@ def test_members_have_the_bits_of_each_alone(coordinates, text, seed):
     points = draw.normal(size=(q, n, d)) * 10.0 ** draw.integers(-8, 2, size=(q, 1, d))
     given = {name: draw.uniform(0.1, 3.0, size=(q, 1)) for name in "ab"}
     every = potential(coordinates, text, a=1.0, b=1.0)
+    systems = (every.energy_expression.system, every.gradient_system, every.hessian_system)
+    programs = [PointFormulas(one, coordinates, given) for one in systems]
     with np.errstate(all="ignore"):
-        together = every.derivatives(points, given)
-        slopes = every.slopes(points, given)
-    assert [one.shape for one in together] == [(q, n), (q, n, d), (q, n, d, d)]
-    assert np.array_equal(together[1], slopes)
+        together = [one(points) for one in programs]
+        # points that lie apart in memory, and in two arrays
+        apart = [one(np.repeat(points, 2, axis=2)[..., ::2]) for one in programs]
+        halves = [one(points[..., :1], points[..., 1:]) for one in programs]
+    assert [one.shape for one in together] == [(q, n, 1), (q, n, d), (q, n, d * d)]
+    for others in (apart, halves):
+        assert all(map(np.array_equal, together, others))
     for member in range(q):
         a, b = (float(given[name][member, 0]) for name in "ab")
         alone = potential(coordinates, text, a=a, b=b)
         at = points[member]
-        for found, own in zip(
-            together, (alone.energy(at), alone.gradient(at), alone.hessian(at)), strict=True
-        ):
-            assert np.array_equal(found[member], own)
+        own = (alone.energy(at)[:, None], alone.gradient(at), alone.hessian(at))
+        for found, value in zip(together, own, strict=True):
+            assert np.array_equal(found[member], value.reshape(n, -1))
     # the control: parameters of another member are seen, where the formula has any
     if "a" in text:
         other = {name: np.roll(values, 1, axis=0) for name, values in given.items()}
         with np.errstate(all="ignore"):
-            assert not np.array_equal(every.derivatives(points, other)[0], together[0])
+            moved = PointFormulas(systems[0], coordinates, other)(points)
+        assert not np.array_equal(moved, together[0])
 
 
 def test_what_is_returned_is_never_the_position_itself():
     every = potential(("x",), "x**2/2")
     points = np.array([[[0.3]], [[0.4]]])
-    for found in (every.slopes(points), *every.derivatives(points), every.gradient(points)):
+    for found in (every.slopes(points), every.energy(points), every.gradient(points)):
         found += 1.0
     assert np.array_equal(points, [[[0.3]], [[0.4]]])
 
 
 def test_parameters_that_make_no_number_are_no_error_of_python():
-    every = potential(("x",), "1/b + a*x", a=1.0, b=0.0)
+    every = potential(("x",), "1/b + a*x", a=1, b=0)
     assert np.isinf(every.energy(np.array([[0.5]]))).all()
+
+
+def test_compiled_potentials_can_be_sent_to_another_process():
+    every = potential(("x", "y"), "a*x**2*y + cos(b*y)", a=1.5, b=2.0)
+    at = np.array([0.3, 0.4])
+    before = every.gradient(at)
+    again = pickle.loads(pickle.dumps(every))
+    assert np.array_equal(again.gradient(at), before)
+
+
+def test_a_name_without_a_value_is_refused():
+    system = potential(("x",), "a*x").energy_expression.system
+    with pytest.raises(ExpressionError, match="no value was given for the variable 'a'"):
+        PointFormulas(system, ("x",), {})

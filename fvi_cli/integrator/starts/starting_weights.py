@@ -20,8 +20,8 @@ from scipy.special import gamma as gamma_function
 from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.starts.expansion import solution_expansion
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights

@@ -1,1 +1,0 @@
-"""Scenes of one kind, integrated side by side on one mesh."""

@@ -1,0 +1,329 @@
+"""Runs that were stopped: their state as arrays with names, and files that hold them."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import time as clock
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import IO, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.matrices import as_csr, is_sparse
+from fvi_cli.integrator.meshes.mesh import Mesh
+
+OF_ANOTHER_RUN = "it belongs to another run, or to another version of the solver"
+
+Arrays = Mapping[str, NDArray[Any]]
+
+RunKey = tuple[str, int, float, str]
+"""Method, number of reported steps, their size or the tolerance of theirs, and `fingerprint`."""
+
+_HEAD = ("case", "n_steps", "step_size", "fingerprint", "done", "reported")
+
+
+def fingerprint(*values: object) -> str:
+    """SHA-256 of what determines the numbers of a run: its scene, method, and mesh or tolerance.
+
+    Arrays count by their bytes, what is described by its fields, functions by their names only.
+    """
+    digest = hashlib.sha256()
+    for part in _parts(values):
+        digest.update(part + b";")
+    return digest.hexdigest()
+
+
+def _parts(value: object) -> Iterator[bytes]:
+    """What tells a value from others."""
+    yield type(value).__name__.encode()
+    if isinstance(value, Mesh):
+        yield np.array(
+            [
+                (s.begin, s.end, s.n_steps, s.step_size, s.reported_every, s.is_fresh)
+                for s in value.stretches
+            ]
+        ).tobytes()
+    elif is_sparse(value):
+        matrix: Any = as_csr(value)  # type: ignore[arg-type]
+        yield from _parts((matrix.shape, matrix.indptr, matrix.indices, matrix.data))
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype.str} {value.shape}".encode()
+        yield value.tobytes()
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield field.name.encode()
+            yield from _parts(getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        yield from _parts(list(value.items()))
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from _parts(one)
+    elif value is None or isinstance(value, str | bool | int | float):
+        yield repr(value).encode()
+    else:
+        yield getattr(value, "__qualname__", "").encode()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checkpoint:
+    """Everything that the steps to come depend on, and the run that they belong to.
+
+    Parameters
+    ----------
+    run
+        Which run it is.
+    done, reported
+        Finished steps and reported points of the whole run.
+    arrays
+        The state by name, as the parts of the loop have it.
+    """
+
+    run: RunKey
+    done: int
+    reported: int
+    arrays: Arrays
+
+    @property
+    def case(self) -> str:
+        """The method."""
+        return self.run[0]
+
+    @property
+    def n_steps(self) -> int:
+        """Number of reported steps."""
+        return self.run[1]
+
+    def _named(self) -> dict[str, NDArray[Any]]:
+        head = (*self.run, self.done, self.reported)
+        return {
+            **{name: np.array(value) for name, value in zip(_HEAD, head, strict=True)},
+            **{f"state {name}": np.asarray(one) for name, one in self.arrays.items()},
+        }
+
+    @classmethod
+    def _of_named(cls, found: Arrays) -> Checkpoint:
+        case, n_steps, step_size, key, done, reported = (found[name].item() for name in _HEAD)
+        return cls(
+            run=(case, n_steps, step_size, key),
+            done=done,
+            reported=reported,
+            arrays=_with_prefix("state ", found),
+        )
+
+    def to_bytes(self) -> bytes:
+        """As an ``.npz`` file."""
+        buffer = io.BytesIO()
+        np.savez(buffer, **self._named())  # type: ignore[arg-type]
+        return buffer.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Checkpoint:
+        """From what `to_bytes` gave.
+
+        Raises
+        ------
+        ValueError
+            If the bytes hold no checkpoint.
+        """
+        try:
+            return cls._of_named(_loaded(io.BytesIO(data)))
+        except Exception as error:
+            # damaged bytes make the library raise nearly anything
+            raise ValueError(f"checkpoint: the bytes hold none ({error})") from error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnfinishedRun:
+    """A run up to a checkpoint, with all that its trajectory will say of these steps.
+
+    Parameters
+    ----------
+    checkpoint
+        From where its steps go on.
+    kept
+        Points that are kept so far, by name.
+    seconds
+        Time for the steps so far.
+    """
+
+    checkpoint: Checkpoint
+    kept: Arrays
+    seconds: float
+
+    def write(self, stream: IO[bytes], label: str) -> None:
+        """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.
+
+        Parameters
+        ----------
+        stream
+            Open for writing.
+        label
+            Whose run it is.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        arrays = {
+            "label": np.array(label),
+            "seconds": np.array(self.seconds),
+            **self.checkpoint._named(),
+            **{f"kept {name}": np.asarray(one) for name, one in self.kept.items()},
+        }
+        np.savez(stream, digest=np.array(digest_of(arrays)), **arrays)  # type: ignore[arg-type]
+
+    @classmethod
+    def read(cls, stream: IO[bytes], label: str) -> UnfinishedRun:
+        """What :meth:`write` wrote, verified.
+
+        Raises
+        ------
+        ValueError
+            If it is damaged or another run's.
+        """
+        try:
+            arrays = _loaded(stream)
+        except Exception as error:
+            # a damaged archive makes the library raise nearly anything
+            raise ValueError(f"it is damaged ({type(error).__name__})") from error
+        digest = str(arrays.pop("digest", ""))
+        if digest_of(arrays) != digest:
+            raise ValueError("it is damaged (its checksum is not that of its content)")
+        if str(arrays.get("label")) != label:
+            raise ValueError(OF_ANOTHER_RUN)
+        if missing := [name for name in ("seconds", *_HEAD) if name not in arrays]:
+            raise ValueError(f"it is of another version ({missing[0]} is missing)")
+        return cls(
+            checkpoint=Checkpoint._of_named(arrays),
+            kept=_with_prefix("kept ", arrays),
+            seconds=float(arrays["seconds"]),
+        )
+
+
+class RunKeeper(Protocol):
+    """Where one run keeps its checkpoint."""
+
+    def load(self) -> UnfinishedRun | None:
+        """What was kept; None if nothing was, or nothing that can be believed."""
+
+    def reject(self, reason: str) -> None:
+        """Say why what was kept is of no use."""
+
+    def is_due(self) -> bool:
+        """Whether it is time to keep a checkpoint."""
+
+    def is_kept_whole(self, seconds: float) -> bool:
+        """Whether a run that took so long is kept when it has ended, since others follow."""
+
+    def save(self, unfinished: UnfinishedRun) -> None:
+        """Keep a checkpoint in place of the one before."""
+
+    def part(self, name: str) -> RunKeeper:
+        """Where one of several runs, of which this one is made, keeps its own."""
+
+
+def part_of(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
+    """Where one of several runs keeps its checkpoint; None: nowhere."""
+    return None if checkpoints is None else checkpoints.part(name)
+
+
+class Resumable(Protocol):
+    """A run whose state can be taken as arrays and put back."""
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Finished steps and reported points."""
+
+    def arrays(self) -> Arrays:
+        """Everything that the steps to come depend on."""
+
+    def kept(self) -> Arrays:
+        """What was kept of the steps so far."""
+
+    def restore(self, arrays: Arrays, kept: Arrays) -> None:
+        """Go on from there; KeyError or ValueError where something is missing or does not fit."""
+
+
+class Keeper:
+    """The checkpoint of one run: taken up when it begins, and renewed while it goes on.
+
+    Parameters
+    ----------
+    checkpoints
+        Where it is kept; None: nowhere.
+    asked
+        Which run it is: method, number of steps, and their size or tolerance.
+    determined_by
+        What determines the numbers of the run beside these.
+    run
+        The run at its start; it is brought to where it was stopped.
+
+    Attributes
+    ----------
+    earlier_seconds
+        Time of the steps before the checkpoint.
+    """
+
+    def __init__(
+        self,
+        checkpoints: RunKeeper | None,
+        asked: tuple[str, int, float],
+        determined_by: tuple[object, ...],
+        run: Resumable,
+    ) -> None:
+        self._checkpoints, self._run = checkpoints, run
+        # a run without a place for checkpoints needs no key
+        self._asked = (*asked, "" if checkpoints is None else fingerprint(*determined_by))
+        self.earlier_seconds = 0.0
+        found = None if checkpoints is None else checkpoints.load()
+        if checkpoints is not None and found is not None:
+            try:
+                if found.checkpoint.run != self._asked:
+                    raise ValueError(OF_ANOTHER_RUN)
+                run.restore(found.checkpoint.arrays, found.kept)
+                self.earlier_seconds = found.seconds
+            except (KeyError, TypeError, ValueError):
+                checkpoints.reject(OF_ANOTHER_RUN)
+        self._taken_up = run.progress[0]
+        self._began = clock.perf_counter()
+
+    def offer(self, *, has_ended: bool = False) -> None:
+        """Keep a checkpoint where the run is now, or has come to its end, if it is due."""
+        checkpoints = self._checkpoints
+        if checkpoints is None or self._run.progress[0] == self._taken_up:
+            return
+        seconds = self.earlier_seconds + clock.perf_counter() - self._began
+        if not (checkpoints.is_kept_whole(seconds) if has_ended else checkpoints.is_due()):
+            return
+        arrays = self._run.arrays()
+        done, reported = self._run.progress
+        checkpoint = Checkpoint(run=self._asked, done=done, reported=reported, arrays=arrays)
+        checkpoints.save(
+            UnfinishedRun(checkpoint=checkpoint, kept=self._run.kept(), seconds=seconds)
+        )
+
+
+def _loaded(stream: IO[bytes]) -> dict[str, NDArray[Any]]:
+    with np.load(stream, allow_pickle=False) as found:
+        return {name: found[name] for name in found.files}
+
+
+def _with_prefix(prefix: str, arrays: Arrays) -> dict[str, NDArray[Any]]:
+    return {
+        name.removeprefix(prefix): one for name, one in arrays.items() if name.startswith(prefix)
+    }
+
+
+def digest_of(arrays: Arrays) -> str:
+    """SHA-256 of names, types, shapes and numbers."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        values = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape};".encode())
+        # a view of bytes: texts have no buffer of their own
+        digest.update(values.reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()

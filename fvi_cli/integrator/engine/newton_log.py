@@ -1,0 +1,88 @@
+"""How Newton's iteration went, for every member."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.mathematics.arrays import Array, Integers, Places
+
+
+class Attempt(NamedTuple):
+    """The iteration for one block of steps.
+
+    Parameters
+    ----------
+    first
+        Number of its first step among those that are solved together.
+    members
+        Whose steps they are.
+    iterations
+        Of each of them, shape ``(members,)``.
+    changes
+        Largest changes of the components of each by the iterations, ``(members, components)``.
+    """
+
+    first: int
+    members: Places
+    iterations: Integers
+    changes: Sequence[Array]
+
+    def among(self, places: Places) -> Attempt:
+        """The same where the members have other numbers, `places` of theirs."""
+        return self._replace(members=places[self.members])
+
+    def of_member(self, place: int) -> tuple[float, ...]:
+        """Largest changes of one of them."""
+        count = int(self.iterations[place])
+        return tuple(float(one[place].max()) for one in self.changes[:count])
+
+
+class NewtonLog:
+    """Numbers of iterations so far, and the changes of the longest iteration of every member."""
+
+    def __init__(self, members: int) -> None:
+        self._total = np.zeros(members, dtype=np.int64)
+        self._largest = np.zeros(members, dtype=np.int64)
+        self._step = np.full(members, -1, dtype=np.int64)
+        self._changes: dict[int, tuple[float, ...]] = {}
+
+    def add(self, first: int, attempts: Sequence[Attempt]) -> None:
+        """Count iterations for steps behind the first `first` ones of the run."""
+        for one in attempts:
+            self._total[one.members] += one.iterations
+            longer = one.iterations > self._largest[one.members]
+            if longer.any():
+                for place in np.flatnonzero(longer).tolist():
+                    member = int(one.members[place])
+                    self._largest[member] = one.iterations[place]
+                    self._step[member] = first + one.first
+                    self._changes[member] = one.of_member(place)
+
+    def of(self, member: int) -> NewtonRecord:
+        """The record of a member."""
+        return NewtonRecord(
+            iterations=int(self._total[member]),
+            largest=int(self._largest[member]),
+            worst_step=int(self._step[member]),
+            worst_residuals=self._changes.get(member, ()),
+        )
+
+    def arrays(self) -> dict[str, Array]:
+        """All of it by name, for a checkpoint."""
+        changes = np.full((self._total.size, int(self._largest.max(initial=0))), np.nan)
+        for member, own in self._changes.items():
+            changes[member, : len(own)] = own
+        counts = np.stack([self._total, self._largest, self._step]).astype(float)
+        return {"counts": counts, "changes": changes}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on from what :meth:`arrays` gave."""
+        counts = arrays["counts"].astype(np.int64)
+        self._total, self._largest, self._step = counts[0], counts[1], counts[2]
+        for member, own in enumerate(arrays["changes"]):
+            if self._largest[member]:
+                self._changes[member] = tuple(own[: self._largest[member]].tolist())

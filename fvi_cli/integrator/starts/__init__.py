@@ -1,0 +1,1 @@
+"""Powers of time with which a motion begins, and corrections of the first steps."""
