@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.counts import check_counts
+from fvi_cli.integrator.damping.damping import LEAST_BLOCK_STEPS, damping_of
+from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.blocks import longest_in_batch
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
-from fvi_cli.integrator.engine.damping import LEAST_BLOCK_STEPS, damping_of
-from fvi_cli.integrator.engine.directions import pattern_of
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
@@ -37,9 +38,10 @@ MOST_TOGETHER = 512
 def integrate_members(
     scenes: Sequence[Scene],
     method: AnyMethod,
-    n_steps: int,
+    n_steps: int | Mesh,
     *,
     every: int = 1,
+    with_steps: bool = False,
     checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
 ) -> list[Trajectory]:
     """Integrate every scene, those of one kind (:func:`kind_of`) as one batch.
@@ -48,7 +50,7 @@ def integrate_members(
     ----------
     scenes
         What is integrated.
-    method, n_steps, every
+    method, n_steps, every, with_steps
         As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
     checkpoints
         Where a scene that is integrated individually keeps its checkpoint.
@@ -65,15 +67,23 @@ def integrate_members(
     ValueError
         As `integrate` does, for the first scene that is not allowed.
     """
-    check_counts(n_steps, every)
+    if isinstance(n_steps, int):
+        check_counts(n_steps, every)
     found: dict[int, Trajectory] = {}
     for indices in _groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
         if len(indices) > 1 and isinstance(method, Method):
-            batch = integrate_batch(together, method, int(n_steps), every=every)
+            batch = integrate_batch(together, method, n_steps, every=every, with_steps=with_steps)
         else:
             batch = [
-                integrate(scene, method, n_steps, every=every, checkpoints=checkpoints(scene))
+                integrate(
+                    scene,
+                    method,
+                    n_steps,
+                    every=every,
+                    with_steps=with_steps,
+                    checkpoints=checkpoints(scene),
+                )
                 for scene in together
             ]
         found.update(zip(indices, batch, strict=True))
@@ -81,21 +91,27 @@ def integrate_members(
 
 
 def integrate_batch(
-    scenes: Sequence[Scene], method: Method, n_steps: int, *, every: int = 1
+    scenes: Sequence[Scene],
+    method: Method,
+    n_steps: int | Mesh,
+    *,
+    every: int = 1,
+    with_steps: bool = False,
 ) -> list[Trajectory]:
     """Integrate scenes of one kind, so many at a time as stay in the cache.
 
     One whose numbers cease to be finite is integrated individually, where overflow in blocks is
     told from a run that left its bound before.
     """
-    mesh, block = mesh_for(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
+    mesh, block = _mesh(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
     together = max(1, MOST_TOGETHER // _width(scenes[0]))
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
-        runs = integrate_scenes(part, method, mesh, every=every, most=block)
+        asked = partial(integrate_scenes, every=every, with_steps=with_steps)
+        runs = asked(part, method, mesh, most=block)
         found += [
-            integrate_scenes([scene], method, mesh, every=every)[0] if _overflows(one) else one
+            asked([scene], method, mesh)[0] if _overflows(one) else one
             for scene, one in zip(part, runs, strict=True)
         ]
     return found
@@ -134,7 +150,15 @@ def fewest(scene: Scene, n_steps: int) -> int:
     return max(least, min(most, n_steps // STEPS_FOR_ONE_MORE))
 
 
-def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[list[int]]:
+def _mesh(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
+    return n_steps if isinstance(n_steps, Mesh) else mesh_for(scene, method, n_steps)
+
+
+def _count(n_steps: int | Mesh) -> int:
+    return n_steps.n_steps if isinstance(n_steps, Mesh) else n_steps
+
+
+def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> list[list[int]]:
     """Places of the scenes that are integrated together; one where a scene is so individually."""
     if not isinstance(method, Method):
         return [[place] for place in range(len(scenes))]
@@ -144,25 +168,25 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[li
         found.setdefault(("alone", index) if kind is None else kind, []).append(index)
     groups: list[list[int]] = []
     for places in found.values():
-        if len(places) >= fewest(scenes[places[0]], n_steps):
+        if len(places) >= fewest(scenes[places[0]], _count(n_steps)):
             groups.append(places)
         else:
             groups += [[place] for place in places]
     return groups
 
 
-def kind_of(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
+def kind_of(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | None:
     """What scenes have in common that differ in numbers alone; None: it goes individually."""
     if scene.is_sparse:
         return None
     memory: Hashable = any(term.order != 1 for term in scene.active_damping)
     if not method.is_runge_kutta:
         is_corrected = method.start == "weights" and scene.active_damping
-        if scene.active_laws or is_corrected or writes_out(method, n_steps):
+        if scene.active_laws or is_corrected or writes_out(method, _count(n_steps)):
             return None
         memory = tuple(term.order for term in scene.active_damping)
     elif scene.active_laws:
-        memory = _rates_of(scene, method, mesh_for(scene, method, n_steps))
+        memory = _rates_of(scene, method, _mesh(scene, method, n_steps))
     width = _width(scene)
     if method.degree * (scene.dimension // width) > LARGEST_STEP:
         return None

@@ -10,6 +10,7 @@ import numpy as np
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.series.chebyshev import to_coefficients
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +73,16 @@ class StepTables:
         """From values at the quadrature points to Legendre coefficients, shape ``(r, r)``."""
         legendre = np.polynomial.legendre.legvander(2.0 * self.points - 1.0, self.points.size - 1)
         return np.asarray(np.linalg.inv(legendre))
+
+    @cached_property
+    def increments_to_series(self) -> Array:
+        """From a step's unknowns to Chebyshev coefficients of the polynomial, ``(s + 1, s)``."""
+        return to_coefficients(2.0 * self.control_points - 1.0)[:, 1:]
+
+    @cached_property
+    def stages_to_series(self) -> Array:
+        """From values at the quadrature points to Chebyshev coefficients, shape ``(r, r)``."""
+        return to_coefficients(2.0 * self.points - 1.0)
 
     @property
     def test_weights(self) -> Array:

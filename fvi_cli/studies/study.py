@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.stability.limits import refusal
@@ -99,31 +99,37 @@ def _observed_and_assessed(
     prediction: StabilityPrediction,
     checkpoints: RunKeeper | None,
 ) -> FinishedRun:
-    """The run with its error on the mesh, reported at the times that are asked for.
-
-    A motion with impacts has no reference.
-    """
+    """The run with its error on the mesh, reported at the times that are asked for."""
     asked = run.observations
-    steps = run.n_steps if asked.impacts else run.steps
-    on_mesh, reported = integrate_observed(
+    pair = integrate_observed(
         problem.scene,
         run.method,
-        steps,
+        run.n_steps if asked.impacts else run.steps,
         asked,
         diagnostics=run.experiment.diagnostics,
         checkpoints=checkpoints,
     )
-    reference = (
-        unknown_reference(problem.scene, "none (a motion with impacts)")
-        if asked.impacts
-        else reference_of(run)
-    )
+    if asked.impacts:
+        reference = unknown_reference(problem.scene, "none (a motion with impacts)")
+    else:
+        reference = reference_of(run)
+    return assessed_pair(run, pair, prediction, reference)
+
+
+def assessed_pair(
+    run: Run,
+    pair: tuple[Trajectory, Trajectory],
+    prediction: StabilityPrediction,
+    reference: Reference,
+) -> FinishedRun:
+    """A finished run from what it is on its mesh and at the times that are asked for."""
+    on_mesh, reported = pair
     finished = assessed(run, dataclasses.replace(on_mesh, steps=None), prediction, reference)
     reported = dataclasses.replace(
         reported,
         steps=None,
         remarks=finished.trajectory.remarks,
-        coordinates=asked.coordinates,
+        coordinates=run.observations.coordinates,
     )
     return dataclasses.replace(finished, trajectory=reported)
 

@@ -13,152 +13,151 @@ from the velocity; then this holds where it is zero.)
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import times
+from fvi_cli.effects.dynamics import dynamics_of
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
-from fvi_cli.integrator.convolution.damping import Damping, DampingTables
+from fvi_cli.integrator.damping.damper_forces import (
+    forces_of_dampers,
+    pieces_of_equal_steps,
+    stored_energy,
+)
+from fvi_cli.integrator.damping.damping import Damping, damping_of
+from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.memory.reach import Reach, find_reach
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.steps.step import StepSolver
 from fvi_cli.mathematics.arrays import Array
 
-PIECE = 128
-"""Equal steps that are worked out together."""
 
-
-def damping_along(damping: Damping, drivings: Array, sizes: Array) -> tuple[Array, Array | None]:
-    """Damping force and stored energy along a run.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DampingAlong:
+    """The damping of q scenes of one kind along their runs.
 
     Parameters
     ----------
     damping
-        What acts.
-    drivings
-        What drove it in every step, shape ``(n, inputs, d)``.
-    sizes
-        Of the steps, shape ``(n,)``.
+        That of all scenes.
+    reach
+        What it reaches of a large structure; None: all components.
+    step_sizes, inputs
+        Lengths of the steps, ``(n,)``, and what drives the memory in each, ``(q, n, i, e)``.
+    """
+
+    damping: Damping
+    reach: Reach | None
+    step_sizes: Array
+    inputs: Array
+
+    def forces(self) -> Array:
+        r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
+        found = forces_of_dampers(self.damping, self.step_sizes, self.inputs)
+        return found if self.reach is None else self.reach.spread(found)
+
+    def stored(self) -> Array | None:
+        """Energy in the memory at the points, ``(q, n + 1)``; None for backward differences."""
+        found = stored_energy(self.damping, self.step_sizes, self.inputs)
+        return None if found is None else np.asarray(found.sum(axis=0))
+
+
+def damping_along(
+    scenes: Sequence[Scene],
+    method: Method,
+    mesh: Mesh,
+    steps: Sequence[RunSteps],
+    *,
+    is_separate: bool = False,
+) -> DampingAlong | None:
+    """The damping along runs on one mesh of scenes whose terms have the same pattern.
+
+    Parameters
+    ----------
+    scenes, method
+        What moved, and how.
+    mesh
+        Of the whole runs, which may have ended before.
+    steps
+        As many of every run.
+    is_separate
+        Whether every damping term and law has a direction of its own.
 
     Returns
     -------
-    tuple
-        Force, shape ``(n, m, d)``, and energy on the mesh, ``(n + 1,)``; None where the damping
-        has none.
+    DampingAlong or None
+        None: nothing damps.
     """
-    n_kept = damping.n_remembered
-    n, _, d = drivings.shape
-    force = np.empty((n, damping.n_points, d))
-    stored = np.zeros(n + 1)
-    states = damping.initial_states()
-    weights = damping.energy_weights()
-    for first, last in _pieces(sizes):
-        at = damping.tables(float(sizes[first]))
-        driving = damping.input_of(drivings[first:last])
-        own = np.zeros((last - first, force.shape[1], n_kept))
-        for local, one in zip(at.local, damping.directions, strict=True):
-            own += times(np.einsum("ij,njc->nic", local, driving[..., :n_kept]), one.inner)
-        if weights is None:
-            states = _lagging(damping, at, states, driving, own)
-        elif damping.has_memory:
-            added = np.einsum("jr,nrc->njc", at.intake, driving)
-            path = np.empty((last - first + 1, *states.shape))
-            path[0] = states
-            for index in range(last - first):
-                path[index + 1] = path[index] * at.decay[:, None] + added[index]
-            states = path[-1]
-            for response, one, weight in zip(at.response, damping.directions, weights, strict=True):
-                carried = np.einsum("rj,njc->nrc", response, path[:-1])
-                own += damping.force_of_states(one, carried)
-                free = path[1:, :, :n_kept]
-                if one.is_relative:
-                    # states that began with the start velocity, or carry it in their column
-                    start = damping.remembered(damping.start_velocity)
-                    moved = path[1:, :, n_kept:] * start if damping.has_column else 0.0
-                    free = free + moved - start
-                stored[first + 1 : last + 1] += 0.5 * np.einsum(
-                    "j,njc,njc->n", weight, free, times(free, one.inner)
-                )
-        force[first:last] = damping.spread(own) + at.constant_force
-    return force, None if weights is None else stored
-
-
-def _lagging(
-    damping: Damping, at: DampingTables, states: Array, driving: Array, force: Array
-) -> Array:
-    """Add the force of the past in some steps where lags have matrices; the states after them."""
-    count, inputs, columns = driving.shape
-    if at.step is None:
-        return states
-    block = at.step.over(count)
-    for one in damping.directions:
-        carried = damping.combined(one, block.response) @ states
-        carried = carried.reshape(count, -1, columns)
-        for lag, kernel in enumerate(damping.combined(one, block.lags), start=1):
-            carried[lag:] += kernel @ driving[: count - lag]
-        force += damping.force_of_states(one, carried)
-    return block.after(states, driving.reshape(count * inputs, columns))
-
-
-def _pieces(sizes: Array) -> list[tuple[int, int]]:
-    """Ranges of equal step sizes, none longer than :data:`PIECE`."""
-    if sizes.size == 0:
-        return []
-    ends = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), sizes.size]
-    return [
-        (first, min(first + PIECE, end))
-        for begin, end in itertools.pairwise(ends)
-        for first in range(begin, end, PIECE)
-    ]
+    reach = find_reach(scenes[0].active_forces) if scenes[0].is_sparse else None
+    damping = damping_of(
+        scenes,
+        method,
+        shortest_step=mesh.shortest_step,
+        steps=mesh.equivalent_steps,
+        n_steps=None if method.is_runge_kutta else mesh.n_steps,
+        reach=reach,
+        is_separate=is_separate,
+    )
+    if damping is None:
+        return None
+    inputs = np.stack([one.velocity for one in steps])
+    if not method.is_runge_kutta:
+        inputs = np.stack([sampling_of(method).to_inputs @ one.unknowns for one in steps])
+    return DampingAlong(
+        damping=damping,
+        reach=reach,
+        step_sizes=steps[0].step_size,
+        inputs=inputs if reach is None else reach.along(inputs),
+    )
 
 
 def diagnose_run(
+    scene: Scene,
+    method: Method,
+    mesh: Mesh,
     steps: RunSteps,
-    solver: StepSolver,
     loads: StepLoads,
-    fresh: NDArray[np.bool_],
     asked: Asked,
-    *,
-    has_kicks: bool = False,
 ) -> Diagnostics:
     """The diagnostics that are asked for, on the points of the mesh.
 
     Parameters
     ----------
-    steps
-        The run.
-    solver, loads
-        What acted.
-    fresh
-        Steps that begin where a force may be singular, shape ``(n,)``.
+    scene, method
+        What moved, and how.
+    mesh
+        Of the whole run, which may have ended before.
+    steps, loads
+        The run, and the known forces.
     asked
         What is wanted.
-    has_kicks
-        Whether the damping acts by kicks at the points, half of each in the steps beside it.
     """
-    forces, stored, damping, sampling = None, None, solver.damping, solver.sampling
-    if damping is not None:
-        driving = steps.velocity
-        if not sampling.at_stages:
-            driving = sampling.driving @ steps.unknowns
-        force, stored = damping_along(damping, driving, steps.step_size)
-        forces = np.einsum("vi,nid->nvd", sampling.to_loads, force)
-        forces *= steps.step_size[:, None, None]
+    dynamics, forces, stored = dynamics_of(scene), None, None
+    along = damping_along([scene], method, mesh, [steps])
+    if along is not None:
+        forces = sampling_of(method).to_loads @ along.forces().sum(axis=0)[0]
+        forces = forces * steps.step_size[:, None, None]
+        every = along.stored()
+        stored = None if every is None else every[0]
+    fresh = np.isin(steps.time[:-1], [one.begin for one in mesh.stretches if one.is_fresh])
     added = loads_along(loads.of_damping, steps, fresh)
     if added is not None:
         forces = -added if forces is None else forces - added
     kicks = None
-    if has_kicks and forces is not None:
+    if method.sampling == "nodes" and forces is not None:
+        # half of each kick is in the steps beside its point
         kicks = 2.0 * np.concatenate([forces[:, 0], forces[-1:, -1]])
     return diagnose(
         BalanceData(
             steps=steps,
-            dynamics=solver.dynamics,
-            energy=solver.dynamics.energy(steps.position, steps.momentum, steps.time),
+            dynamics=dynamics,
+            energy=dynamics.energy(steps.position, steps.momentum, steps.time),
             damping=forces,
             forcing=loads_along(loads.of_forcing, steps, fresh),
             stored=stored,
@@ -183,7 +182,7 @@ def loads_along(
         Steps that begin where a force may be singular, shape ``(n,)``.
     """
     found = []
-    for first, last in _pieces(steps.step_size):
+    for first, last in pieces_of_equal_steps(steps.step_size):
         begin = first
         # a piece may hold several singular points: each begins a part of its own
         for end in [*(first + 1 + np.flatnonzero(fresh[first + 1 : last])).tolist(), last]:

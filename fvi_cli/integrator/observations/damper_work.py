@@ -6,14 +6,12 @@ is a polynomial on every step, whose integral over whole steps is the quadrature
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import chebyshev
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array
 
 PREFIX = "work_"
 
@@ -24,8 +22,8 @@ def work_names(scene: Scene) -> tuple[str, ...]:
     return tuple(f"{PREFIX}{number}" for number in range(1, count + 1))
 
 
-def alone(scene: Scene, name: str) -> Scene:
-    """The scene with that damping term or law only.
+def damper_place(scene: Scene, name: str) -> int | None:
+    """Place of that damping term or law among the active ones; None: it does nothing.
 
     Raises
     ------
@@ -37,17 +35,15 @@ def alone(scene: Scene, name: str) -> Scene:
             f"{name}: the power of a Riemann-Liouville derivative is infinite at the start; use "
             "caputo, or begin at 0"
         )
+    every = (*scene.damping, *scene.laws)
     index = int(name.removeprefix(PREFIX)) - 1
-    terms = len(scene.damping)
-    return replace(
-        scene,
-        damping=scene.damping[index : index + 1],
-        laws=scene.laws[index - terms : index - terms + 1] if index >= terms else (),
-    )
+    if not every[index].is_active:
+        return None
+    return sum(one.is_active for one in every[:index])
 
 
 def running_work(shape: RunSteps, force: Array | None) -> Array:
-    """Legendre coefficients, on every step, of the work since the start, ``(n, r + 1)``.
+    """Chebyshev coefficients, on every step, of the work since the start, ``(r + 1, n)``.
 
     Parameters
     ----------
@@ -56,20 +52,11 @@ def running_work(shape: RunSteps, force: Array | None) -> Array:
     force
         On the damper, at their stages, ``(n, r, d)``; None: it does nothing.
     """
-    stages = shape.tables.points
+    stages = shape.tables.points.size
     if force is None:
-        return np.zeros((shape.n_steps, stages.size + 1))
-    power = np.einsum("nrd,nrd->nr", force, shape.velocity)
-    at_stages = legendre.legvander(2.0 * stages - 1.0, stages.size - 1)
-    rates = np.linalg.solve(at_stages, power.T)
-    found = np.asarray(legendre.legint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
+        return np.zeros((stages + 1, shape.n_steps))
+    power = np.einsum("nrd,nrd->rn", force, shape.velocity)
+    rates = shape.tables.stages_to_series @ power
+    found = np.asarray(chebyshev.chebint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
     found[0, 1:] += np.cumsum(found.sum(axis=0))[:-1]
-    return found.T
-
-
-def work_at(coefficients: Array, steps: Places, tau: Array) -> Array:
-    """The work at places of steps, shape ``(n,)``."""
-    return np.asarray(legendre.legval(2.0 * tau - 1.0, coefficients[steps].T, tensor=False))
-
-
-__all__ = ["alone", "running_work", "work_at", "work_names"]
+    return found

@@ -1,36 +1,69 @@
 """A function along a motion, in pieces on each of which a polynomial stands for it.
 
-On every piece (a step, or a part of one) the function is interpolated in Chebyshev points; where
-the last coefficients have not decayed the piece is halved. The extremes of the polynomials are
-found as eigenvalues; between two neighbours among them and the ends of the pieces the function is
-monotone, so that a change of sign encloses exactly one root, and two roots in a step are two
-changes (Boyd, *Solving Transcendental Equations*, SIAM 2014, sections 2 and 3).
+On every piece (a step, or a part of one) the function is interpolated in Chebyshev points. A
+criterion, see :mod:`~fvi_cli.integrator.observations.criteria`, says which pieces are halved. The
+extremes of the polynomials are eigenvalues; between two neighbours among them and the ends of the
+pieces the function is monotone, so that a change of sign encloses exactly one root, and two roots
+in a step are two changes (Boyd, *Solving Transcendental Equations*, SIAM 2014, sections 2 and 3).
+
+Steps of all members have one numbering: those of a member follow each other, and behind them those
+of the next one begin. No decision on a member depends on others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.series.chebyshev import (
+    in_rows,
+    products_of_series,
+    roots_of_series,
+    second_kind_points,
+    slopes_of_series,
+    to_coefficients,
+)
 
 Along = Callable[[Places, Array], Array]
 """Values at places of steps, shapes ``(n,)`` and ``(n,)`` to ``(n,)``."""
 
-Columns = tuple[NDArray[np.generic], ...]
+Mask = NDArray[np.bool_]
 
 POINTS = 17
 """Chebyshev points of a piece."""
-DECAY = 1e-9
-"""Last coefficients of a piece that is not halved, relative to the largest."""
-LEAST_HALVINGS, MOST_HALVINGS = 4, 7
 AT_A_TIME = 2048
-"""Steps that are worked out together."""
+"""Steps of a member that make a part, and steps of all members that are computed together."""
+MOST_PIECES = 2**17
+"""Pieces of one length of a part; where there would be more, features may be missed."""
 ROOT_SWEEPS = 80
+
+_NODES = second_kind_points(POINTS)
+_TO_COEFFICIENTS = to_coefficients(_NODES).T.copy()
+_SLOPES, _PRODUCTS = slopes_of_series(POINTS), products_of_series(POINTS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Successive steps of one member.
+
+    Parameters
+    ----------
+    first, last
+        Their numbers, and that behind the last.
+    end
+        Place in the last step at which the part ends.
+    """
+
+    first: int
+    last: int
+    end: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,11 +73,14 @@ class Pieces:
     Parameters
     ----------
     step, begin, end
-        Number of the step and places in it, shape ``(n,)``, in the order of time.
+        Number of the step and places in it, shape ``(n,)``, in the order of steps.
     values
         At the Chebyshev points of the second kind from `begin` to `end`, shape ``(n, POINTS)``.
     coefficients
         Of the Chebyshev polynomials, shape ``(n, POINTS)``.
+    lost
+        Steps, with the place in them as a fraction, from which on features may be missed, since
+        the function changes too fast.
     """
 
     step: Places
@@ -52,151 +88,143 @@ class Pieces:
     end: Array
     values: Array
     coefficients: Array
+    lost: tuple[float, ...] = ()
+
+    @property
+    def middle(self) -> Array:
+        """Means of the polynomials in the Chebyshev weight, shape ``(n,)``."""
+        return self.coefficients[:, 0]
+
+    @property
+    def reach(self) -> Array:
+        """By so much at most the polynomials differ from `middle`, shape ``(n,)``."""
+        return np.asarray(np.abs(self.coefficients[:, 1:]).sum(axis=1))
+
+    @property
+    def squares(self) -> Array:
+        """Integrals of the squared polynomials, in parts of a step, shape ``(n,)``."""
+        product = in_rows(self.coefficients, _PRODUCTS)
+        return np.asarray(0.5 * (self.end - self.begin) * (product * self.coefficients).sum(axis=1))
+
+    def stations(self, wanted: Mask) -> tuple[Places, Array]:
+        """Ends of pieces and extremes of the wanted ones: number of the step, and place in it."""
+        piece, inside = roots_of_series(in_rows(self.coefficients[wanted], _SLOPES))
+        own = np.flatnonzero(wanted)[piece]
+        begin, end = self.begin[own], self.end[own]
+        step = np.concatenate([self.step, self.step, self.step[own]])
+        within = begin + 0.5 * (inside + 1.0) * (end - begin)
+        place = np.concatenate([self.begin, self.end, within])
+        order = np.lexsort((place, step))
+        return step[order], place[order]
 
 
-_NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
-TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_NODES, POINTS - 1)).T
-_SLOPES = chebyshev.chebder(np.eye(POINTS), axis=0).T
-_INTEGRALS = np.array([0.0 if k % 2 else 2.0 / (1.0 - k * k) for k in range(2 * POINTS)])
-_DEGREES = np.arange(POINTS)
-# integrals of products of two Chebyshev polynomials
-_PRODUCTS = 0.5 * (
-    _INTEGRALS[_DEGREES[:, None] + _DEGREES] + _INTEGRALS[np.abs(_DEGREES[:, None] - _DEGREES)]
-)
+class Criterion(Protocol):
+    """Samples a function on pieces and says which of them are halved."""
+
+    def __call__(
+        self, depth: int, step: Places, tau: Array, part: Places, carried: Array
+    ) -> tuple[Array, Array, Mask, Array]:
+        """Values, coefficients, the pieces that are to be halved, and what their halves get.
+
+        Parameters
+        ----------
+        depth
+            How often steps were halved.
+        step, tau
+            Step of every piece, ``(n,)``, and its Chebyshev points, ``(n, POINTS)``.
+        part
+            Number of its part, ``(n,)``.
+        carried
+            What it gave for the piece of which they are halves, ``(n, 2)``; at first
+            :data:`NOTHING_CARRIED`.
+        """
 
 
-def pieces_of(along: Along, n_steps: int, last_place: float = 1.0) -> Iterator[Pieces]:
-    """The pieces of all steps, of the last one up to a place in it, some steps at a time."""
-    for first in range(0, n_steps, AT_A_TIME):
-        step = np.arange(first, min(first + AT_A_TIME, n_steps))
-        begin, end = np.zeros(step.size), np.ones(step.size)
-        if step[-1] == n_steps - 1:
-            end[-1] = last_place
-        done: list[Columns] = []
-        before = step.size
-        for depth in range(MOST_HALVINGS + 1):
-            tau = places_in(begin, end)
-            values = along(np.repeat(step, POINTS), tau.ravel()).reshape(tau.shape)
-            coefficients = coefficients_of(values)
-            size = np.abs(coefficients)
-            rough = size[:, -2:].max(axis=1) > DECAY * size.max(axis=1)
-            # where halving makes none smoother the function is round-off
-            is_noise = depth >= LEAST_HALVINGS and int(rough.sum()) > 1.8 * before
-            before = int(rough.sum())
-            if depth == MOST_HALVINGS or is_noise:
-                rough[:] = False
-            smooth = ~rough
-            done.append(
-                (step[smooth], begin[smooth], end[smooth], values[smooth], coefficients[smooth])
-            )
-            if not rough.any():
-                break
-            step, begin, end = halve(step, begin, end, rough)
-        yield join_in_order(done)
+NOTHING_CARRIED = (math.inf, 0.0)
 
 
-def places_in(begin: Array, end: Array) -> Array:
-    """Chebyshev points of pieces, shape ``(n, POINTS)``."""
-    tau = begin[:, None] + 0.5 * (_NODES + 1.0) * (end - begin)[:, None]
-    tau[:, -1] = end
-    return np.asarray(tau)
+def parts_of(first: int, count: int, end: float = 1.0) -> list[Part]:
+    """The parts of `count` steps of a member from the step `first` on."""
+    edges = [*range(first, first + count, AT_A_TIME), first + count]
+    found = [Part(first=a, last=b) for a, b in itertools.pairwise(edges)]
+    if found:
+        found[-1] = Part(first=found[-1].first, last=found[-1].last, end=end)
+    return found
 
 
-def coefficients_of(values: Array) -> Array:
-    """Chebyshev coefficients of values, both of shape ``(n, POINTS)``."""
-    # a single point without a value, such as t = 0, is no reason to halve
-    return np.asarray(np.where(np.isfinite(values), values, 0.0) @ TO_COEFFICIENTS)
+def pieces_of(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
+    """The pieces of all parts, some parts at a time, in their order."""
+    first, steps = 0, 0
+    for index, one in enumerate(parts):
+        if steps and steps + one.last - one.first > AT_A_TIME:
+            yield from _divided(parts[first:index], criterion)
+            first, steps = index, 0
+        steps += one.last - one.first
+    yield from _divided(parts[first:], criterion)
 
 
-def halve(
-    step: Places, begin: Array, end: Array, chosen: NDArray[np.bool_]
-) -> tuple[Places, Array, Array]:
-    """Both halves of the chosen pieces."""
-    step, begin, end = step[chosen], begin[chosen], end[chosen]
-    middle = 0.5 * (begin + end)
-    return (
-        np.repeat(step, 2),
-        np.stack([begin, middle], axis=1).ravel(),
-        np.stack([middle, end], axis=1).ravel(),
-    )
-
-
-def join_in_order(done: list[Columns]) -> Pieces:
-    """Pieces from groups of their fields, in the order of time."""
+def _divided(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
+    """The pieces of parts; where there are too many, of one part after the other."""
+    if not parts:
+        return
+    step = np.concatenate([np.arange(one.first, one.last) for one in parts])
+    sizes = [one.last - one.first for one in parts]
+    part = np.repeat(np.arange(len(parts)), sizes)
+    begin, end = np.zeros(step.size), np.ones(step.size)
+    end[np.cumsum(sizes) - 1] = [one.end for one in parts]
+    carried = np.tile(NOTHING_CARRIED, (step.size, 1))
+    lost: list[float] = []
+    done: list[tuple[NDArray[np.generic], ...]] = []
+    depth = 0
+    while step.size:
+        tau = begin[:, None] + 0.5 * (_NODES + 1.0) * (end - begin)[:, None]
+        tau[:, -1] = end
+        values, coefficients, rough, carried = criterion(depth, step, tau, part, carried)
+        count = int(np.count_nonzero(rough))
+        if 2 * count > MOST_PIECES:
+            if len(parts) > 1:
+                for one in parts:
+                    yield from _divided([one], criterion)
+                return
+            at = int(np.flatnonzero(rough)[0])
+            lost.append(float(step[at] + begin[at]))
+            # of these only the ends count
+            coefficients[rough] = np.eye(POINTS)[0]
+            rough[:] = False
+        kept = ~rough
+        done.append((step[kept], begin[kept], end[kept], values[kept], coefficients[kept]))
+        middle = 0.5 * (begin[rough] + end[rough])
+        begin = np.stack([begin[rough], middle], axis=1).ravel()
+        end = np.stack([middle, end[rough]], axis=1).ravel()
+        step, part = np.repeat(step[rough], 2), np.repeat(part[rough], 2)
+        carried = np.repeat(carried[rough], 2, axis=0)
+        depth += 1
     columns = [np.concatenate(one) for one in zip(*done, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
-    return Pieces(
+    yield Pieces(
         step=columns[0][order],
         begin=columns[1][order],
         end=columns[2][order],
         values=columns[3][order],
         coefficients=columns[4][order],
+        lost=tuple(lost),
     )
 
 
-def may_change_sign(found: Pieces) -> NDArray[np.bool_]:
-    """Whether the polynomial of a piece may have a root."""
-    size = np.abs(found.coefficients)
-    return np.asarray(size[:, 1:].sum(axis=1) >= size[:, 0])
+def by_owner(owner: Places, steps: Places, count: int) -> list[tuple[int, Places | slice]]:
+    """For each of `count` members that own some of the steps, which of them."""
+    if count == 1:
+        return [(0, slice(None))]
+    members, inverse = np.unique(owner[steps], return_inverse=True)
+    order = np.argsort(inverse, kind="stable")
+    ends = np.cumsum(np.bincount(inverse))[:-1]
+    return list(zip(members.tolist(), np.split(order, ends), strict=True))
 
 
-def may_exceed(found: Pieces, least: float, greatest: float) -> NDArray[np.bool_]:
-    """Whether the polynomial of a piece may leave an interval."""
-    middle, reach = found.coefficients[:, 0], np.abs(found.coefficients[:, 1:]).sum(axis=1)
-    return np.asarray((middle + reach > greatest) | (middle - reach < least))
-
-
-def stations(found: Pieces, wanted: NDArray[np.bool_]) -> tuple[Places, Array]:
-    """Ends of pieces and extremes of some, by time: number of the step, and place in it.
-
-    Parameters
-    ----------
-    found
-        The pieces.
-    wanted
-        Those whose extremes are wanted, shape ``(n,)``.
-    """
-    slopes = found.coefficients[wanted] @ _SLOPES
-    piece, inside = _roots(slopes)
-    own = np.flatnonzero(wanted)[piece]
-    begin, end = found.begin[own], found.end[own]
-    step = np.concatenate([found.step, found.step, found.step[own]])
-    place = np.concatenate([found.begin, found.end, begin + 0.5 * (inside + 1.0) * (end - begin)])
-    order = np.lexsort((place, step))
-    return step[order], place[order]
-
-
-def _roots(coefficients: Array) -> tuple[Places, Array]:
-    """Real roots in [-1, 1] of Chebyshev series, as eigenvalues: whose they are, and the roots."""
-    size = np.abs(coefficients)
-    counted = size > 1e-14 * size.max(axis=1, keepdims=True, initial=0.0)
-    degrees = np.where(counted, np.arange(size.shape[1]), 0).max(axis=1, initial=0)
-    owners, roots = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
-    for degree in np.unique(degrees[degrees > 0]).tolist():
-        own = np.flatnonzero(degrees == degree)
-        # the colleague matrix, in the symmetric scaling of NumPy's chebcompanion
-        matrix = np.zeros((own.size, degree, degree))
-        beside = np.full(degree - 1, 0.5)
-        beside[:1] = np.sqrt(0.5)
-        index = np.arange(degree - 1)
-        matrix[:, index, index + 1] = matrix[:, index + 1, index] = beside
-        scale = np.full(degree, np.sqrt(0.5))
-        scale[0] = 1.0
-        series = coefficients[own, : degree + 1]
-        factor = 0.5 if degree > 1 else 1.0
-        matrix[:, :, -1] -= factor * series[:, :-1] / series[:, -1:] * (scale / scale[-1])
-        values = np.linalg.eigvals(matrix)
-        # nearly double extremes leave the real axis by the root of round-off
-        kept = (np.abs(values.imag) < 1e-4) & (np.abs(values.real) < 1.0)
-        owners.append(np.repeat(own, degree).reshape(values.shape)[kept])
-        roots.append(values.real[kept])
-    return np.concatenate(owners), np.concatenate(roots)
-
-
-def square_of(found: Pieces) -> Array:
-    """Integral of the squared polynomial of every piece, in parts of a step, shape ``(n,)``."""
-    product = np.einsum("nk,kl,nl->n", found.coefficients, _PRODUCTS, found.coefficients)
-    return np.asarray(0.5 * (found.end - found.begin) * product)
+def coefficients_of(values: Array) -> Array:
+    """Chebyshev coefficients of values, both of shape ``(n, POINTS)``."""
+    # a single point without a value, such as t = 0, is no reason to halve
+    return in_rows(np.where(np.isfinite(values), values, 0.0), _TO_COEFFICIENTS)
 
 
 def bracketed_roots(
@@ -209,19 +237,22 @@ def bracketed_roots(
     """
     a, b, fa, fb = right.copy(), left.copy(), at_right.copy(), at_left.copy()
     c, fc = a.copy(), fa.copy()
-    share = np.full(a.size, 0.5)
+    share, found = np.full(a.size, 0.5), np.zeros(a.size)
+    open_ = np.arange(a.size)
     for _ in range(ROOT_SWEEPS):
         place = a + share * (b - a)
-        value = along(step, place)
+        value = along(step[open_], place)
         same = np.sign(value) == np.sign(fa)
         c, fc = np.where(same, a, b), np.where(same, fa, fb)
         b, fb = np.where(same, b, a), np.where(same, fb, fa)
         a, fa = place, value
         nearer = np.abs(fa) < np.abs(fb)
         best = np.where(nearer, a, b)
+        found[open_] = best
         width = np.abs(b - a)
         least = 4e-16 * np.maximum(np.abs(best), 1e-3)
-        if np.all((width <= 2.0 * least) | (np.where(nearer, fa, fb) == 0.0)):
+        going = ~((width <= 2.0 * least) | (np.where(nearer, fa, fb) == 0.0))
+        if not going.any():
             break
         with np.errstate(all="ignore"):
             xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
@@ -233,4 +264,7 @@ def bracketed_roots(
         usable = quadratic & np.isfinite(share)
         share = np.where(usable, share, 0.5)
         share = np.clip(share, np.minimum(limit, 0.5), np.maximum(1.0 - limit, 0.5))
-    return np.asarray(best)
+        # a root that is found rests, so that it does not depend on the others
+        a, b, c, share, open_ = a[going], b[going], c[going], share[going], open_[going]
+        fa, fb, fc = fa[going], fb[going], fc[going]
+    return found

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.observations.observe import integrate_observed_members
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import members_at_a_time
 from fvi_cli.studies.study import (
     assessed,
+    assessed_pair,
     execute,
     is_refused,
     kept_on_the_way,
@@ -30,6 +32,10 @@ Pack = tuple[object, ...]
 LEAST_PACK, LARGEST_PACK, PACKS = 8, 64, 16
 """Members side by side gain little beyond the largest pack, which is what a worker takes, and what
 an interruption loses; smaller sweeps are dealt into so many packs, for that many workers."""
+
+
+FOR_OBSERVATIONS = 4
+"""So many times the memory takes a member whose steps are kept, with those of a second run."""
 
 
 def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
@@ -63,7 +69,7 @@ def pack_of(run: Run) -> Pack:
 def pack_size(experiment: Experiment) -> int:
     """How many members of a sweep are computed together at most; 1 where nothing is swept.
 
-    Also 1 where quantities or events are asked for: these members share nothing.
+    Also 1 where impacts are asked for: these members share nothing.
     """
     if one_by_one_words(experiment):
         return 1
@@ -71,24 +77,19 @@ def pack_size(experiment: Experiment) -> int:
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
     members = max(1, len(experiment.members))
     shared = max(LEAST_PACK, -(-members // PACKS))
-    together = members_at_a_time(max(experiment.steps, default=1), dimension)
+    steps = max(experiment.steps, default=1)
+    if not experiment.observations.is_empty:
+        steps *= FOR_OBSERVATIONS
+    together = members_at_a_time(steps, dimension)
     return min(members, shared, LARGEST_PACK, together)
 
 
 def one_by_one_words(experiment: Experiment) -> str:
     """Why members of a sweep share nothing; empty where they may."""
-    asked = experiment.observations
-    keys = {
-        "output": asked.times is not None,
-        "quantities": asked.quantities,
-        "events": asked.events,
-        "impacts": asked.impacts,
-    }
-    found = " and ".join(key for key, value in keys.items() if value)
-    if not (experiment.members and found):
+    if not (experiment.members and experiment.observations.impacts):
         return ""
     return (
-        f"the {len(experiment.members)} members are integrated one by one, because `{found}` is "
+        f"the {len(experiment.members)} members are integrated one by one, because `impacts` is "
         "asked for; without it they would be integrated in batches"
     )
 
@@ -109,13 +110,18 @@ def execute_batch(
         Where runs that are computed one by one keep their checkpoints.
     """
     first = batch[0]
-    is_observed = not first.experiment.observations.is_empty
+    asked = first.experiment.observations
 
     def keeper(run: Run) -> RunKeeper | None:
-        is_alone = len(batch) == 1 and not is_observed
+        is_alone = len(batch) == 1 and asked.is_empty
         return None if checkpoints is None else checkpoints.of(run, is_alone=is_alone)
 
-    if first.member is None or is_observed or not isinstance(first.problem, Problem):
+    is_single = len(batch) == 1 or first.experiment.grading != 1.0
+    if (
+        first.member is None
+        or not isinstance(first.problem, Problem)
+        or (not asked.is_empty and (is_single or asked.impacts))
+    ):
         return [execute(run, keeper(run)) for run in batch]
     members = tuple(run.member for run in batch if run.member is not None)
     references = references_of(members, first.experiment.steps, first.experiment.grading)
@@ -125,6 +131,17 @@ def execute_batch(
         for run, prediction in zip(batch, predictions, strict=True)
         if isinstance(run.problem, Problem) and not is_refused(run, prediction)
     }
+    if not asked.is_empty:
+        every_asked = [run.observations for run in going.values()]
+        pairs = iter(
+            integrate_observed_members(list(going), first.method, first.n_steps, every_asked)
+        )
+        return [
+            refused(run, prediction, reference)
+            if is_refused(run, prediction)
+            else assessed_pair(run, next(pairs), prediction, reference)
+            for run, prediction, reference in zip(batch, predictions, references, strict=True)
+        ]
     every = kept_on_the_way(first)
     if first.experiment.grading == 1.0:
         computed = iter(

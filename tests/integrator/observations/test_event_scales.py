@@ -9,8 +9,7 @@ from letters import spring
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations import isolation
-from fvi_cli.integrator.observations.pieces import pieces_of
+from fvi_cli.integrator.observations import criteria, events
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
@@ -123,11 +122,7 @@ def test_all_changes_of_sign_are_found_many(seed):
 def test_without_ranges_pulses_are_lost(monkeypatch):
     """The control: pieces of which only values are looked at."""
 
-    def by_values(along: isolation.FormulaAlong, n_steps: int):
-        for one in pieces_of(along, n_steps):
-            yield one, math.inf
-
-    monkeypatch.setattr(isolation, "isolating_pieces_of", by_values)
+    monkeypatch.setattr(events, "Isolated", criteria.Resolved)
     lost = 0
     for seed in range(1, 25, 5):
         try:
@@ -162,12 +157,12 @@ def test_what_cannot_be_found_is_said():
 
 def test_a_value_that_is_zero_but_for_round_off_costs_little(monkeypatch):
     seen = []
-    own = isolation.FormulaAlong.enclosed
+    own = criteria.FormulaAlong.enclosed
 
-    def counted(self: isolation.FormulaAlong, steps: Array, tau: Array):
+    def counted(self: criteria.FormulaAlong, steps: Array, tau: Array):
         seen.append(len(tau))
         return own(self, steps, tau)
 
-    monkeypatch.setattr(isolation.FormulaAlong, "enclosed", counted)
+    monkeypatch.setattr(criteria.FormulaAlong, "enclosed", counted)
     fvi.integrate(spring(T=20.0, m=1.0, k=1.0, x=1.0), "gauss4", 40, events={"e": "ax + x"})
     assert sum(seen) < 40 * 64

@@ -5,7 +5,8 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations.isolation import FormulaAlong, event_places
+from fvi_cli.integrator.observations.criteria import FormulaAlong
+from fvi_cli.integrator.observations.events import event_places
 from fvi_cli.integrator.observations.pieces import bracketed_roots
 from fvi_cli.mathematics.expressions import Expression
 
@@ -56,8 +57,8 @@ def test_places_are_roots_to_round_off_of_the_step():
         return {"t": tau, **{name: roots[step, k] for k, name in enumerate("abc")}}
 
     formula = Expression.parse("(t - a)*(t - b)*(t - c)", variables=("t", *"abc"))
-    step, place, lost = event_places(FormulaAlong(formula, variables), 200, "any")
-    assert lost == np.inf
+    step, place, lost = event_places(FormulaAlong(formula, variables), [200], "any")
+    assert lost == {}
     apart = np.diff(roots, axis=1).min(axis=1) > 1e-3
     for index in np.flatnonzero(apart):
         own = place[step == index]

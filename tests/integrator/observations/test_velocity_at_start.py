@@ -15,7 +15,7 @@ from oracles.volterra import VolterraSolution, solve_volterra
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.dense_motion import DenseMotion
+from fvi_cli.integrator.observations.motion import DenseMotion
 
 Array = NDArray[np.float64]
 Terms = tuple[tuple[float, float], ...]
@@ -111,9 +111,11 @@ def test_velocities_and_their_extents_from_the_start_on(seed):
 @pytest.mark.parametrize("seed", [0, 2, 4, 8])
 def test_differences_of_positions_are_seen(seed, monkeypatch):
     # the control: mean velocities of short steps from positions, which are round-off
-    def differences(motion: DenseMotion) -> tuple[Array, ...]:
-        begin, left, end, right, _ = gaps(motion)
-        return begin, left, end, right, (end - begin) / motion.steps.step_size[:, None]
+    def differences(motion: DenseMotion, member: int) -> tuple[Array, ...]:
+        _, left, right = gaps(motion, member)
+        steps = motion.steps[member]
+        mean = np.diff(steps.position, axis=0) / steps.step_size[:, None]
+        return mean - motion.shapes[member].unknowns[:, -1], left, right
 
     gaps = DenseMotion._gaps
     monkeypatch.setattr(DenseMotion, "_gaps", differences)

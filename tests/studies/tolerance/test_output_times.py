@@ -7,7 +7,7 @@ from oracles.volterra import VolterraSolution, solve_volterra
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.observations import dense_motion
+from fvi_cli.integrator.observations import motion
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -116,13 +116,13 @@ HARD = {
 
 def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the motion between points go wrong by a cubic that the momenta of a run would ask for."""
-    gaps = dense_motion.DenseMotion._gaps
+    gaps = motion.DenseMotion._gaps
 
-    def wrong(self):
-        begin, left, end, right, mean = gaps(self)
-        return begin, left + 1e-3, end, right + 1e-3, mean
+    def wrong(self, member):
+        mean, left, right = gaps(self, member)
+        return mean, left + 1e-3, right + 1e-3
 
-    monkeypatch.setattr(dense_motion.DenseMotion, "_gaps", wrong)
+    monkeypatch.setattr(motion.DenseMotion, "_gaps", wrong)
 
 
 @pytest.mark.parametrize("mesh", ["", ", mesh: uniform"])

@@ -1,0 +1,354 @@
+r"""The damping force of q members on blocks of equal steps, from states that stand for the past.
+
+A Caputo derivative of order above 1 acts on the velocity less its start :math:`v_0`. A derivative
+of a constant is zero: so with Runge-Kutta methods states that begin with :math:`v_0` need no
+subtraction, up to a constant force, which stands for the rates that are too small to forget
+anything in the time of the run; it is what the response to a constant velocity lacks, so that none
+is left to the last digit. Where some terms subtract and others do not, and with backward
+differences, the states begin with zero, and one more column for all members, the states of a start
+velocity of 1, carries :math:`v_0` for those that do.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.directions import Direction, directions_of
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.memory.interface import Combination, Kernels, along
+from fvi_cli.integrator.memory.lag_sequences import expand
+from fvi_cli.integrator.memory.lags import Lags
+from fvi_cli.integrator.memory.reach import Reach
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.arrays import Array, Places
+
+LEAST_BLOCK_STEPS = 16
+"""On fewer equal steps by backward differences every sum over the past is written out."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DampingTables:
+    """What B equal steps are to the damping.
+
+    Parameters
+    ----------
+    kernels
+        Tables of the memory.
+    sequences
+        For every direction the force by inputs, lag sequences ``(q or 1, B, m, i)``.
+    offsets
+        For every relative direction the force of a start velocity of 1 that its steps bring,
+        ``(q or 1, B m)``; None for others.
+    """
+
+    kernels: Kernels
+    sequences: tuple[Array, ...]
+    offsets: tuple[Array | None, ...]
+
+    @cached_property
+    def local(self) -> tuple[Array, ...]:
+        """For every direction inputs of the block to its forces, ``(q or 1, B m, B i)``."""
+        return tuple(expand(one) for one in self.sequences)
+
+    def of(self, places: Places) -> DampingTables:
+        """Those of some members."""
+
+        def own(table: Array) -> Array:
+            return table if len(table) == 1 else table[places]
+
+        return replace(
+            self,
+            sequences=tuple(own(one) for one in self.sequences),
+            offsets=tuple(None if one is None else own(one) for one in self.offsets),
+        )
+
+
+class Damping:
+    """All that damps the members of a batch.
+
+    Parameters
+    ----------
+    directions
+        At least one.
+    memory
+        Of all their terms.
+    velocity
+        At the start, ``(q, e)``; along the reach, where there is one.
+    jump
+        Initial position, ``(q, e)``, where the samples begin with a step from 0 to it: samples on
+        the nodes under Riemann-Liouville, as in the paper; None: they do not.
+    """
+
+    def __init__(
+        self,
+        directions: Sequence[Direction],
+        memory: Exponentials | Lags,
+        velocity: Array,
+        jump: Array | None = None,
+    ) -> None:
+        self.directions, self.memory = tuple(directions), memory
+        self._velocity, self._jump = velocity[:, None], jump
+        self.combinations = tuple(
+            Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
+        )
+        relative = any(one.is_relative for one in self.directions)
+        # whether or not the others remember: members of order 1 stand beside other orders
+        plain = any(not one.is_relative for one in self.directions)
+        self.has_column = relative and (plain or memory.column is not None)
+        self._starts_relative = relative and not self.has_column
+
+    def _remembers(self, one: Direction) -> bool:
+        return any(self.memory.remembers(term) for row in one.terms for term in row)
+
+    @property
+    def n_states(self) -> int:
+        """Number J of states of each component."""
+        return self.memory.n_states
+
+    def tables(self, h: float, count: int) -> DampingTables:
+        """Tables of `count` steps of length h."""
+        kernels = self.memory.kernels(h, count)
+        every = kernels.sequence
+        sequences = tuple(one.combine(every) for one in self.combinations)
+        offsets = tuple(
+            self._offset(kernels, sequence, combination) if one.is_relative else None
+            for sequence, combination, one in zip(
+                sequences, self.combinations, self.directions, strict=True
+            )
+        )
+        return DampingTables(kernels=kernels, sequences=sequences, offsets=offsets)
+
+    def _offset(self, kernels: Kernels, sequence: Array, one: Combination) -> Array:
+        count, column = kernels.count, self.memory.column
+        if column is not None:
+            return np.asarray(np.cumsum(sequence @ column, axis=1).reshape(len(sequence), -1))
+        ones = np.ones((len(sequence), self.n_states, 1))
+        unit = replace(one, matrix=np.ones((1, 1, 1)))
+        past = kernels.past([ones], [unit], 1)[..., 0]
+        return np.asarray(np.tile(-(sequence[:, 0].sum(axis=2) + past), count))
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether the tables of all members are the same: they differ in matrices alone."""
+        return all(len(one.weights) == len(one.factors) == 1 for one in self.combinations)
+
+    @property
+    def operations_per_step(self) -> int:
+        """Multiply-adds of the memory of a member in a step: force on it, and new states."""
+        columns = self._velocity.shape[2] + (1 if self.has_column else 0)
+        remembering = sum(1 for one in self.directions if self._remembers(one))
+        return int(columns * self.memory.operations_per_step(remembering))
+
+    def start(self) -> tuple[Array, Array]:
+        """States at t = 0: of the members ``(q, J, e)``, and of a start velocity of 1."""
+        q, _, e = self._velocity.shape
+        column = np.zeros((1, self.n_states, 1))
+        states = np.zeros((q, self.n_states, e))
+        if self.has_column:
+            column += self.memory.column_start
+        elif self._starts_relative:
+            states = states + self._velocity
+        if self._jump is not None and isinstance(self.memory, Lags):
+            kernels = self.memory.kernels(self.memory.h, 1)
+            states = kernels.push(states, self._jump_inputs(self.memory), 1)
+        return states, column
+
+    def _jump_inputs(self, memory: Lags) -> Array:
+        """The step from 0 to the initial position, ``(q, s, e)``."""
+        q, _, e = self._velocity.shape
+        inputs = np.zeros((q, memory.n_inputs, e))
+        inputs[:, -1] = 0.0 if self._jump is None else self._jump / memory.h
+        return inputs
+
+    def force_of_jump(self) -> Array:
+        """Force of the jump to the initial position that is left out, ``(q, n, m, e)``.
+
+        At the first sample all of it, as in the paper. A derivative of order 1 of a jump is zero
+        behind it: its backward differences, which come to an end, are left out at all samples.
+        """
+        memory = self.memory
+        if self._jump is None or not isinstance(memory, Lags):
+            return np.zeros((len(self._velocity), 0, 0, self._velocity.shape[2]))
+        kernels = memory.at_lags(np.arange(1, min(memory.bdf_order + 1, memory.n_steps) + 1))
+        first = self._jump_inputs(memory)
+        whole, total = np.zeros((2, len(first), *kernels.shape[1:3], first.shape[2]))
+        for one in self.combinations:
+            for place, factor in zip(one.places[0], one.factors.T, strict=True):
+                force = np.matmul(kernels[place], first[:, None]).reshape(
+                    len(first), -1, first.shape[2]
+                )
+                force = along(factor[:, None, None] * force, one.matrix)
+                force = force.reshape(whole.shape)
+                whole += force
+                if memory.terms[place] == 0.0:
+                    total += force
+        total[:, 0, 0] = whole[:, 0, 0]
+        return np.asarray(total)
+
+    def past(
+        self,
+        tables: DampingTables,
+        states: Array,
+        column: Array,
+        count: int,
+        direction: int | None = None,
+    ) -> Array:
+        """Force of the past on the first `count` steps of a block, ``(q, count m, e)``.
+
+        Of all directions together, or of one.
+        """
+        chosen = range(len(self.directions)) if direction is None else [direction]
+        combinations = [self.combinations[index] for index in chosen]
+        own = self._acted_on(states, column)
+        force = tables.kernels.past([own[index] for index in chosen], combinations, count)
+        for index, one in zip(chosen, combinations, strict=True):
+            offset = tables.offsets[index]
+            if offset is not None:
+                start = along(self._velocity, one.matrix)
+                force = force + offset[:, : force.shape[1], None] * start
+        return force
+
+    def _acted_on(self, states: Array, column: Array) -> list[Array]:
+        """For every direction the states on which it acts."""
+        moved = states + column * self._velocity if self.has_column else states
+        return [moved if one.is_relative else states for one in self.directions]
+
+    def own(
+        self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
+    ) -> Array:
+        """Force of the first `count` steps on each other, ``(q, count m, e)``, as for `past`.
+
+        Inputs are ``(q, count i, e)``.
+        """
+        size = count * tables.kernels.n_samples
+        chosen = range(len(self.directions)) if direction is None else [direction]
+        total = np.zeros((len(inputs), size, inputs.shape[2]))
+        for index in chosen:
+            force = np.matmul(tables.local[index][:, :size, : inputs.shape[1]], inputs)
+            total += along(force, self.combinations[index].matrix)
+        return total
+
+    def energy(self, states: Array, column: Array) -> Array | None:
+        r"""Energy that every direction stores, ``(n_directions, ..., q)``.
+
+        .. math:: E = \tfrac12 \sum_j e_j\, s_j \cdot D s_j
+
+        with the states ``(..., q, J, e)`` of a relative term less the start velocity. None for
+        backward differences: their weights are no positive sum of squares.
+        """
+        memory = self.memory
+        if not isinstance(memory, Exponentials):
+            return None
+        found = np.zeros((len(self.directions), *states.shape[:-2]))
+        if memory.kernel is None:
+            return found
+        by_term = memory.kernel.energy_weights
+        every = zip(self._acted_on(states, column), self.combinations, self.directions, strict=True)
+        for index, (acted, one, direction) in enumerate(every):
+            free = acted - self._velocity if direction.is_relative else acted
+            squares = (free * along(free, one.matrix)).sum(axis=-1)
+            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=-1)
+        return found
+
+    def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:
+        """States behind the first `count` steps, driven by ``(q, count i, e)``."""
+        return tables.kernels.push(states, inputs, count)
+
+    def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
+        """States of a start velocity of 1 behind the first `count` steps, ``(1, J, 1)``."""
+        if not self.has_column:
+            return column
+        inputs = np.zeros((1, count * tables.kernels.n_inputs, 1))
+        if self.memory.column is not None:
+            inputs[0, :, 0] = np.tile(self.memory.column, count)
+        return tables.kernels.push(column, inputs, count)
+
+    def at_rest(self) -> Damping:
+        """The same without a start velocity."""
+        part = copy.copy(self)
+        part._velocity = np.zeros_like(self._velocity)
+        return part
+
+    def of(self, places: Places) -> Damping:
+        """That of some members; tables that are not shared have theirs."""
+        part = copy.copy(self)
+        part._velocity = self._velocity[places]
+        part._jump = None if self._jump is None else self._jump[places]
+        part.combinations = tuple(one.of(places) for one in self.combinations)
+        return part
+
+
+def damping_of(
+    scenes: Sequence[Scene],
+    method: Method,
+    *,
+    shortest_step: float,
+    steps: float | None = None,
+    n_steps: int | None = None,
+    modes: Sequence[Decoupling] | None = None,
+    reach: Reach | None = None,
+    is_separate: bool = False,
+) -> Damping | None:
+    """The damping of scenes of one kind; None where nothing damps.
+
+    Parameters
+    ----------
+    scenes, method
+        What is integrated, and how.
+    shortest_step, steps
+        Of the mesh, as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
+    n_steps
+        Number of equal steps, for backward differences.
+    modes, reach, is_separate
+        As for :func:`fvi_cli.integrator.damping.directions.directions_of`.
+
+    Raises
+    ------
+    ValueError
+        For backward differences without a number of steps.
+    """
+    directions = directions_of(scenes, modes, reach, is_separate=is_separate)
+    if not directions:
+        return None
+    terms = tuple(dict.fromkeys(t for one in directions for row in one.terms for t in row))
+    final_time = scenes[0].final_time
+    memory: Exponentials | Lags
+    if method.is_runge_kutta:
+        memory = Exponentials(
+            method, terms, shortest_step=shortest_step, final_time=final_time, steps=steps
+        )
+    elif n_steps is None:
+        raise ValueError("n_steps: backward differences take a number of equal steps")
+    else:
+        is_direct = method.history == "direct"
+        if method.history == "auto":
+            is_direct = n_steps < LEAST_BLOCK_STEPS
+        memory = Lags(method, terms, n_steps=n_steps, final_time=final_time, writes_out=is_direct)
+    at_nodes = method.sampling == "nodes" and scenes[0].derivative == "riemann-liouville"
+    return Damping(
+        directions,
+        memory,
+        _members([one.initial_velocity for one in scenes], modes, reach),
+        _members([one.initial_position for one in scenes], modes, reach) if at_nodes else None,
+    )
+
+
+def _members(
+    values: Sequence[Array], modes: Sequence[Decoupling] | None, reach: Reach | None
+) -> Array:
+    """Values of scenes as those of members, ``(q, e)``."""
+    if reach is not None:
+        return np.array([reach.along(one) for one in values])
+    if modes is None:
+        return np.array(values)
+    return np.concatenate([mode.positions(one) for mode, one in zip(modes, values, strict=True)])
+
+
+__all__ = ["Damping", "DampingTables", "damping_of"]

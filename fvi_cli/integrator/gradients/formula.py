@@ -1,0 +1,139 @@
+r"""Expressions along a run, accelerations and damping forces among them, and their derivatives.
+
+A value is a function of the position and velocity, of the damping force F there, the polynomial
+through its values at the stages, and of the scene itself. By an acceleration
+
+.. math:: M a = f - \nabla V(x) - F, \qquad
+          L_{vv} a = L_x - L_{vx} v - L_{vt} + f - F
+
+it depends on all of them: with a held fixed, the right-hand sides are differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.dynamics import General, dynamics_of
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.gradients.linearised import LinearisedRun
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.variation import Variation, differentiate
+from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.observer import Observer
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of
+
+Asked = Callable[[int, float], Observations]
+"""Names in an expression for a value of one of the parameters; of index -1: as they are."""
+
+
+class Formula:
+    """An expression at n times of a run.
+
+    Parameters
+    ----------
+    run
+        The run.
+    times
+        Shape ``(n,)``.
+    expression
+        In the names of `asked`.
+    asked
+        What these names mean.
+
+    Attributes
+    ----------
+    observation
+        The motion there.
+    values
+        Of the expression, shape ``(n,)``.
+
+    Raises
+    ------
+    ValueError
+        For times outside of the run.
+    """
+
+    def __init__(
+        self, run: LinearisedRun, times: Array, expression: Expression, asked: Asked
+    ) -> None:
+        self._scene, self._expression, self._asked = run.scene, expression, asked
+        own = asked(-1, 0.0)
+        self._own = own
+        kinds = {own.derived.get(name, (name, 0))[0] for name in expression.names}
+        self.is_of_motion = kinds <= {"", "v", "t"}
+        force = run.damping_force if kinds & {"a", "d"} else None
+        self._motion = DenseMotion(
+            scenes=(run.scene,),
+            steps=(run.steps,),
+            shapes=(run.steps,),
+            find_forces=lambda _: (None if force is None else force[None],),
+        )
+        self._places = self._motion.located(0, times)
+        self.observation = Observation(run.steps, self._places)
+        self.values = Observer(self._motion, [own]).along(expression)(*self._places)
+
+    def slopes(self) -> tuple[Array, Array, Array]:
+        """Derivatives by the position, the velocity and the damping force F, each ``(n, d)``."""
+        places, derived = self._places, self._own.derived
+        observer = Observer(self._motion, [self._own])
+        values = {**self._own.parameters, **observer.variables(self._expression, *places)}
+        by = np.zeros((4, places[0].size, self._scene.dimension))
+        position, velocity, acceleration, damping = by
+        rows = {"": position, "v": velocity, "a": acceleration, "d": damping}
+        for name, rate in slopes_of(self._expression, values, derived).items():
+            prefix, index = derived[name]
+            rows[prefix][:, index] = rate
+        if acceleration.any():
+            through = _through_accelerations(self._motion, places, acceleration)
+            by[[0, 1, 3]] += through
+        # there the damping is what the initial data make of it, see `rates`
+        damping[self._motion.time(*places) == 0.0] = 0.0
+        return position, velocity, -damping
+
+    def rates(self, variations: Sequence[Variation]) -> Array:
+        """Derivatives by parameters with all these held, ``(n, p)``: what the scene itself does."""
+        found = np.zeros((self.values.size, len(variations)))
+        if self.is_of_motion:
+            return found
+        for index, one in enumerate(variations):
+            values = partial(self._beside, index)
+            (found[:, index],) = differentiate(one, self._scene, values)
+        return found
+
+    def _beside(self, index: int, scene: Scene, number: float) -> list[Array]:
+        motion = replace(self._motion, scenes=(scene,))
+        observer = Observer(motion, [self._asked(index, number)])
+        return [observer.along(self._expression)(*self._places)]
+
+
+def _through_accelerations(
+    motion: DenseMotion, places: tuple[NDArray[np.intp], Array], weights: Array
+) -> Array:
+    """Derivatives of ``sum(weights * a)`` by position, velocity and force, ``(3, n, d)``."""
+    scene: Scene = motion.scenes[0]
+    dynamics, time = dynamics_of(scene), motion.time(*places)
+    position, velocity = motion.position(*places), motion.velocity(*places)
+    by_position, by_velocity = np.zeros((2, *weights.shape))
+    if not isinstance(dynamics, General):
+        share = scene.inertia.velocity(weights)
+        if dynamics.potential is not None:
+            hessian = dynamics.potential.hessian(position)
+            by_position[:] = -np.einsum("nab,nb->na", hessian, share)
+        return np.stack([by_position, by_velocity, share])
+    lagrangian, acceleration = dynamics.lagrangian, motion.acceleration(*places)
+    mass = lagrangian.derivatives(position, velocity, time).mass
+    share = np.asarray(np.linalg.solve(mass, weights[..., None])[..., 0], dtype=float)
+    for found, step in ((by_position, (1j, 0)), (by_velocity, (0, 1j))):
+        for index, unit in enumerate(COMPLEX_STEP * np.eye(scene.dimension)):
+            beside = position + step[0] * unit, velocity + step[1] * unit
+            right = lagrangian.derivatives(*beside, time).force
+            right = right - lagrangian.momentum_rate(*beside, acceleration, time)
+            found[:, index] = np.einsum("nd,nd->n", share, right).imag / COMPLEX_STEP
+    return np.stack([by_position, by_velocity, share])

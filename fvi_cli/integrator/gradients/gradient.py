@@ -1,0 +1,234 @@
+"""Derivatives of a run: of one number by many parameters, of many numbers by a few."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.frame import sampling_of
+from fvi_cli.integrator.gradients.formula import Asked, Formula
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.quantity import Quantity
+from fvi_cli.integrator.gradients.variation import Variation, disturbance, loads_of
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.asked import Observations, names_of
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.arrays import Array
+
+
+class RunFailedError(ValueError):
+    """A run that did not come to its end, which has no derivatives."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gradient:
+    """A number of a trajectory and its derivatives.
+
+    Parameters
+    ----------
+    value
+        The number.
+    derivatives
+        By every parameter, shape ``(p,)``.
+    step_solves
+        Linear systems of a step that were solved beyond the run itself.
+    n_steps
+        Steps of the run.
+    """
+
+    value: float
+    derivatives: Array
+    step_solves: int
+    n_steps: int
+
+
+def run_steps(scene: Scene, method: Method, steps: AnySteps) -> RunSteps:
+    """All steps of a run.
+
+    Raises
+    ------
+    RunFailedError
+        If it does not come to its end.
+    ValueError
+        For a method that keeps no steps.
+    """
+    trajectory = integrate(scene, method, steps, with_steps=True)
+    if trajectory.status != "ok" or trajectory.steps is None:
+        raise RunFailedError(f"the run {trajectory.status}: {trajectory.message}")
+    return trajectory.steps
+
+
+def gradient_of(
+    scene: Scene,
+    method: Method,
+    steps: AnySteps,
+    quantity: Quantity,
+    variations: Sequence[Variation],
+    asked: Asked | None = None,
+) -> Gradient:
+    """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
+
+    Parameters
+    ----------
+    scene, method, steps
+        The run.
+    quantity, variations
+        The number, and the parameters.
+    asked
+        Names in expressions; None: t and the coordinates of the scene with what derives from them.
+
+    Raises
+    ------
+    RunFailedError
+        If the run does not come to its end.
+    ValueError
+        For times outside of the run, names that are not known, and a number without derivatives.
+    """
+    named = asked or (lambda index, value: Observations(coordinates=names_of(scene)))
+    expression = quantity.expression(named(-1, 0.0), scene)
+    run = LinearisedRun(scene, method, run_steps(scene, method, steps))
+    if expression is None:
+        observation = Observation(run.steps, run.steps.located(quantity.times))
+        given: tuple[Array, ...] = observation.motion()
+        by_position, by_velocity = quantity.derivatives(*given)
+        by_force, rates = np.zeros_like(by_position), np.zeros(len(variations))
+    else:
+        formula = Formula(run, quantity.times, expression, named)
+        observation, given = formula.observation, (formula.values,)
+        (by_value,) = quantity.derivatives(*given)
+        by_position, by_velocity, by_force = (by_value[:, None] * o for o in formula.slopes())
+        rates = by_value @ formula.rates(variations)
+    spread = observation.spread(by_position, by_velocity)
+    by_stages = observation.spread_force(by_force) if by_force.any() else None
+    cotangent = run.adjoint(*spread, by_stages)
+    # one after the other: a disturbance is as large as the run
+    found = [float(cotangent.along(disturbance(run, [one]))[0]) for one in variations]
+    derivatives, value = np.array(found) + rates, float(quantity.value(*given))
+    if not (math.isfinite(value) and np.isfinite(derivatives).all()):
+        raise ValueError("quantity: it, or a derivative of it, is not finite at these times")
+    return Gradient(
+        value=value, derivatives=derivatives, step_solves=run.step_solves, n_steps=run.steps.n_steps
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensitivities:
+    """A motion at some times, and its derivatives by p parameters.
+
+    Parameters
+    ----------
+    position, velocity
+        Shape ``(n, d)``.
+    by_position, by_velocity
+        Derivatives of both, ``(n, d, p)``.
+    run, change, tangent
+        The run, what the parameters do to its equations, and to the motion.
+    variations
+        The parameters.
+    """
+
+    position: Array
+    velocity: Array
+    by_position: Array
+    by_velocity: Array
+    run: LinearisedRun
+    change: Disturbance
+    tangent: Tangent
+    variations: Sequence[Variation]
+
+    @cached_property
+    def by_force(self) -> Array:
+        """Derivatives of the damping force at the stages, ``(p, N, r, d)``."""
+        return self.run.damping_changes(self.tangent, self.change)
+
+    def of(self, formula: Formula) -> Array:
+        """Derivatives of an expression at n times of the run, ``(n, p)``."""
+        by_position, by_velocity, by_force = formula.slopes()
+        position, velocity = formula.observation.changes(self.tangent)
+        found = formula.rates(self.variations)
+        found += np.einsum("nd,pnd->np", by_position, position)
+        found += np.einsum("nd,pnd->np", by_velocity, velocity)
+        if by_force.any():
+            force = formula.observation.force_changes(self.by_force)
+            found += np.einsum("nd,pnd->np", by_force, force)
+        return found
+
+
+def sensitivities(
+    scene: Scene,
+    method: Method,
+    steps: AnySteps,
+    times: Array,
+    variations: Sequence[Variation],
+) -> Sensitivities:
+    """Derivatives of a motion by a few parameters: one run, one sweep with a column for each."""
+    if isinstance(steps, Mesh) and scene.is_linear:
+        run = linear_run(scene, method, steps)
+    else:
+        run = LinearisedRun(scene, method, run_steps(scene, method, steps))
+    observation = Observation(run.steps, run.steps.located(times))
+    position, velocity = observation.motion()
+    change = disturbance(run, variations)
+    tangent = run.tangent(change)
+    by_position, by_velocity = (np.moveaxis(o, 0, -1) for o in observation.changes(tangent))
+    return Sensitivities(
+        position=position,
+        velocity=velocity,
+        by_position=by_position,
+        by_velocity=by_velocity,
+        run=run,
+        change=change,
+        tangent=tangent,
+        variations=variations,
+    )
+
+
+def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
+    """A run of a linear scene on a mesh, ready for tangents and adjoints.
+
+    The motion is what initial data and loads, as disturbances, make of rest: the tables of its
+    steps are made once for the run and its derivatives. Momenta at the points are not found.
+
+    Raises
+    ------
+    ValueError
+        If the equations of a step have no unique solution, or a step has too many unknowns.
+    """
+    tables, d = step_tables(method), scene.dimension
+    sizes = np.concatenate([np.full(one.n_steps, one.step_size) for one in mesh.stretches])
+    inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in mesh.stretches]
+    ends = [np.append(own, one.end) for own, one in zip(inside, mesh.stretches, strict=True)]
+    nothing = np.zeros((sizes.size + 1, d))
+    stages = np.zeros((sizes.size, tables.points.size, d))
+    rest = RunSteps(
+        tables=tables,
+        time=np.concatenate([[0.0], *ends]),
+        position=nothing,
+        momentum=np.full_like(nothing, np.nan),
+        step_size=sizes,
+        velocity=stages,
+    )
+    run = LinearisedRun(scene, method, rest)
+    loads = loads_of(run, scene, "of_forcing") + loads_of(run, scene, "of_damping")
+    motion = run.tangent(
+        Disturbance(
+            loads=loads[None],
+            position=scene.initial_position[None],
+            velocity=scene.initial_velocity[None],
+            momentum=(scene.inertia.mass @ scene.initial_velocity)[None],
+            damping=stages[None],
+        )
+    )
+    velocity = np.matmul(sampling_of(method).to_inputs, motion.unknowns[0])
+    run.steps = replace(rest, position=motion.position[0], velocity=velocity)
+    return run

@@ -1,0 +1,173 @@
+"""Steps that are found on the way: the local error decides on their lengths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.domain import first_undefined, undefined_near
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.local_error.defect import StepPath
+from fvi_cli.integrator.local_error.examine import Examiner, Finding
+from fvi_cli.integrator.loop.recorder import why_unsolved
+from fvi_cli.integrator.loop.source import Proposal
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
+from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.arrays import Array
+
+MOST_SHORTEST = 256.0
+"""Adaptive runs take fewer steps of their shortest size than this."""
+INFINITE = "the force may be infinite"
+TOO_LONG = "no step is short enough for the local error"
+UNKEPT = "the local error cannot be kept"
+
+
+def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepController:
+    """Sizes of the steps of a run.
+
+    Raises
+    ------
+    ValueError
+        If the method is no Gauss method of degree 2 or more.
+    """
+    if method.cq != "gauss" or method.degree < 2:
+        raise ValueError(
+            f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
+            f"for {method.case}"
+        )
+    is_singular = start_power(scene, at_start=True) is not None
+    return StepController(
+        steps,
+        final_time=scene.final_time,
+        breaks=scene.break_points,
+        stages=method.degree,
+        is_singular=is_singular or bool(scene.break_points),
+    )
+
+
+class AdaptiveSource:
+    """Single steps of one scene; those whose local error is too large are rejected.
+
+    Parameters
+    ----------
+    scene, method, steps
+        What is integrated, by which Gauss method, and what the steps are chosen for.
+
+    Attributes
+    ----------
+    controller
+        Sizes of the steps, and how many were rejected.
+    """
+
+    def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
+        self.controller = step_controller(scene, method, steps)
+        self._examiner = Examiner(scene, step_tables(method))
+        potential = scene.potential
+        if (
+            isinstance(potential, ExpressionPotential)
+            and potential.energy_expression.system.is_entire
+        ):
+            # its forces say as much, and are looked at
+            potential = None
+        self._potential, self._most_steps = potential, steps.most_steps
+        self.failure: Failure | None = None
+        self._done = 0
+        self._error = StepFailedError(UNKEPT)
+        self._infinite: list[float] = []
+
+    @property
+    def doubts(self) -> tuple[tuple[float, str], ...]:
+        """Times with what the steps there may have missed."""
+        found = [(time, INFINITE) for time in self._infinite]
+        if self.controller.forced_at is not None:
+            found.append((self.controller.forced_at, TOO_LONG))
+        return tuple(found)
+
+    def propose(self) -> Proposal | None:
+        """The next step to try."""
+        controller = self.controller
+        if controller.is_finished:
+            return None
+        begin, error = controller.time, self._error
+        if self._done >= self._most_steps:
+            error = StepFailedError("the most steps are done", reason="most steps")
+        if controller.is_stuck or self._done >= self._most_steps:
+            self.failure = Failure.in_step(self._done, begin, error)
+            return None
+        return Proposal(begin, controller.propose(), 1, 1, controller.is_fresh, begin)
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The end of a step that keeps the local tolerance; None rejects it."""
+        controller, h = self.controller, steps.h
+        position = engine.scene_positions(state.x[:, None])[0, 0]
+        unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
+        scale, finding = _largest(position), Finding(error=math.inf)
+        if steps.failed.any():
+            self._error = why_unsolved(steps, state)
+        elif (outside := self._outside(position, unknowns, h)) is not None:
+            self._error = StepFailedError(undefined_near(outside), reason="irregular")
+        else:
+            self._error = StepFailedError(UNKEPT)
+            scale += h * _largest(unknowns)
+            path = StepPath(begin=controller.time, size=h, position=position, unknowns=unknowns)
+            finding = self._examiner.examine(
+                path,
+                controller.tolerance_for(scale),
+                fresh=controller.is_fresh,
+                shortest=controller.shortest_step,
+            )
+        if finding.cut is not None:
+            controller.cut(finding.cut)
+            return None
+        is_kink = finding.ends_on is not None
+        if not controller.judge(h, finding.error, scale, ends_on_kink=is_kink):
+            self._examiner.give_up_cuts()
+            return None
+        self._examiner.go_on(finding)
+        if finding.unresolved_at is not None:
+            self._infinite.append(finding.unresolved_at)
+        self._done += 1
+        return controller.time
+
+    def accept(self, count: int) -> float:
+        """Every step is judged."""
+        raise ValueError("steps: those that are found on the way are taken one by one")
+
+    def _outside(self, position: Array, unknowns: Array, h: float) -> Array | None:
+        """A place of a step at which the potential energy is not finite."""
+        if self._potential is None:
+            return None
+        path = np.concatenate([position[None], position + h * unknowns])
+        found = first_undefined(self._potential, path)
+        return None if found is None else path[found]
+
+    def arrays(self) -> dict[str, Array]:
+        """Where it is, for a checkpoint."""
+        return {
+            "controller": np.array(self.controller.state, dtype=float),
+            "examiner": np.array(self._examiner.state, dtype=float),
+            "infinite": np.array(self._infinite),
+            "done": np.array(self._done),
+        }
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on from what :meth:`arrays` gave."""
+        self.controller.restore(arrays["controller"].tolist())
+        largest, starts_on = arrays["examiner"].tolist()
+        self._examiner.restore(largest, starts_on)
+        self._infinite = arrays["infinite"].tolist()
+        self._done = int(arrays["done"])
+
+
+def _largest(values: Array) -> float:
+    """Largest absolute value; zero if it is not finite."""
+    found = float(np.abs(values).max())
+    return found if math.isfinite(found) else 0.0

@@ -1,0 +1,155 @@
+"""The loop over the steps of a run, whatever scenes they are of and wherever they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fvi_cli.integrator.engine.blocks import advance, block_for
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.recurrence import Recurrence
+from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import Proposal, Source
+
+CHUNK = 4096
+"""Steps whose known forces are computed together, at most."""
+
+LARGEST_CHUNK = 2**17
+"""Numbers in the positions of these steps, at most."""
+
+
+def chunk_steps(dimension: int) -> int:
+    """Steps of a chunk of scenes with so many degrees of freedom in all.
+
+    A power of 2, as blocks are: so they are the same whatever the number of scenes is.
+    """
+    most = CHUNK
+    while most > 16 and most * dimension > LARGEST_CHUNK:
+        most //= 2
+    return most
+
+
+def run(
+    engine: Engine,
+    source: Source,
+    *,
+    state: State | None = None,
+    recorder: Recorder | None = None,
+    after: Callable[[], object] | None = None,
+    until: int | None = None,
+) -> State:
+    """Ask for steps, solve as many as are best done at once, and let them be judged.
+
+    Parameters
+    ----------
+    engine
+        Solves the steps of its scenes.
+    source
+        Proposes steps and judges them.
+    state
+        Where to begin; the start of the scenes by default. It moves on.
+    recorder
+        Keeps what is wanted of the steps; its `live` says which scenes go on.
+    after
+        Is called behind accepted steps of a proposal: there a run may stop and go on.
+    until
+        Stop where at least so many steps of the run are done; the end by default.
+
+    Returns
+    -------
+    State
+        That at the end, or where the last scene stopped.
+    """
+    state = engine.start() if state is None else state
+    recorder = Recorder(engine) if recorder is None else recorder
+    chunk = chunk_steps(engine.q * engine.e)
+    recurrences: dict[tuple[float, int], Recurrence] = {}
+    with np.errstate(all="ignore"):
+        while recorder.live.any():
+            if until is not None and recorder.reached >= until:
+                recorder.flush(state)
+                return state
+            asked = source.propose()
+            if asked is None:
+                if source.failure is not None:
+                    recorder.stop(source.failure)
+                break
+            count, before = min(asked.n_steps, chunk), recorder.reached
+            _steps(engine, source, state, recorder, asked, count, recurrences)
+            if recorder.is_full:
+                recorder.flush(state)
+            if after is not None and recorder.reached > before and recorder.live.any():
+                after()
+        recorder.flush(state)
+        recorder.finish()
+    return state
+
+
+def _steps(
+    engine: Engine,
+    source: Source,
+    state: State,
+    recorder: Recorder,
+    asked: Proposal,
+    count: int,
+    recurrences: dict[tuple[float, int], Recurrence],
+) -> None:
+    """So many of the proposed steps, or those up to one that is rejected."""
+    if asked.is_fresh:
+        state.unknowns = state.rest = None
+    state.t, h = asked.begin, asked.h
+    loads = engine.loads(state.t, h, count, is_fresh=asked.is_fresh)
+    block, done, overflows = block_for(engine, asked.total), 0, False
+    while done < count and state.live.any():
+        at, ahead = asked._replace(first=asked.first + done), count - done
+        own = None if loads is None else loads[:, done:]
+        blocks = 0 if overflows else ahead // block
+        if Recurrence.pays(engine, block, blocks, asked.total):
+            n, before = blocks * block, state.copy()
+            key = (h, block)
+            if key not in recurrences:
+                # graded meshes have many sizes
+                recurrences.clear()
+                recurrences[key] = Recurrence(engine, h, block)
+            x, p, inputs = recurrences[key].run(
+                state,
+                blocks,
+                None if own is None else own[:, :n],
+                with_inputs=recorder.with_steps,
+            )
+            if not np.isfinite(x[:, -1]).all():
+                vars(state).update(vars(before))
+                overflows = True
+                continue
+            state.t = source.accept(n)
+            if inputs is not None:
+                inputs = inputs.reshape(1, n, -1, engine.e)
+            recorder.add(at, state.t, x, p, inputs)
+            done += n
+            continue
+        if overflows:
+            # products with numbers of later steps that overflow hide where a run leaves its bound
+            steps = engine.solve(state, h, 1, None if own is None else own[:, :1])
+        else:
+            steps = advance(engine, state, h, ahead, asked.total, own)
+            if engine.law.is_linear and len(engine.scenes) == 1 and steps.count > 1:
+                overflows = not np.isfinite(steps.dx[:, -1]).all()
+                if overflows:
+                    continue
+        end = source.judge(engine, state, steps)
+        if end is None:
+            recorder.newton.add(recorder.reached, steps.attempts)
+            return
+        recorder.note(state, steps)
+        recorder.add(
+            at,
+            end,
+            state.x[:, None] + steps.dx,
+            state.p[:, None] + steps.dp,
+            steps.inputs.reshape(engine.q, steps.count, -1, engine.e),
+            None if engine.law.is_linear else steps.unknowns,
+        )
+        engine.accept(state, steps, end)
+        done += steps.count

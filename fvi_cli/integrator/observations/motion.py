@@ -1,0 +1,362 @@
+r"""The motion between the points of a mesh, to the order of the method at the points.
+
+The polynomial of a step of an m-stage method has the order m + 1, its velocity m, and the damping
+force along it less; at the mesh points the Gauss method has 2 m. So a second run on the same mesh,
+by the Gauss method of 2 m stages, gives the shape of every step, and a cubic takes it to the
+positions and velocities of the run at both ends: :math:`x(t_n) = q_n`, :math:`x'(t_n) = v_n`
+exactly, and between them nothing is lost. With damping of an order above 1 the momenta are not
+used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
+:math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
+first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
+a straight line then takes the shape to the positions. The slopes are those of the increments of
+the steps: in the shortest ones the difference of two positions is round-off. The damping force at
+any time is the polynomial through its stage values in that second run, and the acceleration
+follows from the equation of motion,
+
+.. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
+   L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
+
+never from differences. The one exception are Riemann-Liouville derivatives of an order above 1 with
+:math:`v_0 \neq 0`, whose stage values keep the error of the first step as the momenta do: there
+the acceleration is the derivative of the velocity polynomial, and the force follows from the
+equation of motion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from fvi_cli.effects.dynamics import General, dynamics_of
+from fvi_cli.effects.matrices import times
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
+from fvi_cli.integrator.observations.damper_work import damper_place, running_work
+from fvi_cli.integrator.observations.pieces import by_owner
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.mathematics.series.chebyshev import (
+    evaluate_series,
+    second_kind_points,
+    slopes_of_series,
+    to_coefficients,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DenseMotion:
+    r"""Motions of q members at any time of their runs.
+
+    Steps have one numbering: those of a member follow each other, and behind them those of the
+    next one begin. A place is a step and a number from 0 to 1.
+
+    Parameters
+    ----------
+    scenes
+        What moves, q of them.
+    steps
+        Their runs.
+    shapes
+        Steps on the same meshes that say what lies between their points; those of a run itself
+        where nothing better is known.
+    find_forces
+        Damping forces :math:`\mu D^\gamma q` of every member at the stages of its shape,
+        ``(k, n, r, d)``, to be added up; with True one for each active damping term and law; None
+        without damping.
+    remarks
+        What the reader should know of each; empty: nothing.
+    """
+
+    scenes: tuple[Scene, ...]
+    steps: tuple[RunSteps, ...]
+    shapes: tuple[RunSteps, ...]
+    find_forces: Callable[[bool], Sequence[Array | None]]
+    remarks: tuple[str, ...] = ()
+
+    # the mesh
+
+    @cached_property
+    def firsts(self) -> Places:
+        """Number of the first step of every member, and that behind the last, ``(q + 1,)``."""
+        return np.append(0, np.cumsum([one.n_steps for one in self.steps]))
+
+    @cached_property
+    def owner(self) -> Places:
+        """Member of every step, ``(N,)``."""
+        return np.repeat(np.arange(len(self.steps)), [one.n_steps for one in self.steps])
+
+    @cached_property
+    def begin(self) -> Array:
+        """Where steps begin, ``(N,)``."""
+        return np.concatenate([one.time[:-1] for one in self.steps])
+
+    @cached_property
+    def end(self) -> Array:
+        """Where steps end, ``(N,)``."""
+        return np.concatenate([one.time[1:] for one in self.steps])
+
+    @cached_property
+    def step_size(self) -> Array:
+        """Lengths of steps, ``(N,)``."""
+        return np.concatenate([one.step_size for one in self.steps])
+
+    def located(self, member: int, time: Array) -> tuple[Places, Array]:
+        """Number of the step and place in it of times in the run of a member, shape ``(n,)``.
+
+        Raises
+        ------
+        ValueError
+            For times outside of the run.
+        """
+        steps, tau = self.steps[member].located(time, at_ends=True)
+        return steps + self.firsts[member], tau
+
+    def time(self, steps: Places, tau: Array) -> Array:
+        """Times of places, shape ``(n,)``; the end of a step is the point of the mesh."""
+        found = self.begin[steps] + tau * self.step_size[steps]
+        return np.where(tau == 1.0, self.end[steps], found)
+
+    # the motion
+
+    def position(self, steps: Places, tau: Array) -> Array:
+        """Positions, shape ``(n, d)``."""
+        increments, _ = self._polynomials
+        way = evaluate_series(increments, steps, 2.0 * tau - 1.0)
+        return np.asarray(self._begins[steps] + self.step_size[steps, None] * way)
+
+    def velocity(self, steps: Places, tau: Array) -> Array:
+        """Velocities, shape ``(n, d)``."""
+        _, rates = self._polynomials
+        found = evaluate_series(rates, steps, 2.0 * tau - 1.0)
+        starts = np.flatnonzero((tau == 0.0) & (self.begin[steps] == 0.0))
+        for place, member in zip(starts.tolist(), self.owner[steps[starts]].tolist(), strict=True):
+            # derivatives of a run are those of its polynomials
+            if self.shapes[member] is not self.steps[member]:
+                found[place] = self.scenes[member].initial_velocity
+        return found
+
+    @cached_property
+    def _begins(self) -> Array:
+        return np.concatenate([one.position[:-1] for one in self.steps])
+
+    @cached_property
+    def _polynomials(self) -> tuple[Array, Array]:
+        """Chebyshev coefficients of increments over h and of velocities, both ``(K, N, d)``."""
+        increments, rates = [], []
+        for member, shape in enumerate(self.shapes):
+            way = shape.tables.increments_to_series @ _first_axis(shape.unknowns)
+            rate = shape.tables.stages_to_series @ _first_axis(shape.velocity)
+            if shape is not self.steps[member]:
+                gaps = np.stack(self._gaps(member)).reshape(3, -1)
+                to_way, to_rate = _corrections()
+                way, rate = _sum(way, to_way @ gaps), _sum(rate, to_rate @ gaps)
+            increments.append(way.reshape(len(way), shape.n_steps, -1))
+            rates.append(rate.reshape(len(rate), shape.n_steps, -1))
+        return _side_by_side(increments), _side_by_side(rates)
+
+    def _gaps(self, member: int) -> tuple[Array, Array, Array]:
+        """What the shape lacks of mean velocities, and of velocities at both ends, ``(n, d)``.
+
+        Mean velocities are those of the increments, since in short steps the difference of two
+        positions is round-off.
+        """
+        scene, steps, shape = self.scenes[member], self.steps[member], self.shapes[member]
+        mean = steps.unknowns[:, -1] - shape.unknowns[:, -1]
+        if any(term.order > 1 for term in scene.active_damping):
+            return mean, mean, mean
+        dynamics = dynamics_of(scene)
+        with np.errstate(all="ignore"):
+            velocity = dynamics.velocity(steps.position, steps.momentum, steps.time)
+            before = velocity
+            if steps.jump is not None:
+                at_end = steps.momentum - steps.jump
+                before = dynamics.velocity(steps.position, at_end, steps.time)
+        slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
+        left, right = np.einsum("sk,nsd->knd", slopes, shape.unknowns)
+        return mean, velocity[:-1] - left, before[1:] - right
+
+    def momentum_and_energy(
+        self, position: Array, steps: Places, tau: Array
+    ) -> tuple[Array, Array]:
+        """Momenta, shape ``(n, d)``, and energies, ``(n,)``, at places with these positions."""
+        time, velocity = self.time(steps, tau), self.velocity(steps, tau)
+        momentum, energy = np.empty_like(position), np.empty(steps.size)
+        for member, own in by_owner(self.owner, steps, len(self.scenes)):
+            dynamics = dynamics_of(self.scenes[member])
+            with np.errstate(all="ignore"):
+                momentum[own] = dynamics.momentum(position[own], velocity[own], time[own])
+                energy[own] = dynamics.energy(position[own], momentum[own], time[own])
+        return momentum, energy
+
+    # forces
+
+    def damping(self, steps: Places, tau: Array) -> Array:
+        r"""Force of the damping on every coordinate, :math:`-\sum \mu D^\gamma q`, ``(n, d)``."""
+        total = np.zeros((steps.size, self._begins.shape[1]))
+        if not any(scene.active_forces for scene in self.scenes):
+            return total
+        total -= evaluate_series(self._force_series, steps, 2.0 * tau - 1.0)
+        time = self.time(steps, tau)
+        for member, own in by_owner(self.owner, steps, len(self.scenes)):
+            scene = self.scenes[member]
+            if rate_jumps(scene):
+                total[own] = self._force_by_balance(scene, steps[own], tau[own])
+            with np.errstate(all="ignore"):
+                total[own] -= _riemann_liouville(scene, time[own])
+            total[own] = np.where((time[own] == 0.0)[:, None], _damping_at_start(scene), total[own])
+        return total
+
+    @cached_property
+    def _force_series(self) -> Array:
+        """Chebyshev coefficients of the damping force, ``(K, N, d)``."""
+        found = []
+        for forces, shape in zip(self.find_forces(False), self.shapes, strict=True):
+            own = np.zeros_like(shape.velocity) if forces is None else forces.sum(axis=0)
+            series = shape.tables.stages_to_series @ _first_axis(own)
+            found.append(series.reshape(len(series), shape.n_steps, -1))
+        return _side_by_side(found)
+
+    def work(self, name: str, steps: Places, tau: Array) -> Array:
+        """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
+        series = []
+        for scene, shape, forces in zip(self.scenes, self.shapes, self._dampers, strict=True):
+            place = damper_place(scene, name)
+            force = None if forces is None or place is None else forces[place]
+            series.append(running_work(shape, force)[..., None])
+        return evaluate_series(_side_by_side(series), steps, 2.0 * tau - 1.0)[:, 0]
+
+    @cached_property
+    def _dampers(self) -> Sequence[Array | None]:
+        return self.find_forces(True)
+
+    def acceleration(self, steps: Places, tau: Array) -> Array:
+        """Accelerations from the equation of motion, shape ``(n, d)``.
+
+        At a break point of the forcing it is that before it.
+        """
+        time, position = self.time(steps, tau), self.position(steps, tau)
+        velocity, force = self.velocity(steps, tau), self.damping(steps, tau)
+        found = np.empty_like(position)
+        for member, own in by_owner(self.owner, steps, len(self.scenes)):
+            scene = self.scenes[member]
+            if rate_jumps(scene):
+                slopes = self._velocity_slope(steps[own], tau[own])
+                found[own] = np.where((time[own] == 0.0)[:, None], np.nan, slopes)
+                continue
+            total = force[own]
+            if scene.forcing is not None:
+                total = total + scene.forcing(time[own])
+            found[own] = accelerations(scene, position[own], velocity[own], total, time[own])
+        return found
+
+    def _velocity_slope(self, steps: Places, tau: Array) -> Array:
+        """Derivatives of the velocity polynomials of the shapes, shape ``(n, d)``."""
+        found = evaluate_series(self._slope_series, steps, 2.0 * tau - 1.0)
+        return np.asarray(found / self.step_size[steps, None])
+
+    @cached_property
+    def _slope_series(self) -> Array:
+        found = []
+        for shape in self.shapes:
+            rate = shape.tables.stages_to_series @ _first_axis(shape.velocity)
+            slope = 2.0 * slopes_of_series(len(rate)).T @ rate
+            found.append(slope.reshape(len(slope), shape.n_steps, -1))
+        return _side_by_side(found)
+
+    def _force_by_balance(self, scene: Scene, steps: Places, tau: Array) -> Array:
+        """Damping force that the equation of motion asks for, shape ``(n, d)``."""
+        time = self.time(steps, tau)
+        position, velocity = self.position(steps, tau), self.velocity(steps, tau)
+        known = np.zeros_like(position) if scene.forcing is None else scene.forcing(time)
+        missing = self._velocity_slope(steps, tau)
+        missing = missing - accelerations(scene, position, velocity, known, time)
+        if scene.lagrangian is None:
+            return np.asarray(times(missing, scene.inertia.form))
+        with np.errstate(all="ignore"):
+            mass = scene.lagrangian.derivatives(position, velocity, time).mass
+        return np.asarray(np.einsum("nij,nj->ni", mass, missing))
+
+
+def _first_axis(values: Array) -> Array:
+    """From ``(n, k, d)`` to ``(k, n d)``."""
+    return np.ascontiguousarray(values.swapaxes(0, 1)).reshape(values.shape[1], -1)
+
+
+def _sum(one: Array, other: Array) -> Array:
+    """Sum of series ``(K, n)`` of different lengths."""
+    long, short = (one, other) if len(one) >= len(other) else (other, one)
+    found = long.copy()
+    found[: len(short)] += short
+    return found
+
+
+def _side_by_side(series: Sequence[Array]) -> Array:
+    """Series of members ``(K, n, d)`` one after the other, short ones with zeros."""
+    if len(series) == 1:
+        return series[0]
+    size = max(map(len, series))
+    return np.concatenate(
+        [np.pad(one, ((0, size - len(one)), (0, 0), (0, 0))) for one in series], axis=1
+    )
+
+
+@lru_cache(maxsize=1)
+def _corrections() -> tuple[Array, Array]:
+    """From gaps of mean, first and last velocity to series of increments over h, and of rates."""
+    z = second_kind_points(4)
+    tau = 0.5 * (z + 1.0)
+    rest = 1.0 - tau
+    way = [tau**2 * (3.0 - 2.0 * tau), tau * rest**2, -rest * tau**2]
+    rate = [6.0 * tau * rest, rest * (1.0 - 3.0 * tau), tau * (3.0 * tau - 2.0)]
+    matrix = to_coefficients(z)
+    return matrix @ np.stack(way, axis=1), matrix @ np.stack(rate, axis=1)
+
+
+def accelerations(
+    scene: Scene, position: Array, velocity: Array, force: Array, time: Array
+) -> Array:
+    """Accelerations under forces beside those of the Lagrangian, all of shape ``(n, d)``."""
+    dynamics = dynamics_of(scene)
+    with np.errstate(all="ignore"):
+        if isinstance(dynamics, General):
+            lagrangian = dynamics.lagrangian
+            at = lagrangian.derivatives(position, velocity, time)
+            rest = lagrangian.momentum_rate(position, velocity, np.zeros_like(velocity), time)
+            right = at.force + force - rest
+            every = np.concatenate([at.mass, right[..., None]], axis=-1)
+            usable = np.asarray(np.isfinite(every).all(axis=(-2, -1)))
+            mass = np.where(usable[:, None, None], at.mass, np.eye(scene.dimension))
+            found = np.linalg.solve(mass, right[..., None])[..., 0]
+            return np.where(usable[:, None], found, np.nan)
+        _, pull = dynamics.forces(position, velocity, time)
+        return scene.inertia.velocity(pull + force)
+
+
+def _riemann_liouville(scene: Scene, time: Array) -> Array:
+    """What Riemann-Liouville derivatives of order below 1 have more than Caputo's."""
+    total = np.zeros((time.size, scene.dimension))
+    if scene.derivative == "caputo" or not np.any(scene.initial_position != 0):
+        return total
+    for term in scene.active_damping:
+        if term.order < 1:
+            power = time**-term.order / math.gamma(1.0 - term.order)
+            total += power[:, None] * times(scene.initial_position, term.form)
+    return total
+
+
+def _damping_at_start(scene: Scene) -> Array:
+    """The damping force at t = 0; nan where it is infinite."""
+    total = np.zeros(scene.dimension)
+    singular = scene.derivative == "riemann-liouville"
+    for term in scene.active_damping:
+        if term.order == 1:
+            total -= times(scene.initial_velocity, term.form)
+        elif singular:
+            driver = scene.initial_position if term.order < 1 else scene.initial_velocity
+            total[np.flatnonzero(times(driver, term.form))] = np.nan
+    return total

@@ -1,0 +1,236 @@
+"""Evaluates formulas, events and extents along the motions of many members."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
+from fvi_cli.integrator.observations.asked import Event, Observations
+from fvi_cli.integrator.observations.criteria import FormulaAlong
+from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.events import event_places
+from fvi_cli.integrator.observations.extents import extents_of
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.pieces import by_owner
+from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
+from fvi_cli.integrator.run.regular import rough_remark
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.expressions import Expression
+
+Pair = tuple[Trajectory, Trajectory]
+
+
+class Observer:
+    """Evaluates what is asked of the motions of q members.
+
+    Parameters
+    ----------
+    motion
+        The motions.
+    asked
+        What is asked of each; formulas are those of the first.
+    """
+
+    def __init__(self, motion: DenseMotion, asked: Sequence[Observations]) -> None:
+        self.motion, self.asked, self._first = motion, asked, asked[0]
+
+    def along(self, expression: Expression) -> FormulaAlong:
+        """The value of an expression at places; only what occurs in it is evaluated."""
+        constants: Sequence[Mapping[str, float]] = [one.parameters for one in self.asked]
+        if all(one == constants[0] for one in constants):
+            constants = constants[:1]
+        variables = partial(self.variables, expression)
+        return FormulaAlong(expression, variables, constants, self.motion.owner)
+
+    def variables(
+        self, expression: Expression, steps: Places, tau: Array
+    ) -> dict[str, Array | float]:
+        """The variables of an expression at places, shape ``(n,)``, but for the parameters."""
+        motion, names = self.motion, expression.names
+        time = motion.time(steps, tau)
+        values: dict[str, Array | float] = {"t": time}
+        sources = {
+            "d": motion.damping,
+            "a": motion.acceleration,
+            "v": motion.velocity,
+            "": motion.position,
+        }
+        columns: dict[str, Array] = {}
+        for name, (prefix, index) in self._first.derived.items():
+            if name in names:
+                if prefix not in columns:
+                    columns[prefix] = sources[prefix](steps, tau)
+                values[name] = columns[prefix][:, index]
+        works = names.intersection(work_names(motion.scenes[0]))
+        for name in works - set(values) - set(self._first.parameters):
+            values[name] = motion.work(name, steps, tau)
+        for name in names.intersection(self._first.inputs):
+            values[name] = self._input(name, steps, time)
+        return values
+
+    def _input(self, name: str, steps: Places, time: Array) -> Array:
+        found = np.zeros(steps.size)
+        for member, own in by_owner(self.motion.owner, steps, len(self.asked)):
+            given = self.asked[member].inputs[name]
+            if given is not None:
+                found[own] = given(time[own])[:, 0]
+        return found
+
+    def observe(
+        self, trajectories: Sequence[Trajectory], impacts: Mapping[str, Array]
+    ) -> list[Pair]:
+        """What is asked of each run, as :func:`observe_members`."""
+        motion, q = self.motion, len(trajectories)
+        events: list[dict[str, Occurrences]] = [{} for _ in range(q)]
+        remarks = [[one] if one else [] for one in motion.remarks]
+        for name, event in (self._first.events or {}).items():
+            self._find(name, event, events, remarks)
+        for name, time in impacts.items():
+            events[0][name] = self._occurrences(*motion.located(0, time))
+            events[0][name] = replace(events[0][name], time=time)
+        for member, (scene, one) in enumerate(zip(motion.scenes, self.asked, strict=True)):
+            remarks[member] += _rough_works(scene, one)
+        runs, ends, stopped = list(trajectories), [float(one.time[-1]) for one in motion.steps], []
+        for member, one in enumerate(self.asked):
+            stopped.append("")
+            for name, event in (one.events or {}).items():
+                times = events[member][name].time
+                if event.stop and times.size and times[0] < ends[member]:
+                    ends[member], stopped[member] = float(times[0]), name
+            if stopped[member]:
+                end = ends[member]
+                events[member] = {name: _until(own, end) for name, own in events[member].items()}
+                runs[member] = self._cut(member, runs[member], end)
+                remarks[member].append(f"stopped by the event {stopped[member]} at t = {end:.10g}")
+        at = [self._reported(*one) for one in zip(range(q), runs, ends, strict=True)]
+        steps, tau = (np.concatenate(one) for one in zip(*at, strict=True))
+        edges = np.cumsum([one[0].size for one in at])[:-1]
+        quantities: list[dict[str, Array]] = [{} for _ in range(q)]
+        extents: list[dict[str, Extent]] = [{} for _ in range(q)]
+        for name, expression in (self._first.quantities or {}).items():
+            along = self.along(expression)
+            for member, own in enumerate(np.split(along(steps, tau), edges)):
+                quantities[member][name] = own
+            for member, extent in enumerate(extents_of(motion, along, ends)):
+                extents[member][name] = extent
+        observed = [
+            Observed(
+                mesh=motion.steps[k].time[motion.steps[k].time <= ends[k]],
+                quantities=quantities[k],
+                extents=extents[k],
+                events=events[k],
+                stopped_by=stopped[k],
+            )
+            for k in range(q)
+        ]
+        on_mesh = [
+            replace(run, remarks=(*run.remarks, *own))
+            for run, own in zip(runs, remarks, strict=True)
+        ]
+        if self._first.times is None:
+            return [
+                (run, replace(run, observed=one))
+                for run, one in zip(on_mesh, observed, strict=True)
+            ]
+        position, time = motion.position(steps, tau), motion.time(steps, tau)
+        momentum, energy = motion.momentum_and_energy(position, steps, tau)
+        columns = [np.split(one, edges) for one in (time, position, momentum, energy)]
+        return [
+            (
+                run,
+                replace(
+                    run,
+                    time=t,
+                    position=x,
+                    momentum=p,
+                    energy=e,
+                    diagnostics=None,
+                    observed=one,
+                ),
+            )
+            for run, one, t, x, p, e in zip(on_mesh, observed, *columns, strict=True)
+        ]
+
+    def _find(
+        self,
+        name: str,
+        event: Event,
+        events: Sequence[dict[str, Occurrences]],
+        remarks: Sequence[list[str]],
+    ) -> None:
+        """Put the occurrences of an event to those of every member, with what may be missing."""
+        motion = self.motion
+        counts = [one.n_steps for one in motion.steps]
+        step, place, lost = event_places(self.along(event.when), counts, event.direction)
+        found = self._occurrences(step, place)
+        edges = np.searchsorted(step, motion.firsts[1:-1])
+        parts = (np.split(one, edges) for one in (found.time, found.position, found.velocity))
+        for own, time, position, velocity in zip(events, *parts, strict=True):
+            own[name] = Occurrences(time=time, position=position, velocity=velocity)
+        for member, since in lost.items():
+            first = int(motion.firsts[member])
+            at = motion.time(np.array([first + int(since)]), np.array([since % 1.0]))
+            remarks[member].append(
+                f"events.{name}: {event.when.text} changes too fast to find every change of its "
+                f"sign from t = {at[0]:.6g} on; some of these times may be missing"
+            )
+
+    def _occurrences(self, steps: Places, tau: Array) -> Occurrences:
+        motion = self.motion
+        return Occurrences(
+            time=motion.time(steps, tau),
+            position=motion.position(steps, tau),
+            velocity=motion.velocity(steps, tau),
+        )
+
+    def _reported(self, member: int, run: Trajectory, end: float) -> tuple[Places, Array]:
+        """Places of the times that are reported of a member."""
+        wanted = self.asked[member].times
+        times = run.time if wanted is None else wanted
+        return self.motion.located(member, times[times <= end * (1.0 + 1e-12)])
+
+    def _cut(self, member: int, trajectory: Trajectory, end: float) -> Trajectory:
+        """The run up to a time, its last point; the truncated run counts as complete."""
+        kept = trajectory.time < end
+        at = self.motion.located(member, np.array([end]))
+        position = self.motion.position(*at)
+        momentum, energy = self.motion.momentum_and_energy(position, *at)
+
+        def joined(values: Array | None, last: Array) -> Array | None:
+            return None if values is None else np.concatenate([values[kept], last])
+
+        return replace(
+            trajectory,
+            time=np.append(trajectory.time[kept], end),
+            position=np.concatenate([trajectory.position[kept], position]),
+            momentum=joined(trajectory.momentum, momentum),
+            energy=joined(trajectory.energy, energy),
+            status="ok",
+            message="",
+            diagnostics=None,
+        )
+
+
+def _rough_works(scene: Scene, asked: Observations) -> tuple[str, ...]:
+    """What is said of works on single dampers that keep the error of the first step."""
+    if not rate_jumps(scene):
+        return ()
+    formulas = [*(asked.quantities or {}).values()]
+    formulas += [one.when for one in (asked.events or {}).values()]
+    used = frozenset[str]().union(*(one.names for one in formulas))
+    pairs = zip(work_names(scene), scene.damping, strict=False)
+    found = [name for name, term in pairs if term.order > 1 and name in used]
+    return tuple(rough_remark(scene, f"{name} keeps") for name in found)
+
+
+def _until(one: Occurrences, end: float) -> Occurrences:
+    kept = one.time <= end
+    return Occurrences(
+        time=one.time[kept], position=one.position[kept], velocity=one.velocity[kept]
+    )

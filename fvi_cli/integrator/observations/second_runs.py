@@ -1,0 +1,144 @@
+"""Second runs on the meshes of finished ones, which tell what lies between their points."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.impacts.run import replayed
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.mathematics.arrays import Array
+
+MOST_STAGES = 12
+"""Stages of the second run at most."""
+
+
+def dense_motion(
+    scenes: Sequence[Scene],
+    method: Method,
+    steps: Sequence[RunSteps],
+    checkpoints: RunKeeper | None = None,
+) -> DenseMotion:
+    """The dense motions of finished runs, by second runs on their meshes.
+
+    Parameters
+    ----------
+    scenes, method
+        What moved, and by which Runge-Kutta method.
+    steps
+        All steps of every run.
+    checkpoints
+        Where the second run of a single scene keeps a checkpoint, and goes on from one.
+    """
+    stages = min(2 * method.degree, MOST_STAGES)
+    if stages == method.degree:
+        return _motion(scenes, [method] * len(steps), steps, steps, [""] * len(steps))
+    own = Method(
+        cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
+    )
+    methods, shapes, remarks = [], [], []
+    seconds = _second_runs(scenes, own, steps, checkpoints)
+    for one, (second, said) in zip(steps, seconds, strict=True):
+        methods.append(method if second is None else own)
+        shapes.append(one if second is None else second)
+        remarks.append(
+            ""
+            if second is not None
+            else "between the points of the mesh the motion is known to the order of a step only: "
+            f"the run of {stages} stages {said}"
+        )
+    return _motion(scenes, methods, steps, shapes, remarks)
+
+
+def _motion(
+    scenes: Sequence[Scene],
+    methods: Sequence[Method],
+    steps: Sequence[RunSteps],
+    shapes: Sequence[RunSteps],
+    remarks: Sequence[str],
+) -> DenseMotion:
+    return DenseMotion(
+        scenes=tuple(scenes),
+        steps=tuple(steps),
+        shapes=tuple(shapes),
+        find_forces=partial(forces_along, scenes, methods, shapes),
+        remarks=tuple(remarks),
+    )
+
+
+def forces_along(
+    scenes: Sequence[Scene],
+    methods: Sequence[Method],
+    shapes: Sequence[RunSteps],
+    is_separate: bool,
+) -> list[Array | None]:
+    """Damping forces at the stages of runs, those of one mesh and pattern of terms together.
+
+    Each ``(k, n, r, d)`` by direction, or by damper; None without damping.
+    """
+    found: list[Array | None] = [None] * len(scenes)
+    groups: dict[Hashable, list[int]] = {}
+    for index, (scene, method, one) in enumerate(zip(scenes, methods, shapes, strict=True)):
+        if scene.active_forces and one.n_steps:
+            # laws shape the rates of all, and a sparse matrix stands by itself
+            is_alone = bool(scene.active_laws) or scene.is_sparse
+            key = (method, one.time.tobytes(), pattern_of(scene), scene.final_time)
+            groups.setdefault(index if is_alone else key, []).append(index)
+    for places in groups.values():
+        first = places[0]
+        along = damping_along(
+            [scenes[index] for index in places],
+            methods[first],
+            shapes[first].mesh(scenes[first].break_points),
+            [shapes[index] for index in places],
+            is_separate=is_separate,
+        )
+        if along is None:  # pragma: no cover - there are forces
+            continue
+        with np.errstate(all="ignore"):
+            for index, force in zip(places, along.forces().swapaxes(0, 1), strict=True):
+                found[index] = force
+    return found
+
+
+def _second_runs(
+    scenes: Sequence[Scene],
+    method: Method,
+    steps: Sequence[RunSteps],
+    checkpoints: RunKeeper | None,
+) -> list[tuple[RunSteps | None, str]]:
+    """For every run that by another method on the same mesh, or why there is none."""
+    shorter = [
+        replace(scene, final_time=float(one.time[-1]))
+        for scene, one in zip(scenes, steps, strict=True)
+    ]
+    meshes = [one.mesh(scene.break_points) for scene, one in zip(scenes, steps, strict=True)]
+    found: dict[int, tuple[RunSteps | None, str]] = {}
+    groups: dict[bytes, list[int]] = {}
+    for index, one in enumerate(steps):
+        if one.jump is None:
+            groups.setdefault(one.time.tobytes(), []).append(index)
+            continue
+        found[index] = replayed(shorter[index], method, one, checkpoints), "failed"
+    for places in groups.values():
+        runs = integrate_members(
+            [shorter[index] for index in places],
+            method,
+            meshes[places[0]],
+            with_steps=True,
+            checkpoints=lambda _: checkpoints,
+        )
+        for index, run in zip(places, runs, strict=True):
+            whole = run.steps if run.status == "ok" else None
+            found[index] = whole, f"{run.status}: {run.message}"
+    return [found[index] for index in range(len(steps))]

@@ -1,0 +1,234 @@
+"""Derivatives by numbers inside formulas, over long times, against complex steps elsewhere.
+
+Oracles share no code with the package: the motion of x'' + x = f from rest is the integral of
+``sin(T - s) f(s)``, taken by Gauss rules of f written in NumPy; others are integrated by DOP853
+with complex parameters.
+"""
+
+import math
+import random
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from fvi_cli.api.gradient import gradient
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.gradients.numbers import numbers_of
+from fvi_cli.integrator.gradients.quantity import Quantity, position_at, quantity_at
+from fvi_cli.integrator.gradients.variation import Variation, differentiate
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.named import linear_oscillator
+
+STEP = 1e-30
+
+
+def by_integral(
+    force: Callable[..., np.ndarray], values: Mapping[str, float], final_time: float, edges=()
+) -> dict[str, float]:
+    """Derivatives of x(T) of x'' + x = force(t, **values) from rest."""
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    ends = np.unique([*np.linspace(0.0, final_time, int(8 * final_time) + 1), *edges])
+    # towards 0 for powers of t
+    ends = np.unique([*ends, *(ends[1] * 0.5 ** np.arange(1, 60))])
+    half = np.diff(ends)[:, None] / 2
+    times = (ends[:-1, None] + half) + half * nodes
+    found = {}
+    for name, value in values.items():
+        given = {**values, name: value + 1j * STEP}
+        rate = np.imag(force(times, **given) * np.ones_like(times)) / STEP
+        found[name] = float((half * weights * np.sin(final_time - times) * rate).sum())
+    return found
+
+
+FORCES = {
+    "a*sin(w*t + p)": lambda t, a, w, p: a * np.sin(w * t + p),
+    "exp(-a*t/100)*cos(w*t) + p": lambda t, a, w, p: np.exp(-a * t / 100) * np.cos(w * t) + p,
+    "sin(w*t)*exp(-(a*2)*p)": lambda t, a, w, p: np.sin(w * t) * np.exp(-2 * a * p),
+    "a*cos(w*t)**2/(1 + p*p)": lambda t, a, w, p: a * np.cos(w * t) ** 2 / (1 + p * p),
+    "sin(w*t)*(1 + t/9)**(p/2) - a": lambda t, a, w, p: np.sin(w * t) * (1 + t / 9) ** (p / 2) - a,
+    "tanh(a*sin(w*t))*p": lambda t, a, w, p: np.tanh(a * np.sin(w * t)) * p,
+}
+
+
+def written(text: str, **values: float) -> str:
+    """The text with numbers in the place of names, as a configuration has them in the end."""
+    for name, value in values.items():
+        text = text.replace(f"{name}*", f"({float(value)!r})*").replace(
+            f"*{name}", f"*({float(value)!r})"
+        )
+        for left, right in (("(", "/"), ("+ ", ""), ("- ", "")):
+            text = text.replace(f"{left}{name}{right}", f"{left}({float(value)!r}){right}")
+    return text
+
+
+def drawn(seed: int) -> tuple[str, dict[str, float], float]:
+    chance = random.Random(seed)
+    text = sorted(FORCES)[seed % len(FORCES)]
+    # 1 and 2 stand in formulas of their own
+    values = {
+        "a": chance.choice([1.0, 2.0, chance.uniform(0.3, 3.0)]),
+        "w": chance.choice([5.0, chance.uniform(1.5, 6.0)]),
+        "p": chance.uniform(0.2, 1.5),
+    }
+    return text, values, chance.choice([20.0, 200.0, 1000.0])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_forces_with_drawn_numbers_over_long_times(seed):
+    text, values, final_time = drawn(seed)
+
+    def family(**given: float) -> Scene:
+        return linear_oscillator(
+            final_time=final_time, forcing=Forcing.from_text(written(text, **given))
+        )
+
+    exact = by_integral(FORCES[text], values, final_time)
+    n = int((14 if "tanh" in text else 4) * final_time)
+    found = gradient(family, "gauss6", n, position_at(final_time), values)
+    size = max(map(abs, exact.values()))
+    for name in values:
+        assert float(found[name]) == pytest.approx(exact[name], rel=1e-8, abs=1e-10 * size), name
+
+
+def test_a_fixed_difference_would_not_pass():
+    """The control: what a difference of 1e-3 of the frequency makes of it at T = 1000."""
+    values, force = {"w": 5.0}, lambda t, w: np.sin(w * t)
+    exact = by_integral(force, values, 1000.0)["w"]
+
+    def motion(w: float) -> float:
+        return float((math.sin(w * 1000.0) - w * math.sin(1000.0)) / (1 - w * w))
+
+    h = 5e-3
+    rough = 2 / 3 * (motion(5 + h) - motion(5 - h)) - (motion(5 + 2 * h) - motion(5 - 2 * h)) / 12
+    assert rough / h != pytest.approx(exact, rel=1e-2)
+
+
+def test_named_constants_pieces_and_factors_of_samples():
+    values = {"w": 3.0, "c": 0.7, "s": 2.5}
+    knots = np.linspace(0.0, 60.0, 241)
+    samples = np.cos(1.7 * knots)
+
+    def family(w: float, c: float, s: float) -> Scene:
+        first = Expression.parse("sin(w*t)*c**3", ("t",), {"w": w, "c": c})
+        sampled = SampledForce.through(knots, samples, "linear").scaled(s)
+        later = sampled.plus(Expression.parse("e*t/w", ("t",), {"e": c, "w": w}))
+        pieces = (
+            ForcingPiece(components=(first,), until=25.0),
+            ForcingPiece(components=(later,)),
+        )
+        return linear_oscillator(final_time=60.0, forcing=Forcing(pieces=pieces))
+
+    def force(t: np.ndarray, w: complex, c: complex, s: complex) -> np.ndarray:
+        return np.where(t < 25, np.sin(w * t) * c**3, s * np.interp(t, knots, samples) + c * t / w)
+
+    exact = by_integral(force, values, 60.0, edges=(25.0, *knots))
+    found = gradient(family, "gauss6", 240, position_at(60.0), values)
+    for name in values:
+        assert float(found[name]) == pytest.approx(exact[name], rel=1e-8), name
+
+
+LAGRANGIANS = {
+    "vx**2/2 + w**2*cos(x) - c*x**4/4": lambda x, v, t, w, c: -(w**2) * np.sin(x) - c * x**3,
+    "vx**2/2 - exp(c*x)/w + x": lambda x, v, t, w, c: 1 - c / w * np.exp(c * x),
+    "vx**2/2 - (x**2 + c)**(w/2)": lambda x, v, t, w, c: -w * x * (x * x + c) ** (w / 2 - 1),
+    "vx**2/2 - x**2/2 + x*c*sin(w*t)": lambda x, v, t, w, c: -x + c * np.sin(w * t),
+    "w*vx**2/2 - c*x**2/2 - x": lambda x, v, t, w, c: (-c * x - 1) / w,
+    "(1 + c*cos(x))*vx**2/2 + w*cos(x)": lambda x, v, t, w, c: (
+        (c * np.sin(x) * v * v / 2 - w * np.sin(x)) / (1 + c * np.cos(x))
+    ),
+}
+
+
+@pytest.mark.parametrize("text", sorted(LAGRANGIANS))
+@pytest.mark.parametrize("w", [1.0, 1.83])
+def test_parameters_of_lagrangians(text, w):
+    values, final_time = {"w": w, "c": 0.45}, 30.0
+
+    def family(**given: float) -> Scene:
+        return lagrangian_scene(
+            coordinates=["x"],
+            lagrangian=text,
+            parameters=given,
+            initial_position=0.8,
+            initial_velocity=0.3,
+            final_time=final_time,
+        )
+
+    found = gradient(family, "gauss6", 240, position_at(final_time), values)
+    force = LAGRANGIANS[text]
+    for name, value in values.items():
+        given = {**values, name: value + 1j * STEP}
+        run = solve_ivp(
+            lambda t, y, given=given: np.array([y[1], force(y[0], y[1], t, **given)]),
+            (0.0, final_time),
+            np.array([0.8 + 0j, 0.3 + 0j]),
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+        )
+        exact = run.y[0, -1].imag / STEP
+        assert float(found[name]) == pytest.approx(exact, rel=2e-8), name
+
+
+def test_expressions_with_a_frequency_in_them():
+    def family(w: float) -> Scene:
+        return linear_oscillator(final_time=1000.0, initial_position=1.0)
+
+    of = quantity_at("x*sin(w*t)", 1000.0)
+    found = gradient(family, "gauss6", 4000, of, {"w": 5.0})
+    exact = math.cos(1000.0) * 1000.0 * math.cos(5000.0)
+    assert float(found["w"]) == pytest.approx(exact, rel=1e-8)
+
+
+def test_what_is_not_smooth_has_no_derivative():
+    scene = linear_oscillator(final_time=1.0)
+    smooth = Variation(
+        family=lambda value: linear_oscillator(final_time=1.0, stiffness=math.exp(value)),
+        value=0.0,
+        name="stiffness",
+    )
+    with pytest.raises(ValueError, match="stiffness: what it changes is not smooth at 0"):
+        differentiate(smooth, scene, lambda beside, at: [np.sign([at]) * np.sqrt(np.abs([at]))])
+    (found,) = differentiate(smooth, scene, lambda beside, at: [np.array([math.sin(5e3 * at)])])
+    assert found[0] == pytest.approx(5e3, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_quantities_that_lose_complex_steps_are_refused(scale):
+    scene = linear_oscillator(
+        mass=np.eye(2),
+        stiffness=np.diag([1.0, 2.0]),
+        initial_position=[scale, 0.3 * scale],
+        final_time=3.0,
+    )
+    parameters = ["initial_position"]
+    for wrong in (
+        lambda x, v: np.linalg.norm(x),
+        lambda x, v: np.abs(x).sum(),
+        lambda x, v: np.real(x[0, 0]) * 2.0,
+    ):
+        quantity = Quantity(times=np.array([1.0, 2.0]), value=wrong)
+        with pytest.raises(ValueError, match="complex steps do not give its derivative"):
+            gradient(scene, "gauss3", 12, quantity, parameters)
+    right = Quantity(times=np.array([1.0, 2.0]), value=lambda x, v: np.sqrt((x**2).sum()))
+    found = gradient(scene, "gauss3", 12, right, parameters)
+    # |x| is homogeneous of degree one in the initial position
+    assert found["initial_position"] @ scene.initial_position == pytest.approx(found.value)
+
+
+@pytest.mark.parametrize("text", sorted(FORCES))
+def test_formulas_of_other_numbers_are_the_same_formulas(text):
+    """What is differentiated as a formula, and not by differences of its values."""
+    made = [
+        linear_oscillator(forcing=Forcing.from_text(written(text, a=a, w=w, p=p)), final_time=1.0)
+        for a, w, p in ((0.7, 5.0, 1.3), (0.71, 5.1, 1.4), (1.0, 2.0, 0.5))
+    ]
+    structures = [numbers_of(one)[0] for one in made]
+    assert structures[0] == structures[1]
+    other = linear_oscillator(forcing=Forcing.from_text("sin(t)"), final_time=1.0)
+    assert structures[0] != numbers_of(other)[0]
