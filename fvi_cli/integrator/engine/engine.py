@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.blocks import longest_block
-from fvi_cli.integrator.engine.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of, modes_of
 from fvi_cli.integrator.engine.law import Law, Linearisation, force_of
