@@ -101,12 +101,9 @@ class Cotangent:
 
     def along(self, change: Disturbance) -> Array:
         """The derivatives of that number, shape ``(p,)``."""
-        total = np.einsum("nsa,pnsa->p", self.loads, change.loads)
-        total += change.position @ self.position + change.velocity @ self.velocity
-        total += change.momentum @ self.momentum
-        if self.damping is not None:
-            total += np.einsum("nra,pnra->p", self.damping, change.damping)
-        return np.asarray(total)
+        parts = [(getattr(self, name), getattr(change, name)) for name in vars(self)]
+        own = [(a.ravel(), b.reshape(len(b), -1)) for a, b in parts if a is not None]
+        return np.asarray(sum(b @ a for a, b in own))
 
 
 class _Maps(NamedTuple):
