@@ -15,8 +15,8 @@ from spread import spread
 
 from benchmarks.robustness import LADDER
 from fvi_cli.config import load_config
-from fvi_cli.integrator.engine import loop
-from fvi_cli.integrator.engine.checkpoint import UnfinishedRun
+from fvi_cli.integrator.loop import loop
+from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
 from fvi_cli.runner.executors.checkpoints import CheckpointFile, CheckpointFolder
 
 N = 600
@@ -110,7 +110,7 @@ def test_fresh_begins_at_the_start(monkeypatch):
     [
         (lambda content: content[: len(content) // 2], "it is damaged"),
         (lambda content: b"", "it is damaged"),
-        (lambda content: content.replace(b"kept_positions", b"kept_positionz"), "it is damaged"),
+        (lambda content: content.replace(b"kept x", b"kept y"), "it is damaged"),
         (None, "it belongs to another run, or to another version of the solver"),
     ],
 )

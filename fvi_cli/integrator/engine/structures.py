@@ -20,8 +20,8 @@ from fvi_cli.integrator.engine.algebra import solver_of
 from fvi_cli.integrator.engine.frame import Frame
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, Places

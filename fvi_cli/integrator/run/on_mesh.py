@@ -9,21 +9,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.engine.checkpoint import Arrays, Keeper, RunKeeper
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.loop import run
-from fvi_cli.integrator.engine.plan import MeshPlan, memory_operations, plan_steps
-from fvi_cli.integrator.engine.recorder import Recorder
-from fvi_cli.integrator.engine.source import MeshSource, Source
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
+from fvi_cli.integrator.loop.checkpoint import Arrays, Keeper, RunKeeper
+from fvi_cli.integrator.loop.loop import run
+from fvi_cli.integrator.loop.plan import MeshPlan, memory_operations, plan_steps
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import MeshSource, Source
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
@@ -36,7 +37,6 @@ from fvi_cli.integrator.run.regular import (
     rough_remarks,
 )
 from fvi_cli.integrator.run.soundness import Soundness
-from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
@@ -78,7 +78,8 @@ def engine_on_mesh(
     ValueError
         For a method of equal steps on a mesh that has others.
     """
-    if not method.is_runge_kutta and len({one.step_size for one in mesh.stretches}) > 1:
+    sizes = [one.step_size for one in mesh.stretches]
+    if not method.is_runge_kutta and max(sizes) - min(sizes) > ON_GRID * min(sizes):
         raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
     return Engine(
         scenes,
@@ -119,7 +120,7 @@ class ScenesRun:
         asked: tuple[str, int, float],
         determined_by: tuple[object, ...],
     ) -> float:
-        """Do the steps; parameters as for :class:`~fvi_cli.integrator.engine.checkpoint.Keeper`.
+        """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
 
         Returns
         -------
@@ -168,9 +169,14 @@ class ScenesRun:
         return self.recorder.arrays()
 
     def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Go on from there."""
-        self.go_on(arrays)
-        self.recorder.restore(kept)
+        """Go on from there; all stays as it is where something is missing or does not fit."""
+        begun = self.arrays()
+        try:
+            self.go_on(arrays)
+            self.recorder.restore(kept)
+        except (KeyError, TypeError, ValueError):
+            self.go_on(begun)
+            raise
 
     def go_on(self, arrays: Arrays) -> None:
         """Take the state of :meth:`arrays`, whatever was kept before."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fvi_cli.integrator.engine.blocks import block_for
 from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.structures import StructureLaw
 from fvi_cli.integrator.meshes.mesh import Mesh
 
 
@@ -17,6 +18,8 @@ class MeshPlan:
     ----------
     n_steps, single
         Steps of the mesh, and those of them that are done one by one.
+    n_sizes
+        Number of step sizes.
     block
         Most steps of a block; 0: there are none.
     systems, coupled
@@ -34,6 +37,7 @@ class MeshPlan:
 
     n_steps: int
     single: int
+    n_sizes: int
     block: int
     systems: int
     coupled: int
@@ -54,13 +58,14 @@ def plan_steps(engine: Engine, mesh: Mesh) -> MeshPlan:
     single = largest = 0
     for one in mesh.stretches:
         block = block_for(engine, one.n_steps)
-        if block == 1:
+        if block == 1 or isinstance(engine.law, StructureLaw):
             single += one.n_steps
         else:
             largest = max(largest, block)
     return MeshPlan(
         n_steps=mesh.n_steps,
         single=single,
+        n_sizes=len({one.step_size for one in mesh.stretches}),
         block=largest,
         systems=engine.width,
         coupled=engine.e,
