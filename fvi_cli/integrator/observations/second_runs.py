@@ -123,20 +123,20 @@ def _second_runs(
         replace(scene, final_time=float(one.time[-1]))
         for scene, one in zip(scenes, steps, strict=True)
     ]
-    meshes = [one.mesh(scene.break_points) for scene, one in zip(scenes, steps, strict=True)]
     found: dict[int, tuple[RunSteps | None, str]] = {}
-    groups: dict[bytes, list[int]] = {}
+    groups: dict[Hashable, list[int]] = {}
     for index, one in enumerate(steps):
+        breaks = shorter[index].break_points
         if one.jump is None:
-            groups.setdefault(one.time.tobytes(), []).append(index)
+            groups.setdefault((one.time.tobytes(), breaks), []).append(index)
             continue
-        setup = prepare_on_mesh(shorter[index], method, meshes[index])
+        setup = prepare_on_mesh(shorter[index], method, one.mesh(breaks))
         found[index] = replayed(setup, one, checkpoints), "failed"
     for places in groups.values():
         runs = integrate_members(
             [shorter[index] for index in places],
             method,
-            meshes[places[0]],
+            steps[places[0]].mesh(shorter[places[0]].break_points),
             with_steps=True,
             checkpoints=lambda _: checkpoints,
         )
