@@ -256,7 +256,7 @@ def ten_parameters() -> TimedFit:
 
 def _reference(problem: dict[str, Any], times: Array) -> Array:
     """The motion of the frame by another method on other steps."""
-    from fvi_cli.integrator.adjoint.gradient import run_steps
+    from fvi_cli.integrator.gradients.gradient import run_steps
     from fvi_cli.integrator.meshes.mesh import graded_mesh
     from fvi_cli.integrator.method import Method
 

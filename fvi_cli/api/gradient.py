@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.entries import Entry, entries_of
-from fvi_cli.integrator.adjoint.gradient import gradient_of
-from fvi_cli.integrator.adjoint.quantity import Quantity
+from fvi_cli.integrator.gradients.entries import Entry, entries_of
+from fvi_cli.integrator.gradients.gradient import gradient_of
+from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps

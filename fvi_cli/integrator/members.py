@@ -184,7 +184,7 @@ def kind_of(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | Non
         is_corrected = method.start == "weights" and scene.active_damping
         if scene.active_laws or is_corrected or writes_out(method, _count(n_steps)):
             return None
-        memory = frozenset(term.order for term in scene.active_damping)
+        memory = tuple(term.order for term in scene.active_damping)
     elif scene.active_laws:
         memory = _rates_of(scene, method, _mesh(scene, method, n_steps))
     width = _width(scene)

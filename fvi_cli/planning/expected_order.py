@@ -72,7 +72,7 @@ def expected_order(
     if grading != 1.0:
         order = float(np.minimum(smooth, grading * _singular_order(scene, method, "max")))
         return order if norm == "max" or order == smooth else math.nan
-    if method.start == "weights" and not _leaves_out_weights(scene, method):
+    if method.start == "weights" and not _omits_weights(scene, method):
         # an exact fractional derivative is a singular force, whose moments the points see wrong;
         # on the nodes the kick at 0 that the scheme leaves out comes to light
         return _weighted_order(scene, method, smooth)
@@ -163,13 +163,13 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     return min(limit, 2 * on_grid if twice else on_grid)
 
 
-def _leaves_out_weights(scene: Scene, method: Method) -> bool:
+def _omits_weights(scene: Scene, method: Method) -> bool:
     """Whether the systems for starting weights are too ill-conditioned."""
     if not scene.active_damping:
         return False
-    from fvi_cli.integrator.starts.starting_weights import leaves_out
+    from fvi_cli.integrator.starts.starting_weights import omits_weights
 
-    return leaves_out(scene, method)
+    return omits_weights(scene, method)
 
 
 def _weighted_order(scene: Scene, method: Method, smooth: float) -> float:

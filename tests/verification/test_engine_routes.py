@@ -13,8 +13,8 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution import lags
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory import lags
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.integrator.run.on_mesh import path_from
 
@@ -69,16 +69,26 @@ def test_many_groups_agree():
 
 def with_a_wrong_weight(monkeypatch: pytest.MonkeyPatch, lag: int) -> None:
     """Let the states' route, and it alone, take a weight that is a tenth of a percent off."""
-    right = lags.lag_step
+    right = lags.Lags.kernels
 
-    def wrong(bdf_order: int, tables: object, orders: object, tail: object, step_size: float):
-        found = right(bdf_order, tables, orders, tail, step_size)
-        if found.rates.size:
-            found.near[:, lag] += 1e-3 * found.kernels[:, lag]
-            found.kernels[:, lag] *= 1.001
-        return found
+    def wrong(self: lags.Lags, h: float, count: int) -> lags.LagKernels:
+        found = right(self, h, count)
+        if not self._rates.size:
+            return found
+        local, later, response = (one.copy() for one in (found.local, found.lags, found.response))
+        if lag == 0:
+            local *= 1.001
+        if 0 < lag < count:
+            later[:, lag - 1] *= 1.001
+        m, s = local.shape[1:]
+        for step in range(count):
+            place = self.n_lags + step - lag
+            if lag and 0 <= place < self.n_lags:
+                own = response[:, step * m : (step + 1) * m, place * s : (place + 1) * s]
+                own += 1e-3 * self.at_lags(np.array([lag]))[:, 0]
+        return replace(found, local=local, lags=later, response=response)
 
-    monkeypatch.setattr(lags, "lag_step", wrong)
+    monkeypatch.setattr(lags.Lags, "kernels", wrong)
 
 
 @pytest.mark.parametrize("lag", [0, 1, 40])

@@ -11,7 +11,7 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.lags import LagDamping
+from fvi_cli.integrator.engine.damping import Damping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Baseline, Method
@@ -78,14 +78,14 @@ def test_order_1_beside_a_fractional_one_of_riemann_liouville(bdf, order, n_step
         return float(np.abs(found.position - exact).max())
 
     assert error(scene) < 1.5 * error(alone)
-    whole = LagDamping.force_of_jump
+    whole = Damping.force_of_jump
 
-    def first_point(damping: LagDamping) -> np.ndarray:
+    def first_point(damping: Damping) -> np.ndarray:
         force = whole(damping)
-        force[0, 1:] = force[1:] = 0.0
+        force[:, 0, 1:] = force[:, 1:] = 0.0
         return force
 
-    with patch.object(LagDamping, "force_of_jump", first_point):
+    with patch.object(Damping, "force_of_jump", first_point):
         pushed = error(scene)
     assert pushed > error(scene) + 0.02
 

@@ -21,7 +21,7 @@ from fvi_cli.integrator.observations.asked import (
     surface_objection,
 )
 from fvi_cli.integrator.observations.damper_work import work_names
-from fvi_cli.integrator.observations.surface import Surface, start_objection
+from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.containers import ListOf, Named

@@ -10,10 +10,10 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.domain import first_undefined, undefined_near
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import step_failure
+from fvi_cli.integrator.engine.recorder import why_unsolved
 from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
+from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
@@ -103,7 +103,7 @@ class AdaptiveSource:
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
         scale, finding = _largest(position), Finding(error=math.inf)
         if steps.failed.any():
-            self._error = _unsolved(state, steps)
+            self._error = why_unsolved(steps, state)
         elif (outside := self._outside(position, h * unknowns)) is not None:
             self._error = StepFailedError(undefined_near(outside), reason="irregular")
         else:
@@ -155,13 +155,6 @@ class AdaptiveSource:
         self._examiner.restore(largest, starts_on)
         self._infinite = arrays["infinite"].tolist()
         self._done = int(arrays["done"])
-
-
-def _unsolved(state: State, steps: Steps) -> StepFailedError:
-    """Why a step has no solution."""
-    if not steps.attempts:
-        return no_unique_solution(steps.h)
-    return step_failure(steps, int(np.flatnonzero(steps.failed)[0]), state)[1]
 
 
 def _largest(values: Array) -> float:

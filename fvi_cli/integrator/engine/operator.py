@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
 from fvi_cli.integrator.engine.damping import Damping
-from fvi_cli.integrator.engine.frame import Frame
+from fvi_cli.integrator.engine.frame import Frame, UnitTables
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.tables import expand, on_components, on_points
 from fvi_cli.mathematics.arrays import Array, Places
@@ -54,7 +55,7 @@ class Operator:
         self.frame, self.at, self.is_linear = frame, at, is_linear
         directions = () if damping is None else damping.combinations
         self._matrices = [np.asarray(one.matrix) for one in directions]
-        matrix = self._matrix()
+        matrix = step_matrix(frame.unit, at, frame.h, frame.damp, self._matrices)
         inverse = _inverse(matrix)
         self.singular = np.isnan(inverse[:, 0, 0])
         if self.singular.any():
@@ -65,22 +66,6 @@ class Operator:
             self.points = frame.points
             self.by_rest = expand(np.matmul(loads, frame.tests))
             self.fold = np.matmul(self.points, self.by_rest)
-
-    def _matrix(self) -> Array:
-        """Of the equations of one step, ``(q, s e, s e)``."""
-        (m, c, k), unit, h = self.at, self.frame.unit, self.frame.h
-        if k.ndim == 4:
-            by_mass, by_mixed, by_transposed, by_stiffness = unit.pairs
-            matrix = on_points(by_mass, m) if m.ndim == 4 else on_components(unit.mass[None], m)
-            matrix = matrix - on_points(h * h * by_stiffness, k)
-            if c is not None:
-                matrix += on_points(h * by_mixed, c)
-                matrix += on_points(h * by_transposed, c.swapaxes(2, 3))
-        else:
-            matrix = on_components(unit.mass[None], m) - on_components(self.frame.stiff[None], k)
-        for damp, direction in zip(self.frame.damp, self._matrices, strict=True):
-            matrix = matrix - on_components(damp, direction)
-        return matrix
 
     def _of_one_step(self, inverse: Array) -> Array:
         """Responses to unit loads ``(q, 1, s e, (s + 1) e)``; sets `start`."""
@@ -190,6 +175,38 @@ class Operator:
         for name in ("by_load", "start", "by_rest", "fold", "singular"):
             getattr(self, name)[places] = getattr(other, name)
         self.at.put(places, other.at)
+
+
+def step_matrix(
+    unit: UnitTables,
+    at: Linearisation,
+    h: float | Array,
+    damp: Sequence[Array],
+    matrices: Sequence[Array],
+) -> Array:
+    """The matrix of the equations of one step, ``(q, s e, s e)``.
+
+    Parameters
+    ----------
+    unit, at
+        Tables of a step of length 1, and second derivatives of the members.
+    h
+        Length of the step; where members have steps of their own ``(q, 1, 1)``.
+    damp, matrices
+        For every direction U to the equations of the step, ``(q or 1, s, s)``, and D.
+    """
+    m, c, k = at
+    if k.ndim == 4:
+        by_mass, by_mixed, by_transposed, by_stiffness = unit.pairs
+        matrix = on_points(by_mass, m) if m.ndim == 4 else on_components(unit.mass[None], m)
+        matrix = matrix - h * h * on_points(by_stiffness, k)
+        if c is not None:
+            matrix += h * (on_points(by_mixed, c) + on_points(by_transposed, c.swapaxes(2, 3)))
+    else:
+        matrix = on_components(unit.mass[None], m) - h * h * on_components(unit.stiff[None], k)
+    for table, direction in zip(damp, matrices, strict=True):
+        matrix = matrix - on_components(table, direction)
+    return np.asarray(matrix)
 
 
 def _inverse(matrices: Array) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fvi_cli.integrator.engine.blocks import block_for
 from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.structures import StructureLaw
 from fvi_cli.integrator.meshes.mesh import Mesh
 
 
@@ -54,7 +55,7 @@ def plan_steps(engine: Engine, mesh: Mesh) -> MeshPlan:
     single = largest = 0
     for one in mesh.stretches:
         block = block_for(engine, one.n_steps)
-        if block == 1:
+        if block == 1 or isinstance(engine.law, StructureLaw):
             single += one.n_steps
         else:
             largest = max(largest, block)

@@ -98,6 +98,13 @@ def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFail
     return attempt.first, StepFailedError(words, changes)
 
 
+def why_unsolved(steps: Steps, state: State) -> StepFailedError:
+    """Why a step of one scene that begins at `state` has no solution."""
+    if not steps.attempts:
+        return no_unique_solution(steps.h)
+    return step_failure(steps, int(np.flatnonzero(steps.failed)[0]), state)[1]
+
+
 class Recorder:
     """Reported points of all scenes, thinned, and where wanted all steps as polynomials.
 

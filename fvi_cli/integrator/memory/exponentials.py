@@ -140,6 +140,26 @@ class Exponentials:
         self.weights = nothing if self.kernel is None else self.kernel.weights
         self.n_states = int(self.weights.shape[1])
 
+    def of_steps(self, sizes: Array) -> tuple[Array, Array, Array, Array]:
+        """Tables of single steps of u lengths at once.
+
+        Returns
+        -------
+        tuple of Array
+            Local blocks ``(u, K, m, m)``, values at the stages of states that begin with 1
+            ``(u, m, J)``, intake ``(u, J, m)`` and change ``(u, J)``.
+        """
+        u, j, m = sizes.size, self.n_states, self._operator.n_stages
+        local = [[self._operator.local_block(term, h) for term in self.terms] for h in sizes]
+        rates = np.zeros(0) if self.kernel is None else self.kernel.rates
+        step = self._operator.exponentials(np.outer(sizes, rates).ravel())
+        return (
+            np.array(local).reshape(u, len(self.terms), m, m),
+            step.stages.reshape(m, u, j).swapaxes(0, 1),
+            step.intake.reshape(u, j, m),
+            step.changes(1).reshape(u, j),
+        )
+
     def remembers(self, term: Term) -> bool:
         """Whether a term has states: all but the power 0."""
         return term != 0.0

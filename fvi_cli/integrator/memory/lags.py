@@ -14,7 +14,7 @@ to be written out all lags are near. Order 1, whose weights end, is a term like 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +46,7 @@ class LagKernels(Kernels):
     n_lags: int
     rates: Array
     decay: Array
+    _combined: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False)
 
     def past(
         self,
@@ -53,28 +54,29 @@ class LagKernels(Kernels):
         combinations: Sequence[Combination],
         count: int,
     ) -> Array:
-        """Force of the past on the first `count` steps, ``(q, count m, e)``."""
-        total: Array | None = None
-        carried: dict[tuple[int, int], Array] = {}
-        for own, one in zip(states, combinations, strict=True):
-            force: Array | None = None
-            for place, factor in zip(_places(one), one.factors.T, strict=True):
-                key = (id(own), place)
-                if key not in carried:
-                    response = self.response[place, : count * self.n_samples]
-                    carried[key] = np.matmul(response, own)
-                part = factor[:, None, None] * carried[key]
-                force = part if force is None else force + part
-            if force is not None:
-                force = along(force, one.matrix)
-                total = force if total is None else total + force
-        if total is None:
-            raise ValueError("combinations: at least one is needed")
+        """Force of the past on the first `count` steps: one product for every direction."""
+        size = count * self.n_samples
+        forces = [
+            along(np.matmul(self.response_of(one)[:, :size], own), one.matrix)
+            for own, one in zip(states, combinations, strict=True)
+        ]
+        total = forces[0]
+        for force in forces[1:]:
+            total = total + force
         return total
 
     def response_of(self, one: Combination) -> Array:
-        """Force of unit states on the block."""
-        return one.combine(self.response)
+        """Force of unit states on the block; kept where it is the same for all members."""
+        if len(one.places) > 1:
+            raise ValueError("combinations: members of backward differences have the same orders")
+        if len(one.factors) > 1:
+            return one.combine(self.response)
+        # the factors are kept as well, so that no others have their place in memory
+        _, found = self._combined.get(id(one.factors), (one.factors, None))
+        if found is None:
+            found = one.combine(self.response)
+            self._combined[id(one.factors)] = one.factors, found
+        return found
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States behind the first `count` steps."""
@@ -236,12 +238,6 @@ class Lags:
             rates=self._rates,
             decay=np.exp(-np.outer(self._rates, np.arange(count, 0, -1))),
         )
-
-
-def _places(one: Combination) -> list[int]:
-    if len(one.places) > 1:
-        raise ValueError("combinations: members with backward differences have the same orders")
-    return [int(place) for place in one.places[0]]
 
 
 def _decayed(lags: Integers, rates: Array, factors: Array) -> Array:

@@ -12,7 +12,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Observations, check_observable
-from fvi_cli.integrator.observations.impacts import integrate_with_impacts
+from fvi_cli.integrator.observations.impacts.run import integrate_with_impacts
 from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed

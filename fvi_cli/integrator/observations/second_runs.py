@@ -14,10 +14,9 @@ from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.engine.directions import pattern_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.impacts import replayed
+from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.setup import prepare_on_mesh
 from fvi_cli.mathematics.arrays import Array
 
 MOST_STAGES = 12
@@ -126,12 +125,11 @@ def _second_runs(
     found: dict[int, tuple[RunSteps | None, str]] = {}
     groups: dict[Hashable, list[int]] = {}
     for index, one in enumerate(steps):
-        breaks = shorter[index].break_points
         if one.jump is None:
-            groups.setdefault((one.time.tobytes(), breaks), []).append(index)
+            key = (one.time.tobytes(), shorter[index].break_points)
+            groups.setdefault(key, []).append(index)
             continue
-        setup = prepare_on_mesh(shorter[index], method, one.mesh(breaks))
-        found[index] = replayed(setup, one, checkpoints), "failed"
+        found[index] = replayed(shorter[index], method, one, checkpoints), "failed"
     for places in groups.values():
         runs = integrate_members(
             [shorter[index] for index in places],

@@ -1,23 +1,16 @@
-"""Single steps of any size, and the loop that finds their sizes on the way."""
+"""Single steps of any size."""
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.domain import first_undefined, undefined_near
-from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
-from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
+from fvi_cli.integrator.failure import StepFailedError, no_unique_solution
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.local_error.defect import StepPath
-from fvi_cli.integrator.local_error.examine import Examiner, Finding
-from fvi_cli.integrator.meshes.adaptive import StepController
-from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.steps.dynamics import Separable
 from fvi_cli.integrator.steps.step import StepMatrices, StepResult, StepSolver
 from fvi_cli.mathematics.arrays import Array
@@ -27,7 +20,6 @@ MATRICES_KEPT = 128
 """Step sizes whose matrices are kept; adaptive runs take a few dozen."""
 UNKNOWNS_KEPT = 2**20
 """Unknowns of their steps, at most: factors of large structures take a kilobyte for each."""
-INFINITE = "the force may be infinite"
 
 
 @dataclass(kw_only=True, eq=False)
@@ -52,79 +44,6 @@ class Marker:
     states: Array
     unknowns: Array | None = None
     step_size: float = 0.0
-
-
-@dataclass(kw_only=True, eq=False)
-class Course:
-    """Points and polynomials of the steps that are done, in lists that grow."""
-
-    times: list[float] = field(default_factory=list)
-    positions: list[Array] = field(default_factory=list)
-    momenta: list[Array] = field(default_factory=list)
-    sizes: list[float] = field(default_factory=list)
-    unknowns: list[Array] = field(default_factory=list)
-    failure: Failure | None = None
-    rejected: int = 0
-    iterations: int = 0
-    most_iterations: int = 0
-    worst_step: int = -1
-    worst_residuals: tuple[float, ...] = ()
-    doubts: list[tuple[float, str]] = field(default_factory=list)
-
-    @classmethod
-    def begun(cls, marker: Marker) -> Course:
-        """Of a run that stands at its start."""
-        return cls(
-            times=[marker.time],
-            positions=[marker.position.value.copy()],
-            momenta=[marker.momentum.value.copy()],
-        )
-
-    def kept(self) -> dict[str, Array]:
-        """Points and polynomials so far by name, for a checkpoint."""
-        return {
-            "times": np.array(self.times),
-            "positions": np.array(self.positions),
-            "momenta": np.array(self.momenta),
-            "sizes": np.array(self.sizes),
-            "unknowns": np.array(self.unknowns),
-            "infinite": np.array([time for time, words in self.doubts if words == INFINITE]),
-        }
-
-    def restore(self, newton: NewtonRecord, kept: Mapping[str, Array] | None = None) -> None:
-        """Go on behind a checkpoint, with what was kept before it."""
-        self.iterations, self.most_iterations = newton.iterations, newton.largest
-        self.worst_step, self.worst_residuals = newton.worst_step, newton.worst_residuals
-        if kept is not None:
-            self.times, self.sizes = kept["times"].tolist(), kept["sizes"].tolist()
-            self.positions, self.momenta = list(kept["positions"]), list(kept["momenta"])
-            self.unknowns = list(kept["unknowns"])
-            self.doubts = [(time, INFINITE) for time in kept["infinite"].tolist()]
-
-    @property
-    def newton(self) -> NewtonRecord:
-        """Record of Newton's iteration."""
-        return NewtonRecord(
-            iterations=self.iterations,
-            largest=self.most_iterations,
-            worst_step=self.worst_step,
-            worst_residuals=self.worst_residuals,
-        )
-
-    def add(self, marker: Marker, result: StepResult, size: float) -> None:
-        """A step that is done; the marker stands at its end."""
-        self.times.append(marker.time)
-        self.positions.append(marker.position.value.copy())
-        self.momenta.append(marker.momentum.value.copy())
-        self.sizes.append(size)
-        self.unknowns.append(result.unknowns)
-
-    def note(self, residuals: tuple[float, ...], step: int | None = None) -> None:
-        """Count the iterations of a step; by default of the one behind those that are kept."""
-        self.iterations += len(residuals)
-        if len(residuals) > self.most_iterations:
-            self.most_iterations, self.worst_residuals = len(residuals), residuals
-            self.worst_step = len(self.sizes) if step is None else step
 
 
 class Stepper:
@@ -223,98 +142,3 @@ class Stepper:
         marker.position.add(step_size * result.unknowns[-1])
         marker.momentum.add(result.momentum_change)
         marker.time, marker.step_size, marker.unknowns = end, step_size, result.unknowns
-
-
-def march_adaptively(
-    stepper: Stepper,
-    marker: Marker,
-    course: Course,
-    controller: StepController,
-    examiner: Examiner,
-    *,
-    most_steps: int,
-    bound: GrowthBound,
-    after_step: Callable[[], object],
-) -> None:
-    """Steps whose sizes the controller finds, to the end or to a failure."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        while not controller.is_finished:
-            size = controller.propose()
-            fresh = controller.is_fresh
-            if fresh:
-                marker.unknowns = None
-            finding = Finding(error=math.inf)
-            scale = _scale(marker, None, size)
-            try:
-                result = stepper.attempt(marker, size, fresh=fresh)
-                scale = _scale(marker, result, size)
-                path = StepPath(
-                    begin=marker.time,
-                    size=size,
-                    position=marker.position.value,
-                    unknowns=result.unknowns,
-                )
-                finding = examiner.examine(
-                    path,
-                    controller.tolerance_for(scale),
-                    fresh=fresh,
-                    shortest=controller.shortest_step,
-                )
-                course.note(result.residuals)
-                error = StepFailedError("the local error cannot be kept")
-            except StepFailedError as failed:
-                course.note(failed.residuals)
-                result, error = None, failed
-            if finding.cut is not None:
-                controller.cut(finding.cut)
-                continue
-            is_kink = finding.ends_on is not None
-            if not controller.judge(size, finding.error, scale, ends_on_kink=is_kink):
-                examiner.give_up_cuts()
-                if controller.is_stuck:
-                    course.failure = Failure.in_step(len(course.sizes), marker.time, error)
-                    break
-                continue
-            if result is None:
-                break
-            examiner.go_on(finding)
-            if finding.unresolved_at is not None:
-                course.doubts.append((finding.unresolved_at, INFINITE))
-            stepper.accept(marker, result, size, controller.time)
-            course.add(marker, result, size)
-            if not _is_finite(marker):
-                course.failure = Failure.not_finite(len(course.sizes) - 1, marker.time)
-                break
-            if float(np.abs(marker.position.value).max()) > bound.size:
-                outside = first_outside(
-                    bound.with_force(stepper.loads.largest_force),
-                    marker.position.value[None],
-                    marker.momentum.value[None],
-                    np.array([marker.time]),
-                    len(course.sizes) - 1,
-                )
-                if outside is not None:
-                    course.failure = outside[1]
-                    break
-            if len(course.sizes) >= most_steps:
-                most = StepFailedError("the most steps are done", reason="most steps")
-                course.failure = Failure.in_step(len(course.sizes), marker.time, most)
-                break
-            after_step()
-    course.rejected = controller.rejected
-    if controller.forced_at is not None:
-        course.doubts.append((controller.forced_at, "no step is short enough for the local error"))
-
-
-def _scale(marker: Marker, result: StepResult | None, size: float) -> float:
-    """Size of the position and of the way of a step, a length; zero if it is not finite."""
-    found = float(np.abs(marker.position.value).max())
-    if result is not None:
-        found += size * float(np.abs(result.velocity).max())
-    return found if math.isfinite(found) else 0.0
-
-
-def _is_finite(marker: Marker) -> bool:
-    return bool(
-        np.isfinite(marker.position.value).all() and np.isfinite(marker.momentum.value).all()
-    )

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 CONDITION_WARNING = 1e8
 MOST_POWERS = 16
 """More of them are too ill-conditioned wherever they lie, and take seconds to find out."""
+MOST_ITERATIONS = 20
 CONDITION_LIMIT = 1e12
 """Beyond, weights are left out: from 2e13 on errors of 5 to 1e8 were measured (a pendulum, orders
 0.3 to 1.95, BDF2 to 6 on 100 and 400 steps), up to 3e11 none above that without weights."""
@@ -106,12 +107,17 @@ def _long(value: mpf) -> np.longdouble:
     return np.longdouble(head) + np.longdouble(float(value - head))
 
 
-def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
+def default_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     r"""Powers of the solution's expansion at 0 that cost order p when left uncorrected.
 
     The quadrature of :math:`t^\sigma` errs by :math:`h^{\sigma - \gamma}` on the first steps, which
     the momentum sums up to :math:`h^{\sigma - \gamma + 1}`: the powers with
     :math:`\sigma < p + \gamma - 1`, without those that the Caputo derivative subtracts.
+
+    Raises
+    ------
+    SeriesError
+        If the solution has no such expansion.
     """
     order = max(term.order for term in scene.active_damping)
     cutoff = method.bdf_order + order - 1
@@ -120,23 +126,28 @@ def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     return tuple(e for e in found if least < e < cutoff)
 
 
-def weights_condition(method: Method, tables: StepTables, exponents: tuple[float, ...]) -> float:
+def omits_weights(scene: Scene, method: Method) -> bool:
+    """Whether the weights of a run would keep too few digits, so that it goes without them."""
+    try:
+        exponents = method.start_exponents or default_exponents(scene, method)
+    except SeriesError:
+        return True
+    return _condition(method, step_tables(method), exponents) > CONDITION_LIMIT
+
+
+def _condition(method: Method, tables: StepTables, exponents: tuple[float, ...]) -> float:
     """Largest condition number of the systems for starting weights on such powers."""
     if not exponents:
         return 1.0
     if len(exponents) > MOST_POWERS:
         return math.inf
-    points = tables.sample_points[:1] if method.sampling == "nodes" else tables.sample_points
-    return max(_inverse_vandermonde(float(chi), exponents)[1] for chi in points)
+    offsets = _offsets(method, tables)
+    return max(_inverse_vandermonde(float(chi), exponents)[1] for chi in offsets)
 
 
-def leaves_out(scene: Scene, method: Method) -> bool:
-    """Whether the weights of a run would keep too few digits, so that it goes without them."""
-    try:
-        exponents = method.start_exponents or own_exponents(scene, method)
-    except SeriesError:
-        return True
-    return weights_condition(method, step_tables(method), exponents) > CONDITION_LIMIT
+def _offsets(method: Method, tables: StepTables) -> Array:
+    """Where the samples of a step lie; of samples on the nodes those at the left ends."""
+    return tables.sample_points[:1] if method.sampling == "nodes" else tables.sample_points
 
 
 FirstSamples = Callable[[Array, int], Array]
@@ -165,76 +176,99 @@ def corrected_start(
         Load vectors, shape ``(N, s + 1, d)``, None where nothing is corrected; and remarks.
     """
     try:
-        exponents = method.start_exponents or own_exponents(scene, method)
+        exponents = method.start_exponents or default_exponents(scene, method)
     except SeriesError as error:
         return None, (f"starting weights left out: condition unknown, {error}",)
-    count = len(exponents)
-    if count == 0:
+    if not exponents:
         return None, ("starting weights left out: the start has no power to correct",)
-    d, points = scene.dimension, tables.sample_points
-    # of samples on the nodes those at the left ends; the first of them is the start
-    on_nodes = method.sampling == "nodes"
-    own = 1 if on_nodes else points.size
-    first = 1 if on_nodes else 0
-    n_first = count + first
-    if n_steps < n_first:
+    if n_steps < len(exponents) + _is_on_nodes(method):
         return None, (f"starting weights left out: {n_steps} steps are too few",)
-    worst = weights_condition(method, tables, exponents)
+    powers, worst = ", ".join(f"t^{e:g}" for e in exponents), _condition(method, tables, exponents)
     if worst > CONDITION_LIMIT:
         return None, (
-            f"starting weights left out: condition {worst:.2g} on "
-            f"{', '.join(f't^{e:g}' for e in exponents)} leaves too few digits; take rk: gauss "
-            "with start: graded, or fewer powers",
+            f"starting weights left out: condition {worst:.2g} on {powers} leaves too few digits; "
+            "take rk: gauss with start: graded, or fewer powers",
         )
-    h = scene.final_time / n_steps
-    times = h * (np.arange(first, n_first)[:, None] + points[:own])
-    maps = []
-    for term in scene.active_damping:
-        per_sample = []
-        for chi in points[:own]:
-            weights, _ = starting_weights(
-                method.bdf_order, term.order, exponents, n_steps + 1, offset=float(chi)
-            )
-            per_sample.append(h ** (-term.order) * weights)
-        # what Caputo subtracts above order 1, besides the position
-        subtracted = np.zeros((count, own, d))
-        if scene.derivative == "caputo" and term.order > 1:
-            subtracted = times[:, :, None] * scene.initial_velocity
-        maps.append((np.stack(per_sample, axis=1), subtracted, term.coefficient))
+    correction = _Correction(scene, method, tables, n_steps, exponents)
+    remark = f"starting weights on {powers}: condition {worst:.2g}"
+    if worst > CONDITION_WARNING:
+        remark += " (ill conditioned: expect to lose that many digits)"
+    return correction.solved(first_samples), (remark,)
 
-    def loads_of(samples: Array) -> Array:
-        """Load vectors that samples of shape ``(count, own, d)`` make."""
-        force = np.zeros((n_steps + 1, own, d))
-        for weights, away, matrix in maps:
-            force += np.einsum("kij,jid->kid", weights, samples - away) @ matrix
-        if on_nodes:
+
+def _is_on_nodes(method: Method) -> bool:
+    """Whether the first sample is the start, where every power vanishes."""
+    return method.sampling == "nodes"
+
+
+class _Correction:
+    """The force of starting weights by the first samples, and these by that force."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        method: Method,
+        tables: StepTables,
+        n_steps: int,
+        exponents: tuple[float, ...],
+    ) -> None:
+        self._scene, self._tables, self._n_steps = scene, tables, n_steps
+        self._on_nodes, offsets = _is_on_nodes(method), _offsets(method, tables)
+        self._h = h = scene.final_time / n_steps
+        self._first = 1 if self._on_nodes else 0
+        self._shape = (len(exponents), len(offsets), scene.dimension)
+        times = h * (self._first + np.arange(len(exponents))[:, None] + offsets)
+        # of every term the weights, what Caputo subtracts above order 1 besides the position, and
+        # the matrix
+        self._terms: list[tuple[Array, Array, Array]] = []
+        for term in scene.active_damping:
+            weights = [
+                starting_weights(
+                    method.bdf_order, term.order, exponents, n_steps + 1, offset=float(chi)
+                )[0]
+                for chi in offsets
+            ]
+            subtracted = np.zeros(self._shape)
+            if scene.derivative == "caputo" and term.order > 1:
+                subtracted = times[:, :, None] * scene.initial_velocity
+            own = h ** (-term.order) * np.stack(weights, axis=1)
+            self._terms.append((own, subtracted, term.coefficient))
+
+    def loads_of(self, samples: Array) -> Array:
+        """Load vectors that samples of shape ``(n_exponents, m, d)`` make."""
+        force = np.zeros((self._n_steps + 1, *self._shape[1:]))
+        for weights, subtracted, matrix in self._terms:
+            force += np.einsum("kij,jid->kid", weights, samples - subtracted) @ matrix
+        if self._on_nodes:
             # at both ends of every step; the first kick is left out
             force = np.stack([force[:-1, 0], force[1:, 0]], axis=1)
             force[0, 0] = 0.0
-        return np.asarray(
-            np.einsum("vm,kmd->kvd", -h * tables.sample_test_weights, force[:n_steps])
-        )
+        to_loads = -self._h * self._tables.sample_test_weights
+        return np.asarray(np.einsum("vm,kmd->kvd", to_loads, force[: self._n_steps]))
 
-    def samples_of(unknown: Array) -> Array:
-        loads = loads_of(unknown.reshape(count, own, d))
-        return first_samples(loads, n_first)[first:, :own].ravel()
+    def solved(self, first_samples: FirstSamples) -> Array:
+        """Load vectors that make the samples of which they are made."""
+        count, offsets, _ = self._shape
 
-    unknown = np.zeros(count * own * d)
-    for _ in range(2 if scene.is_linear else 20):
-        value = samples_of(unknown)
-        size = max(1e-3 * h, float(np.abs(value).max()))
-        jacobian = np.empty((unknown.size, unknown.size))
-        for column in range(unknown.size):
-            moved = unknown.copy()
-            moved[column] += size
-            jacobian[:, column] = (samples_of(moved) - value) / size
-        update = np.linalg.solve(np.eye(unknown.size) - jacobian, value - unknown)
-        unknown = unknown + update
-        if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
-            break
-    remark = (
-        f"starting weights on {', '.join(f't^{e:g}' for e in exponents)}: condition {worst:.2g}"
-    )
-    if worst > CONDITION_WARNING:
-        remark += " (ill conditioned: expect to lose that many digits)"
-    return loads_of(unknown.reshape(count, own, d)), (remark,)
+        def samples_of(unknown: Array) -> Array:
+            loads = self.loads_of(unknown.reshape(self._shape))
+            found = first_samples(loads, count + self._first)
+            return found[self._first :, :offsets].ravel()
+
+        unknown = np.zeros(math.prod(self._shape))
+        for _ in range(2 if self._scene.is_linear else MOST_ITERATIONS):
+            value = samples_of(unknown)
+            size = max(1e-3 * self._h, float(np.abs(value).max()))
+            jacobian = np.empty((unknown.size, unknown.size))
+            for column in range(unknown.size):
+                moved = unknown.copy()
+                moved[column] += size
+                jacobian[:, column] = (samples_of(moved) - value) / size
+            update = np.linalg.solve(np.eye(unknown.size) - jacobian, value - unknown)
+            unknown = unknown + update
+            if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
+                break
+        return self.loads_of(unknown.reshape(self._shape))
+
+
+__all__ = ["corrected_start", "default_exponents", "omits_weights", "starting_weights"]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.adjoint.gradient import RunFailedError
+from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms, series_of

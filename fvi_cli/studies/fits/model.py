@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps
-from fvi_cli.integrator.adjoint.variation import Variation
+from fvi_cli.integrator.gradients.gradient import RunFailedError, run_steps
+from fvi_cli.integrator.gradients.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array

@@ -9,10 +9,10 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.formula import Asked, Formula
-from fvi_cli.integrator.adjoint.gradient import run_steps, sensitivities
-from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.variation import Variation, differentiate
+from fvi_cli.integrator.gradients.formula import Asked, Formula
+from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
@@ -131,7 +131,7 @@ def predict_response(
         return [np.broadcast_to(force(beside), applied.shape), -applied]
 
     for column, one in enumerate(variations):
-        left[..., column] = sum(differentiate(one, scene, unbalanced, is_straight=False))
+        left[..., column] = sum(differentiate(one, scene, unbalanced))
     slopes = solve(left) if variations else left
     predicted = []
     for series in data.series:

@@ -12,9 +12,10 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.damper_forces import forces_of_dampers, stored_energy
 from fvi_cli.integrator.engine.damping import Damping, damping_of
 from fvi_cli.integrator.engine.directions import directions_of, pattern_of
-from fvi_cli.integrator.engine.loop import integrate
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.on_mesh import integrate_scenes
 
 COUPLING = np.array([[1.0, 0.2, 0.0], [0.2, 0.5, 0.1], [0.0, 0.1, 0.3]])
 OTHER = np.diag([0.2, 0.0, 0.4])
@@ -57,11 +58,11 @@ def test_members_of_different_orders_have_the_bits_of_runs_of_their_own(
     scenes, method = scenes_of(kind, sweep, v), Method(cq="gauss", degree=degree)
     assert len({pattern_of(one) for one in scenes}) == 1
     mesh = uniform_mesh(8.0, 100)
-    _, together, _ = integrate(scenes, method, mesh, most=most)
+    together = integrate_scenes(scenes, method, mesh, most=most)
     for scene, own in zip(scenes, together, strict=True):
-        _, alone, _ = integrate([scene], method, mesh, most=most)
-        np.testing.assert_array_equal(alone[0], own)
-    assert np.abs(together[0] - together[1]).max() > 1e-4
+        (alone,) = integrate_scenes([scene], method, mesh, most=most)
+        np.testing.assert_array_equal(alone.position, own.position)
+    assert np.abs(together[0].position - together[1].position).max() > 1e-4
 
 
 def test_what_may_not_stand_in_one_batch_has_another_pattern():
@@ -74,6 +75,15 @@ def test_what_may_not_stand_in_one_batch_has_another_pattern():
     assert [len(one.terms[0]) for one in directions_of([shared])] == [2]
     apart = directions_of([shared], is_separate=True)
     assert [len(one.terms[0]) for one in apart] == [1, 1]
+
+
+@pytest.mark.parametrize("method", [Method(cq="bdf2", degree=1), Method(cq="gauss", degree=2)])
+def test_terms_in_any_order_make_the_same_motion(method):
+    terms = (1.5, 0.3), (0.5, 0.1)
+    scenes = [number(*(terms if k % 2 else terms[::-1])) for k in range(8)]
+    runs = integrate_members(scenes, method, 64)
+    assert np.abs(runs[0].position - runs[1].position).max() < 1e-13
+    np.testing.assert_array_equal(runs[0].position, runs[2].position)
 
 
 METHODS = {

@@ -97,7 +97,7 @@ def test_a_check_in_json_prints_json_alone(folder):
 
 
 def test_a_run_that_fails_ends_a_fit_with_a_message(folder, monkeypatch):
-    from fvi_cli.integrator.adjoint.gradient import RunFailedError
+    from fvi_cli.integrator.gradients.gradient import RunFailedError
     from fvi_cli.studies.fits.model import MotionModel
 
     def fail(self: MotionModel, *given: object) -> None:

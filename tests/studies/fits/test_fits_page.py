@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.fits import ORDER, TimedFit, covered_in_theory, fits_page, motion, oscillator
-from fvi_cli.integrator.adjoint.gradient import run_steps
+from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.model import METHOD

@@ -13,12 +13,16 @@ from letters import spring, swing
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.entries import entries_of
-from fvi_cli.integrator.adjoint.gradient import gradient_of, run_steps, sensitivities
-from fvi_cli.integrator.adjoint.linear_run import linear_run
-from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
-from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.quantity import (
+from fvi_cli.integrator.gradients.entries import entries_of
+from fvi_cli.integrator.gradients.gradient import (
+    gradient_of,
+    linear_run,
+    run_steps,
+    sensitivities,
+)
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.quantity import (
     Quantity,
     acceleration_at,
     misfit,
@@ -27,7 +31,7 @@ from fvi_cli.integrator.adjoint.quantity import (
     smoothed_peak,
     velocity_at,
 )
-from fvi_cli.integrator.adjoint.variation import Variation
+from fvi_cli.integrator.gradients.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
@@ -378,26 +382,25 @@ def test_forwards_and_backwards_are_transposed(name, method):
     def random(*shape: int) -> Any:
         return generator.standard_normal(shape)
 
+    s = done.tables.degree
     change = Disturbance(
-        momentum=random(n, r, d, 2),
-        force=random(n, r, d, 2),
-        damping=random(n, r, d, 2),
-        loads=random(n, done.tables.degree + 1, d, 2),
-        position=random(d, 2),
-        velocity=random(d, 2),
-        start_momentum=random(d, 2),
+        loads=random(2, n, s + 1, d),
+        position=random(2, d),
+        velocity=random(2, d),
+        momentum=random(2, d),
+        damping=random(2, n, r, d),
     )
     tangent = run.tangent(change)
-    by_position, by_unknowns = random(n + 1, d), random(n, done.tables.degree, d)
-    forwards = np.einsum("nd,ndp->p", by_position, tangent.position)
-    forwards += np.einsum("nsd,nsdp->p", by_unknowns, tangent.unknowns)
+    by_position, by_unknowns = random(n + 1, d), random(n, s, d)
+    forwards = np.einsum("nd,pnd->p", by_position, tangent.position)
+    forwards += np.einsum("nsd,pnsd->p", by_unknowns, tangent.unknowns)
     backwards = run.adjoint(by_position, by_unknowns).along(change)
     scale = np.abs(by_position).sum() * np.abs(tangent.position).max()
     np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
     # of the damping force as well
     by_force = random(n, r, d)
     changed = run.damping_changes(tangent, change)
-    forwards += np.einsum("nrd,nrdp->p", by_force, changed)
+    forwards += np.einsum("nrd,pnrd->p", by_force, changed)
     backwards = run.adjoint(by_position, by_unknowns, by_force).along(change)
     scale += np.abs(by_force).sum() * np.abs(changed).max()
     np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
@@ -621,7 +624,6 @@ def test_linear_runs_by_their_linearised_equations(name):
     other = run_steps(scene, GAUSS8, mesh)
     np.testing.assert_array_equal(one.time, other.time)
     np.testing.assert_allclose(one.position, other.position, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(one.momentum, other.momentum, rtol=0, atol=1e-12)
     np.testing.assert_allclose(one.velocity, other.velocity, rtol=0, atol=1e-11)
 
 

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.formula import Asked, Formula
-from fvi_cli.integrator.adjoint.linear_run import linear_run
-from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun, Tangent
-from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.quantity import Quantity
-from fvi_cli.integrator.adjoint.variation import Variation, disturbance
+from fvi_cli.integrator.engine.frame import sampling_of
+from fvi_cli.integrator.gradients.formula import Asked, Formula
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.quantity import Quantity
+from fvi_cli.integrator.gradients.variation import Variation, disturbance, loads_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, names_of
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -110,7 +111,8 @@ def gradient_of(
     spread = observation.spread(by_position, by_velocity)
     by_stages = observation.spread_force(by_force) if by_force.any() else None
     cotangent = run.adjoint(*spread, by_stages)
-    found = [cotangent.along(disturbance(run, method, [one]))[0] for one in variations]
+    # one after the other: a disturbance is as large as the run
+    found = [float(cotangent.along(disturbance(run, [one]))[0]) for one in variations]
     derivatives, value = np.array(found) + rates, float(quantity.value(*given))
     if not (math.isfinite(value) and np.isfinite(derivatives).all()):
         raise ValueError("quantity: it, or a derivative of it, is not finite at these times")
@@ -146,7 +148,7 @@ class Sensitivities:
 
     @cached_property
     def by_force(self) -> Array:
-        """Derivatives of the damping force at the stages, ``(N, r, d, p)``."""
+        """Derivatives of the damping force at the stages, ``(p, N, r, d)``."""
         return self.run.damping_changes(self.tangent, self.change)
 
     def of(self, formula: Formula) -> Array:
@@ -154,11 +156,11 @@ class Sensitivities:
         by_position, by_velocity, by_force = formula.slopes()
         position, velocity = formula.observation.changes(self.tangent)
         found = formula.rates(self.variations)
-        found += np.einsum("nd,ndp->np", by_position, position)
-        found += np.einsum("nd,ndp->np", by_velocity, velocity)
+        found += np.einsum("nd,pnd->np", by_position, position)
+        found += np.einsum("nd,pnd->np", by_velocity, velocity)
         if by_force.any():
             force = formula.observation.force_changes(self.by_force)
-            found += np.einsum("nd,ndp->np", by_force, force)
+            found += np.einsum("nd,pnd->np", by_force, force)
         return found
 
 
@@ -176,16 +178,57 @@ def sensitivities(
         run = LinearisedRun(scene, method, run_steps(scene, method, steps))
     observation = Observation(run.steps, run.steps.located(times))
     position, velocity = observation.motion()
-    change = disturbance(run, method, variations)
+    change = disturbance(run, variations)
     tangent = run.tangent(change)
-    changes = observation.changes(tangent)
+    by_position, by_velocity = (np.moveaxis(o, 0, -1) for o in observation.changes(tangent))
     return Sensitivities(
         position=position,
         velocity=velocity,
-        by_position=changes[0],
-        by_velocity=changes[1],
+        by_position=by_position,
+        by_velocity=by_velocity,
         run=run,
         change=change,
         tangent=tangent,
         variations=variations,
     )
+
+
+def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
+    """A run of a linear scene on a mesh, ready for tangents and adjoints.
+
+    The motion is what initial data and loads, as disturbances, make of rest: the tables of its
+    steps are made once for the run and its derivatives. Momenta at the points are not found.
+
+    Raises
+    ------
+    ValueError
+        If the equations of a step have no unique solution, or a step has too many unknowns.
+    """
+    tables, d = step_tables(method), scene.dimension
+    sizes = np.concatenate([np.full(one.n_steps, one.step_size) for one in mesh.stretches])
+    inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in mesh.stretches]
+    ends = [np.append(own, one.end) for own, one in zip(inside, mesh.stretches, strict=True)]
+    nothing = np.zeros((sizes.size + 1, d))
+    stages = np.zeros((sizes.size, tables.points.size, d))
+    rest = RunSteps(
+        tables=tables,
+        time=np.concatenate([[0.0], *ends]),
+        position=nothing,
+        momentum=np.full_like(nothing, np.nan),
+        step_size=sizes,
+        velocity=stages,
+    )
+    run = LinearisedRun(scene, method, rest)
+    loads = loads_of(run, scene, "of_forcing") + loads_of(run, scene, "of_damping")
+    motion = run.tangent(
+        Disturbance(
+            loads=loads[None],
+            position=scene.initial_position[None],
+            velocity=scene.initial_velocity[None],
+            momentum=(scene.inertia.mass @ scene.initial_velocity)[None],
+            damping=stages[None],
+        )
+    )
+    velocity = np.matmul(sampling_of(method).to_inputs, motion.unknowns[0])
+    run.steps = replace(rest, position=motion.position[0], velocity=velocity)
+    return run

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.linearised import LinearisedRun
-from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.variation import Variation, differentiate
+from fvi_cli.integrator.gradients.linearised import LinearisedRun
+from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer
@@ -104,7 +104,7 @@ class Formula:
             return found
         for index, one in enumerate(variations):
             values = partial(self._beside, index)
-            (found[:, index],) = differentiate(one, self._scene, values, is_straight=False)
+            (found[:, index],) = differentiate(one, self._scene, values)
         return found
 
     def _beside(self, index: int, scene: Scene, number: float) -> list[Array]:

@@ -1,0 +1,135 @@
+"""The numbers of a scene by name, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.prony import Exponentials
+from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.gradients.variation import Variation
+from fvi_cli.mathematics.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Entry:
+    """A number, vector or symmetric matrix of a scene.
+
+    Parameters
+    ----------
+    name
+        What it is called: ``mass``, ``stiffness``, ``initial_position``, ``initial_velocity``,
+        ``damping.<index>.order`` and ``.coefficient``, ``potential.<parameter>``,
+        ``laws.<index>.size``, ``.coefficient`` and the numbers of its kernel: ``.order`` and
+        ``.time`` or ``.rate``, or ``.rates`` and ``.weights`` of a Prony series.
+    value
+        Its value, shape ``()``, ``(d,)`` or ``(d, d)``.
+    family
+        The scene for another value.
+    """
+
+    name: str
+    value: Array
+    family: Callable[[Array], Scene]
+
+    def variations(self) -> Iterator[tuple[tuple[int, ...], Variation]]:
+        """Every number in it; of a symmetric matrix those on and above the diagonal."""
+        for index in np.ndindex(*self.value.shape):
+            if len(index) < 2 or index[0] <= index[1]:
+                one = Variation(
+                    family=partial(self._with, index),
+                    value=float(self.value[index]),
+                    name=self.name,
+                )
+                yield index, one
+
+    def _with(self, index: tuple[int, ...], number: float) -> Scene:
+        changed = self.value.copy()
+        changed[index] = changed[index[::-1]] = number
+        return self.family(changed)
+
+    def gathered(self, rates: Mapping[tuple[int, ...], float]) -> Array:
+        """The derivative G in the shape of the value: the change is ``sum(G * dvalue)``."""
+        found = np.zeros(self.value.shape)
+        for index, rate in rates.items():
+            share = 0.5 if len(index) == 2 and index[0] != index[1] else 1.0
+            found[index] = found[index[::-1]] = share * rate
+        return found
+
+
+def entries_of(scene: Scene) -> dict[str, Entry]:
+    """All numbers of a scene by name; a general Lagrangian's own ones are not among them."""
+    found: dict[str, Entry] = {}
+
+    def add(name: str, value: object, changes: Callable[[Array], dict[str, Any]]) -> None:
+        family = partial(_changed, scene, changes)
+        found[name] = Entry(name=name, value=np.array(value, dtype=float), family=family)
+
+    potential = scene.potential
+    if scene.lagrangian is None:
+        add("mass", scene.inertia.mass, lambda v: {"inertia": Inertia(mass=v)})
+    if isinstance(potential, QuadraticPotential):
+        stiffness = potential.stiffness
+        add("stiffness", stiffness, lambda v: {"potential": QuadraticPotential(stiffness=v)})
+    if isinstance(potential, ExpressionPotential):
+        for name, number in potential.parameters.items():
+            add(f"potential.{name}", number, partial(_parameter, potential, name))
+    for index, term in enumerate(scene.damping):
+        for name in ("order", "coefficient"):
+            exchange = partial(_exchanged, "damping", scene.damping, index, _with, name)
+            add(f"damping.{index}.{name}", getattr(term, name), exchange)
+    for index, law in enumerate(scene.laws):
+        for name in ("size", "coefficient"):
+            exchange = partial(_exchanged, "laws", scene.laws, index, _with, name)
+            add(f"laws.{index}.{name}", getattr(law, name), exchange)
+        numbers = vars(law.kernel)
+        if law.kernel.masses:
+            numbers = dict(zip(("rates", "weights"), np.transpose(law.kernel.masses), strict=True))
+        for name, value in numbers.items():
+            exchange = partial(_exchanged, "laws", scene.laws, index, _with_kernel, name)
+            add(f"laws.{index}.{name}", value, exchange)
+    for name in ("initial_position", "initial_velocity"):
+        add(name, getattr(scene, name), partial(_field, name))
+    return found
+
+
+def _changed(scene: Scene, changes: Callable[[Array], dict[str, Any]], value: Array) -> Scene:
+    return replace(scene, **changes(value))
+
+
+def _field(name: str, value: Array) -> dict[str, Any]:
+    return {name: value if value.ndim else float(value)}
+
+
+def _parameter(potential: ExpressionPotential, name: str, value: Array) -> dict[str, Any]:
+    parameters = {**potential.parameters, name: float(value)}
+    return {"potential": replace(potential, parameters=parameters)}
+
+
+def _exchanged(
+    kind: str,
+    every: tuple[Any, ...],
+    index: int,
+    change: Callable[..., Any],
+    name: str,
+    value: Array,
+) -> dict[str, Any]:
+    return {kind: (*every[:index], change(every[index], name, value), *every[index + 1 :])}
+
+
+def _with(one: Any, name: str, value: Array) -> Any:
+    return replace(one, **_field(name, value))
+
+
+def _with_kernel(law: Any, name: str, value: Array) -> Any:
+    if name not in ("rates", "weights"):
+        return replace(law, kernel=_with(law.kernel, name, value))
+    masses = np.array(law.kernel.masses)
+    masses[:, int(name == "weights")] = value
+    return replace(law, kernel=Exponentials(masses=tuple(map(tuple, masses.tolist()))))

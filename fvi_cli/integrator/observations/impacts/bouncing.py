@@ -1,0 +1,355 @@
+"""Steps of a run with impacts: flights, what ends them, and when a motion has come to rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import astuple
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.recorder import why_unsolved
+from fvi_cli.integrator.engine.source import Proposal
+from fvi_cli.integrator.engine.state import State, Steps, compensated
+from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
+from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.criteria import FormulaAlong
+from fvi_cli.integrator.observations.events import first_below
+from fvi_cli.integrator.observations.impacts.landing import Landing, SceneStep
+from fvi_cli.integrator.observations.impacts.restitution import Restitution
+from fvi_cli.integrator.observations.impacts.surface import (
+    ROUND_OFF,
+    Contact,
+    Fall,
+    Surface,
+    is_rough_behind_impacts,
+    power_behind_impact,
+    step_ends,
+    velocity_at_end,
+)
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+SHORTEST_FLIGHT = 1e-9
+"""Flights between rebounds shorter than this, relative to T, are the beginning of endless ones."""
+START, IMPACT, BREAK = range(3)
+"""What lies at the begin of a flight."""
+LEAST_IN_ULPS = 256
+"""Steps behind an impact are no shorter than so many units in the last place of its time."""
+
+_NO_CONTACT = Contact(math.nan, math.nan, math.nan, math.nan)
+_ONE_STEP = np.zeros(2, dtype=np.intp)
+_ENDS = np.array([0.5, 1.0])
+
+
+def momentum_of_members(engine: Engine, change: Array) -> Array:
+    """A change of the momentum of the only scene, ``(d,)``, for its members, ``(q, e)``."""
+    return change[None] if engine.modes is None else engine.modes[0].forces(change)
+
+
+class Bouncing:
+    """Steps of T / N, graded behind the start, break points and impacts, cut where these are.
+
+    Parameters
+    ----------
+    scene, method, n_steps
+        The run.
+    surfaces
+        What it bounces off, by name.
+
+    Attributes
+    ----------
+    times
+        Of the impacts, by name.
+    jumps, late
+        Sum of the pushes at every point of the mesh, ``(d,)`` each; and by the number of the point
+        those that come when the step before it is recorded.
+    rest
+        What is said of a motion that has come to rest; empty: it has not.
+    """
+
+    def __init__(
+        self, scene: Scene, method: Method, n_steps: int, surfaces: Mapping[str, Surface]
+    ) -> None:
+        self._scene, self._surfaces = scene, surfaces
+        self._law = Restitution(scene=scene, surfaces=surfaces)
+        self._end, self._degree = scene.final_time, method.degree
+        self._tables = step_tables(method)
+        self._step, self._shortest = self._end / n_steps, SHORTEST_STEP * self._end
+        self._is_rough = is_rough_behind_impacts(scene)
+        self._stops = [*scene.break_points, self._end]
+        self.jumps = [np.zeros(scene.dimension)]
+        self.late: dict[int, Array] = {}
+        self.times: dict[str, list[float]] = {name: [] for name in surfaces}
+        self.rest = ""
+        self.failure: Failure | None = None
+        self._contacts: dict[str, Contact] = {}
+        # the last two steps: ends, sizes, and velocities at the stages
+        self._last: list[tuple[float, float, Array]] = []
+        self._reach = np.zeros(scene.dimension)
+        self._time = 0.0
+        self._begin_flight(START, 0)
+
+    # the source of steps
+
+    def _begin_flight(self, behind: int, passed: int) -> None:
+        """Go from here to the next break point or the end."""
+        self._behind, self._passed, self._begin = behind, passed, self._time
+        self._landing: Landing | None = None
+        self._aim()
+
+    def _aim(self) -> None:
+        """Ends of the steps of the flight that are to come, the last first."""
+        self._targets: list[float] = []
+        if self._passed == len(self._stops):
+            return
+        end, begin = self._stops[self._passed], self._begin
+        if self._behind == IMPACT:
+            power = power_behind_impact(self._scene)
+        else:
+            power = start_power(self._scene, at_start=self._behind == START)
+        least = LEAST_IN_ULPS * math.ulp(begin) if begin else 0.0
+        ends = step_ends(self._step, end - begin, self._degree, power, least)
+        targets = [min(begin + place, end) for place in reversed(ends)]
+        self._targets = [one for one in targets if one > self._time]
+
+    def propose(self) -> Proposal | None:
+        """The next step of a flight, or a part of it that may end on a surface."""
+        if self.failure is not None or self.rest or not self._targets:
+            return None
+        begin, is_first = self._time, self._time == self._begin
+        if self._landing is not None:
+            size = self._landing.size
+        else:
+            size = self._targets[-1] - begin
+            size = size if is_first else self._shared(size)
+        return Proposal(begin, size, 1, 1, is_first, begin)
+
+    def _shared(self, size: float) -> float:
+        """A nearly equal size that is T / N and a power of 2, so that tables are shared."""
+        exact = self._step * 2.0 ** round(math.log2(size / self._step))
+        return exact if abs(exact - size) <= 4.0 * math.ulp(self._time + size) else size
+
+    def accept(self, count: int) -> float:
+        """Every step is judged."""
+        raise ValueError("steps: those with impacts are taken one by one")
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The end of a step that meets no surface, or ends on one; None: another one is needed."""
+        if steps.failed.any():
+            self._fail(why_unsolved(steps, state))
+            return None
+        step = SceneStep.of(engine, state, steps)
+        if self._landing is not None:
+            return self._land(self._landing, engine, step, steps)
+        fall = self._first_fall(step)
+        if fall is None:
+            end = self._targets.pop()
+            self._go_on(step, end)
+            if not self._targets:
+                self._begin_flight(BREAK, self._passed + 1)
+            return end
+        if fall.root * step.size <= self._shortest:
+            if fall.surface in self._contacts:
+                self._end_in_rest(fall, step)
+            else:
+                self._push_here(fall.surface, engine, state, step)
+        elif self._is_endless(fall, step):
+            self._end_in_rest(fall, step)
+        else:
+            self._landing = Landing(
+                surface=fall.surface,
+                low=fall.top * step.size,
+                high=min(fall.below, 1.0) * step.size,
+                size=fall.root * step.size,
+            )
+        return None
+
+    def _fail(self, error: StepFailedError) -> None:
+        words = f"t = {self._time:.6g}: {error}"
+        self.failure = Failure(words, error.reason, time=self._time)
+
+    def _land(
+        self, landing: Landing, engine: Engine, step: SceneStep, steps: Steps
+    ) -> float | None:
+        """Go nearer to the surface, or take the step that is nearest."""
+        name = landing.surface
+        gap = float(self._surfaces[name].gap(step.end_position, step.end))
+        tolerance = self._tolerance(name, step)
+        if not landing.has_ended:
+            speed = self._law.speed(name, step.end_position, step.end_momentum, step.end)
+            if not landing.take(gap, speed, tolerance) or landing.size != step.size:
+                return None
+        if gap < -tolerance:
+            self._fail(StepFailedError(f"the step to {name} has no end on it"))
+            return None
+        self._go_on(step, step.end)
+        if gap <= tolerance:
+            push = self._push(name, step.end_position, step.end_momentum)
+            steps.dp = steps.dp + momentum_of_members(engine, push)[:, None]
+        self._begin_flight(IMPACT, self._passed)
+        return step.end
+
+    def _push_here(self, name: str, engine: Engine, state: State, step: SceneStep) -> None:
+        """A surface is met where the step begins."""
+        push, point = self._push(name, step.position, step.momentum), len(self.jumps) - 1
+        self.late[point] = self.late.get(point, 0.0) + push
+        own = momentum_of_members(engine, push)
+        state.p, state.p_lost = compensated(state.p, state.p_lost, own)
+        self._begin_flight(IMPACT, self._passed)
+
+    def _go_on(self, step: SceneStep, end: float) -> None:
+        """The step is taken."""
+        for name in [one for one in self._contacts if self._rises(one, step)]:
+            del self._contacts[name]
+        self.jumps.append(np.zeros(step.position.size))
+        velocity = self._tables.slopes[1:].T @ step.unknowns
+        self._last = [*self._last[-1:], (end, step.size, velocity)]
+        self._reach, self._time = step.reach, end
+
+    # what a step meets
+
+    def _along(self, name: str, step: SceneStep) -> FormulaAlong:
+        """The gap along a step."""
+        surface, basis = self._surfaces[name], lobatto_basis(self._degree)
+
+        def variables(_: Places, tau: Array) -> dict[str, Array | float]:
+            position = step.position + step.size * (basis.values(tau)[1:].T @ step.unknowns)
+            return surface.values(position, step.begin + tau * step.size)
+
+        return FormulaAlong(surface.impact.when, variables)
+
+    def _tolerance(self, name: str, step: SceneStep) -> float:
+        """Gaps in a step smaller than this are not told from 0."""
+        contact = self._contacts.get(name)
+        found = self._surfaces[name].round_off(step.position, step.reach, step.end)
+        if contact is None:
+            return found
+        # a wall along which the motion slides: its speed is zero up to round-off
+        return found + contact.slack + ROUND_OFF * contact.pace * (step.end - contact.time)
+
+    def _rises(self, name: str, step: SceneStep) -> bool:
+        """Whether a step leaves a surface that the motion was on."""
+        gaps = self._along(name, step)(_ONE_STEP, _ENDS)
+        return bool(max(gaps) > self._tolerance(name, step))
+
+    def _first_fall(self, step: SceneStep) -> Fall | None:
+        """Where a step first goes through a surface, by more than round-off."""
+        first: Fall | None = None
+        for name in self._surfaces:
+            found = first_below(self._along(name, step), -self._tolerance(name, step))
+            if found is None:
+                continue
+            top, below, root, gap = found
+            if first is None or root < first.root:
+                first = Fall(surface=name, root=root, top=top, below=below, gap=gap)
+        return first
+
+    # impacts
+
+    def _push(self, met: str, position: Array, momentum: Array) -> Array:
+        """Change of the momentum by all surfaces that are met here, ``(d,)``; these are touched."""
+        time, law = self._time, self._law
+        momentum = momentum - self._momentum_error(position, momentum)
+        here = {met: 0.0}
+        for name, surface in self._surfaces.items():
+            gap = float(surface.gap(position, time))
+            speed = law.speed(name, position, momentum, time)
+            slack = surface.round_off(position, self._reach, time)
+            if name == met or abs(gap) <= slack + abs(speed) * self._shortest:
+                here[name] = slack + 4.0 * abs(gap)
+        push, pushing = law.push(list(here), position, momentum, time)
+        if not np.isfinite(push).all():
+            self._fail(StepFailedError(f"the push of {met} is not finite", reason="not finite"))
+            return np.zeros_like(momentum)
+        self.jumps[-1] = self.jumps[-1] + push
+        velocity = law.velocity(position, momentum + push, time)
+        for name, slack in here.items():
+            if name in pushing or name == met:
+                self.times[name].append(time)
+            normal, rate = self._surfaces[name].slopes(position, time)
+            self._contacts[name] = Contact(
+                time=time,
+                slack=slack,
+                speed=max(float(normal @ velocity) + rate, 0.0),
+                pace=float(np.abs(normal) @ np.abs(velocity)) + abs(rate),
+            )
+        return push
+
+    def _momentum_error(self, position: Array, momentum: Array) -> Array:
+        """What the momentum before the pushes at this point has too much."""
+        if not self._is_rough or not self._last:
+            return np.zeros_like(momentum)
+        last = self._last if self._last[0][0] > self._begin else self._last[-1:]
+        ends, sizes, stages = zip(*last, strict=True)
+        velocity = velocity_at_end(ends, sizes, stages, self._tables.points, self._time)
+        right = self._law.momentum(position, velocity, self._time)
+        return np.asarray(momentum - self.jumps[-1] - right)
+
+    # rest
+
+    def _is_endless(self, fall: Fall, step: SceneStep) -> bool:
+        """Whether a fall is the next of endless rebounds: its flight is short, and they shrink."""
+        contact = self._contacts.get(fall.surface)
+        if contact is None or self._surfaces[fall.surface].impact.restitution == 1.0:
+            return False
+        flight = step.begin - contact.time + fall.root * step.size
+        return flight < SHORTEST_FLIGHT * self._end
+
+    def _end_in_rest(self, fall: Fall, step: SceneStep) -> None:
+        """End the run on a surface that it does not leave by more than round-off."""
+        name, contact = fall.surface, self._contacts[fall.surface]
+        begin, speed = contact.time, contact.speed
+        restitution = self._surfaces[name].impact.restitution
+        if restitution == 0.0 or speed == 0.0:
+            self.rest = f"at rest on {name} from t = {begin:.10g} on: it does not bounce"
+            return
+        # the fall from the contact on says the acceleration, and with it the flights
+        since = step.begin - begin + fall.below * step.size
+        flight = min(since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.gap), 1e-300))
+        end = begin + (flight / (1.0 - restitution) if restitution < 1.0 else 0.0)
+        self.rest = (
+            f"at rest on {name} from t = {end:.10g} on: after {len(self.times[name])} impacts the "
+            f"next come within {flight:.2g}"
+        )
+
+    # checkpoints
+
+    def arrays(self) -> dict[str, Array]:
+        """Where it is behind a step, for a checkpoint."""
+        ends, sizes, stages = zip(*self._last, strict=True) if self._last else ((), (), ())
+        contacts = [astuple(self._contacts.get(name, _NO_CONTACT)) for name in self._surfaces]
+        found = {
+            "place": np.array([self._passed, self._behind, self._begin, self._time]),
+            "contacts": np.array(contacts),
+            "jumps": np.array(self.jumps),
+            "late": np.array(list(self.late), dtype=float),
+            "late pushes": np.array(list(self.late.values())),
+            "ends": np.array(ends),
+            "sizes": np.array(sizes),
+            "stages": np.array(stages),
+            "reach": self._reach,
+        }
+        return found | {f"impacts {k}": np.array(v) for k, v in enumerate(self.times.values())}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on from what :meth:`arrays` gave."""
+        passed, behind, self._begin, self._time = arrays["place"].tolist()
+        self._passed, self._behind = int(passed), int(behind)
+        for name, kept in zip(self._surfaces, arrays["contacts"].tolist(), strict=True):
+            if not math.isnan(kept[0]):
+                self._contacts[name] = Contact(*kept)
+        self.jumps = list(arrays["jumps"])
+        numbers = arrays["late"].astype(int).tolist()
+        self.late = dict(zip(numbers, arrays["late pushes"], strict=True))
+        ends, sizes = arrays["ends"].tolist(), arrays["sizes"].tolist()
+        self._last = list(zip(ends, sizes, arrays["stages"], strict=True))
+        self._reach = arrays["reach"]
+        for k, moments in enumerate(self.times.values()):
+            moments[:] = arrays[f"impacts {k}"].tolist()
+        self._aim()

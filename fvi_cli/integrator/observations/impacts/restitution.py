@@ -1,0 +1,88 @@
+"""What surfaces do to the momentum of a motion that meets them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.effects.matrices import times
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.observations.impacts.surface import Surface
+from fvi_cli.mathematics.arrays import Array
+
+MOST_PUSHES = 1000
+"""Pushes in a corner: surfaces at a sharp angle push many times."""
+NEGLIGIBLE = 1e-14
+"""Speeds towards a surface below this share of the first one are none."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Restitution:
+    """The surfaces of a scene, and how they reverse its normal velocity.
+
+    Parameters
+    ----------
+    scene, surfaces
+        What moves, and what it bounces off, by name.
+    """
+
+    scene: Scene
+    surfaces: Mapping[str, Surface]
+
+    def velocity(self, position: Array, momentum: Array, time: float) -> Array:
+        """Velocity to a momentum, shape ``(d,)``."""
+        lagrangian = self.scene.lagrangian
+        if lagrangian is not None:
+            return lagrangian.velocity(position, momentum, time)
+        return self.scene.inertia.velocity(momentum)
+
+    def momentum(self, position: Array, velocity: Array, time: float) -> Array:
+        """Momentum to a velocity, shape ``(d,)``."""
+        lagrangian = self.scene.lagrangian
+        if lagrangian is not None:
+            return lagrangian.momentum(position, velocity, time)
+        return np.asarray(times(velocity, self.scene.inertia.form))
+
+    def speed(self, name: str, position: Array, momentum: Array, time: float) -> float:
+        """Derivative of a gap by the time along the motion."""
+        normal, rate = self.surfaces[name].slopes(position, time)
+        return float(normal @ self.velocity(position, momentum, time)) + rate
+
+    def push(
+        self, names: list[str], position: Array, momentum: Array, time: float
+    ) -> tuple[Array, set[str]]:
+        """Change of the momentum by surfaces that are met at once, and which of them push.
+
+        They push one after the other, the one that is met fastest first, until the motion leaves
+        them all.
+        """
+        normals = {name: self.surfaces[name].slopes(position, time)[0] for name in names}
+        mobility = {
+            name: self._mobility(normal, position, momentum, time)
+            for name, normal in normals.items()
+        }
+        lengths = {name: math.sqrt(float(normals[name] @ mobility[name])) or 1.0 for name in names}
+        total, pushing, fastest = np.zeros_like(momentum), set[str](), 0.0
+        for _ in range(MOST_PUSHES):
+            speeds = {name: self.speed(name, position, momentum + total, time) for name in names}
+            fastest = max(fastest, *(-speeds[name] for name in names)) if not pushing else fastest
+            name = min(names, key=lambda one: speeds[one] / lengths[one])
+            if speeds[name] >= -NEGLIGIBLE * fastest:
+                break
+            restitution = self.surfaces[name].impact.restitution
+            weight = float(normals[name] @ mobility[name])
+            total = total - (1.0 + restitution) * speeds[name] / weight * normals[name]
+            pushing.add(name)
+        return total, pushing
+
+    def _mobility(self, normal: Array, position: Array, momentum: Array, time: float) -> Array:
+        """Inverse of the mass matrix times a normal."""
+        lagrangian = self.scene.lagrangian
+        if lagrangian is None:
+            return self.scene.inertia.velocity(normal)
+        velocity = lagrangian.velocity(position, momentum, time)
+        at = lagrangian.derivatives(position, velocity, time)
+        return np.asarray(np.linalg.solve(at.mass, normal))

@@ -1,0 +1,192 @@
+r"""A motion with impacts: where it meets a surface its normal velocity is reversed and scaled.
+
+At a falling root of g(q, t) the momentum changes by a push along the normal,
+
+.. math:: p^+ = p^- - (1 + e) \frac{\dot g}{\nabla g^T M^{-1} \nabla g} \nabla g, \qquad
+   \dot g = \nabla g \cdot v + \partial_t g,
+
+so that :math:`\dot g^+ = -e\, \dot g^-` (Newton's law of restitution). The states of the damping go
+on: the force remembers the motion before. Behind an impact the position has the power
+:math:`3 - \gamma` of the time, and steps are graded towards it as towards the start.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.recorder import Recorder
+from fvi_cli.integrator.engine.source import Proposal
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.asked import Impact
+from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members
+from fvi_cli.integrator.observations.impacts.surface import (
+    Surface,
+    is_rough_behind_impacts,
+    start_objection,
+)
+from fvi_cli.integrator.results.momenta import smooth_momenta
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.on_mesh import ScenesRun
+from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.integrator.trajectory import Trajectory, status_of
+from fvi_cli.mathematics.arrays import Array
+
+
+def integrate_with_impacts(
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    impacts: Mapping[str, Impact],
+    *,
+    coordinates: Sequence[str],
+    parameters: Mapping[str, float],
+    checkpoints: RunKeeper | None = None,
+) -> tuple[Trajectory, dict[str, Array]]:
+    """Integrate a scene with surfaces that it bounces off.
+
+    Parameters
+    ----------
+    scene, method
+        What moves, and by which Runge-Kutta method.
+    n_steps
+        N: steps are T / N long, and shorter behind the start, break points and impacts.
+    impacts
+        Surfaces by name.
+    coordinates, parameters
+        Names in their expressions.
+    checkpoints
+        Where the run keeps a checkpoint, and goes on from one.
+
+    Raises
+    ------
+    ValueError
+        For a start behind a surface, or on it and moving through it.
+
+    Returns
+    -------
+    tuple
+        The run with its steps, all of whose ends are reported; and the times of the impacts by
+        name. Endless rebounds end the run at the time to which they converge, with a remark.
+    """
+    began = clock.perf_counter()
+    surfaces = {
+        name: Surface(impact=one, coordinates=coordinates, parameters=parameters)
+        for name, one in impacts.items()
+    }
+    for name, surface in surfaces.items():
+        if objection := start_objection(scene, surface):
+            raise ValueError(f"impacts.{name}: {surface.impact.when.text} {objection}")
+    engine = _engine(scene, method)
+    source = Bouncing(scene, method, n_steps, surfaces)
+    this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
+    this.begin()
+    ready = clock.perf_counter()
+    asked = (method.case, n_steps, scene.final_time / n_steps)
+    seconds = this.march(checkpoints, asked, (scene, method, tuple(surfaces.items())))
+    steps, dynamics = this.recorder.steps(0), dynamics_of(scene)
+    momentum = steps.momentum.copy()
+    for point, push in source.late.items():
+        momentum[point] += push
+    steps = replace(steps, momentum=momentum, jump=np.array(source.jumps))
+    if is_rough_behind_impacts(scene):
+        momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
+        steps = replace(steps, momentum=momentum)
+    with np.errstate(all="ignore"):
+        energy = dynamics.energy(steps.position, steps.momentum, steps.time)
+    failure = this.recorder.failures.get(0)
+    trajectory = Trajectory(
+        time=steps.time,
+        position=steps.position,
+        momentum=steps.momentum,
+        energy=energy,
+        n_steps=n_steps,
+        step_size=scene.final_time / n_steps,
+        status=status_of(failure, finite=bool(np.isfinite(steps.position).all())),
+        message=str(failure or ""),
+        failure=failure,
+        newton=this.recorder.newton.of(0),
+        setup_seconds=ready - began,
+        stepping_seconds=seconds,
+        remarks=(source.rest,) if source.rest else (),
+        steps=steps,
+    )
+    return trajectory, {name: np.array(times) for name, times in source.times.items()}
+
+
+def replayed(
+    scene: Scene, method: Method, steps: RunSteps, checkpoints: RunKeeper | None = None
+) -> RunSteps | None:
+    """The steps of a run with impacts by another method: the same sizes and pushes."""
+    engine = _engine(scene, method)
+    source = _Replay(scene, steps)
+    this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
+    this.begin()
+    asked = (method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
+    this.march(checkpoints, asked, (scene, method, steps.time, steps.step_size, source.jumps))
+    if this.recorder.failures:
+        return None
+    return replace(this.recorder.steps(0), jump=source.jumps)
+
+
+class _Replay:
+    """Steps of the sizes of others, with the same pushes."""
+
+    failure: Failure | None = None
+
+    def __init__(self, scene: Scene, steps: RunSteps) -> None:
+        self._times, self._sizes = steps.time.tolist(), steps.step_size.tolist()
+        self.jumps = np.zeros_like(steps.momentum) if steps.jump is None else steps.jump
+        self._fresh = np.isin(steps.time, (0.0, *scene.break_points)) | self.jumps.any(axis=1)
+        self._done = 0
+
+    def propose(self) -> Proposal | None:
+        """The next step."""
+        done = self._done
+        if done == len(self._sizes):
+            return None
+        begin = self._times[done]
+        return Proposal(begin, self._sizes[done], 1, 1, bool(self._fresh[done]), begin)
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The time at its end, where it is pushed."""
+        push = momentum_of_members(engine, self.jumps[self._done + 1])
+        steps.dp = steps.dp + push[:, None]
+        return self.accept(1)
+
+    def accept(self, count: int) -> float:
+        """The time at the end of so many steps."""
+        self._done += count
+        return float(self._times[self._done])
+
+    def arrays(self) -> dict[str, Array]:
+        """Number of the steps that are done."""
+        return {"done": np.array(self._done)}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on there."""
+        self._done = int(arrays["done"])
+
+
+def _engine(scene: Scene, method: Method) -> Engine:
+    """Single steps of any size.
+
+    Raises
+    ------
+    ValueError
+        If the method is no Runge-Kutta one.
+    """
+    if not method.is_runge_kutta:
+        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
+    shortest = SHORTEST_STEP * scene.final_time
+    return Engine([scene], method, shortest_step=shortest, steps=MOST_SHORTEST, most=1)
