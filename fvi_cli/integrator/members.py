@@ -11,7 +11,7 @@ from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.engine.blocks import longest_in_batch
+from fvi_cli.integrator.engine.block_lengths import longest_in_batch
 from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.engine.damping import LEAST_BLOCK_STEPS, damping_of
 from fvi_cli.integrator.engine.directions import pattern_of

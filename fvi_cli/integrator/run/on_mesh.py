@@ -289,49 +289,6 @@ def plan_on_mesh(
     return plan_steps(engine_on_mesh([scene], method, mesh, most=most), mesh)
 
 
-def integrate_on_mesh(
-    scene: Scene,
-    method: Method,
-    steps: AnySteps,
-    *,
-    every: int = 1,
-    diagnostics: Asked = NOTHING,
-    with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
-) -> Trajectory:
-    """Integrate a scene over [0, T]; parameters and errors as for :func:`integrate_scenes`.
-
-    Parameters
-    ----------
-    scene, method, every, diagnostics, with_steps, checkpoints
-        As there.
-    steps
-        Number of steps, a mesh, or what the steps are chosen for.
-    """
-    if isinstance(steps, AdaptiveSteps):
-        from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
-
-        return integrate_adaptively(
-            scene,
-            method,
-            steps,
-            every=every,
-            diagnostics=diagnostics,
-            with_steps=with_steps,
-            checkpoints=checkpoints,
-        )
-    (found,) = integrate_scenes(
-        [scene],
-        method,
-        steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps),
-        every=every,
-        diagnostics=diagnostics,
-        with_steps=with_steps,
-        checkpoints=checkpoints,
-    )
-    return found
-
-
 def integrate_scenes(
     scenes: Sequence[Scene],
     method: Method,
