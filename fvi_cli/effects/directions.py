@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Factored, symmetric_matrix
+from fvi_cli.effects.matrices import Factored, dense, symmetric_form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
+from fvi_cli.mathematics.arrays import Array, set_arrays
+from fvi_cli.mathematics.expressions import Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
 _MOST_SHOWN: Final = 12
+_REASONS: Final[Mapping[object, str]] = {
+    "*": "two coordinates are multiplied",
+    "/": "divide by numbers other than 0 only",
+    **dict.fromkeys(("**", "power"), "a coordinate occurs in a power"),
+}
 
 
 def _names(used: Sequence[str], coordinates: Sequence[str]) -> tuple[str, ...]:
@@ -25,54 +31,30 @@ def _names(used: Sequence[str], coordinates: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*used, *coordinates[:_MOST_SHOWN]]))
 
 
-class _Affine:
-    """The algebra of a constant plus a linear form; whatever leaves it is refused."""
-
-    # so that NumPy numbers leave the arithmetic to this class
-    __array_ufunc__ = None
-
-    def __init__(self, constant: float, factors: Array) -> None:
-        self.constant = constant
-        self.factors = factors
-
-    def __neg__(self) -> _Affine:
-        return _Affine(-self.constant, -self.factors)
-
-    def __add__(self, other: _Affine | float) -> _Affine:
-        if isinstance(other, _Affine):
-            return _Affine(self.constant + other.constant, self.factors + other.factors)
-        return _Affine(self.constant + other, self.factors)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: _Affine | float) -> _Affine:
-        return self + (-other)
-
-    def __rsub__(self, other: float) -> _Affine:
-        return (-self) + other
-
-    def __mul__(self, other: _Affine | float) -> _Affine:
-        if isinstance(other, _Affine):
-            raise ExpressionError("not linear: two coordinates are multiplied")
-        return _Affine(self.constant * other, self.factors * other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: _Affine | float) -> _Affine:
-        if isinstance(other, _Affine) or other == 0:
-            raise ExpressionError("not linear: divide by numbers other than 0 only")
-        return self * (1.0 / other)
-
-    def __rtruediv__(self, other: float) -> _Affine:
-        raise ExpressionError("not linear: a number is divided by a coordinate")
-
-    def __pow__(self, other: _Affine | float) -> _Affine:
-        if isinstance(other, _Affine) or other != 1:
-            raise ExpressionError("not linear: a coordinate occurs in a power")
-        return self
-
-    def __rpow__(self, other: float) -> _Affine:
-        raise ExpressionError("not linear: a coordinate occurs in a power")
+def _linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
+    """The constant of a formula, and its factors of the names; what is not linear is refused."""
+    units = dict(zip(names, np.eye(1 + len(names))[1:], strict=True))
+    forms: dict[int, Array] = {}
+    for place in system.needed:
+        kind, *rest = instruction = system.instructions[place]
+        used = [forms[one] for one in operands(instruction)]
+        numbers = [one for one in used if not one[1:].any()]
+        if kind == "number":
+            form = float(rest[0]) * np.eye(1 + len(names))[0]
+        elif kind == "variable":
+            form = units[str(rest[0])]
+        elif kind in ("+", "-", "negate"):
+            form = sum(used) if kind == "+" else used[0] - used[1] if kind == "-" else -used[0]
+        elif kind == "*" and numbers:
+            form = used[0] * used[1][0] if numbers[0] is used[1] else used[1] * used[0][0]
+        elif kind == "/" and not used[1][1:].any() and used[1][0] != 0:
+            form = used[0] / used[1][0]
+        elif kind == "**" and rest[1] == 1:
+            form = used[0]
+        else:
+            raise ExpressionError(f"not linear: {_REASONS.get(kind, 'a function of a coordinate')}")
+        forms[place] = np.asarray(form)
+    return forms[system.outputs[0]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,56 +75,42 @@ class Directions:
     rows: Array
 
     def __post_init__(self) -> None:
-        rows = np.atleast_2d(np.array(self.rows, dtype=float))
+        set_arrays(self, rows=np.atleast_2d(self.rows))
+        rows = self.rows
         if not np.all(np.isfinite(rows)):
             raise ArgumentError("acts_on", "every factor must be finite")
         if np.any(np.all(rows == 0, axis=1)):
             raise ArgumentError("acts_on", "a combination in which no coordinate is left")
-        rows.setflags(write=False)
-        object.__setattr__(self, "rows", rows)
 
     @classmethod
     def from_text(cls, texts: Sequence[str], coordinates: Sequence[str]) -> Directions:
-        """Directions from texts such as ``x2 - x1``.
-
-        Parameters
-        ----------
-        texts
-            Names of coordinates or linear combinations of them.
-        coordinates
-            The names of the d coordinates.
+        """Directions from texts such as ``x2 - x1``, by the names of the d coordinates.
 
         Raises
         ------
-        ValueError
-            ``acts_on.<index>: what is wrong``.
+        ArgumentError
+            For ``acts_on.<index>``.
         """
         places = {name: place for place, name in enumerate(coordinates)}
         rows = []
         for index, text in enumerate(texts):
             # forms on the coordinates that occur: a structure has thousands
             used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
-            units = np.eye(len(used))
-            values = {name: _Affine(0.0, units[i]) for i, name in enumerate(used)}
             try:
-                form = Expression.parse(text, variables=_names(used, coordinates)).evaluate(
-                    values, {}
-                )
+                parsed = Expression.parse(text, variables=_names(used, coordinates))
+                constant, *factors = _linear_form(parsed.system, used)
             except ExpressionError as error:
-                message = str(error)
-                if error.unknown in FUNCTION_NAMES:
-                    message = "not linear: a function of a coordinate"
-                raise ArgumentError(f"acts_on.{index}", message) from None
-            if not isinstance(form, _Affine) or np.all(form.factors == 0):
+                raise ArgumentError(f"acts_on.{index}", str(error)) from None
+            if not any(factors):
                 raise ArgumentError(f"acts_on.{index}", f"no coordinate is left in {text!r}")
-            if form.constant != 0:
+            if constant != 0:
                 raise ArgumentError(
                     f"acts_on.{index}",
-                    f"{text!r} holds the constant {form.constant:g}; "
+                    f"{text!r} holds the constant {constant:g}; "
                     "only linear combinations of coordinates are allowed",
                 )
             row = np.zeros(len(coordinates))
-            row[[places[name] for name in used]] = form.factors
+            row[[places[name] for name in used]] = factors
             rows.append(row)
         return cls(rows=np.array(rows))
 
@@ -162,7 +130,7 @@ class Directions:
         inner = np.asarray(coefficient, dtype=float)
         if inner.ndim == 0:
             inner = inner * np.eye(self.count)
-        inner = symmetric_matrix(inner, "coefficient")
+        inner = dense(symmetric_form(inner, "coefficient"))
         if inner.shape[0] != self.count:
             raise ArgumentError(
                 "coefficient",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -40,6 +41,16 @@ class ForcingPiece:
         for index, component in enumerate(self.components):
             places.setdefault(id(component), []).append(index)
         return tuple((self.components[found[0]], found) for found in places.values())
+
+    @cached_property
+    def is_zero(self) -> bool:
+        """Whether no component is ever anything but zero."""
+        return all(
+            isinstance(one, Expression)
+            and one.is_constant
+            and not one.evaluate({}, NUMPY_FUNCTIONS)
+            for one, _ in self.distinct
+        )
 
     def evaluate(self, time: Array) -> Array:
         """The force at `time`, shape ``(...)`` to ``(..., d)``; the piece is not limited here."""
@@ -142,7 +153,7 @@ class Forcing:
         """Number d of degrees of freedom."""
         return len(self.pieces[0].components)
 
-    @property
+    @cached_property
     def break_points(self) -> tuple[float, ...]:
         """Times at which one piece ends and the next begins."""
         return tuple(piece.until for piece in self.pieces[:-1])
@@ -184,6 +195,11 @@ class Forcing:
                         )
             begin = end
         return ""
+
+    def is_zero_on(self, begin: float, end: float) -> bool:
+        """Whether it is zero from the piece of one time to that of another."""
+        first, last = (bisect.bisect_left(self.break_points, time) for time in (begin, end))
+        return all(one.is_zero for one in self.pieces[first : last + 1])
 
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.

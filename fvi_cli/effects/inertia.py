@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import (
-    Form,
+    MatrixEffect,
     Solve,
     SparseMatrix,
     dense,
@@ -24,7 +24,7 @@ from fvi_cli.mathematics.matrices.definite import singular_words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
-class Inertia:
+class Inertia(MatrixEffect):
     r"""Kinetic energy :math:`T(v) = v^T M v / 2`.
 
     Parameters
@@ -33,18 +33,11 @@ class Inertia:
         Symmetric positive definite matrix M, shape ``(d, d)``, dense or sparse; a number is a
         1 x 1 matrix.
 
-    Attributes
-    ----------
-    form
-        M as it is kept.
-
     Raises
     ------
     ValueError
         If the matrix is not symmetric positive definite beyond round-off.
     """
-
-    form: Form
 
     def __init__(self, *, mass: ArrayLike | SparseMatrix) -> None:
         form = symmetric_form(mass, "mass")
@@ -62,11 +55,6 @@ class Inertia:
     def mass(self) -> Array:
         """M with all its zeros, shape ``(d, d)``."""
         return dense(self.form)
-
-    @property
-    def dimension(self) -> int:
-        """Number d of degrees of freedom."""
-        return int(self.form.shape[0])
 
     @cached_property
     def _solve(self) -> Solve:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,66 +93,53 @@ def as_csc(matrix: Form) -> csc_array[np.float64]:
 
 
 def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
-    """Return `value` as a read-only symmetric float matrix; a number becomes 1 x 1.
+    """`value` as a read-only symmetric float matrix; a number becomes 1 x 1.
 
     What is sparse stays so, but for a few rows, where the dense matrix is the quicker one.
 
     Raises
     ------
-    ValueError
+    ArgumentError
         If it is not square, not finite or not symmetric to 1e-12 relative.
     """
-    if not is_sparse(value):
-        return symmetric_matrix(cast(ArrayLike, value), name)
-    sparse = as_csr(cast(SparseMatrix, value))
-    sparse.sum_duplicates()
-    rows, columns = sparse.shape
-    if rows != columns or rows == 0:
-        raise ArgumentError(name, f"shape {sparse.shape} is not allowed; give a square matrix")
-    if rows < LEAST_SPARSE:
-        return symmetric_matrix(sparse.toarray(), name)
-    coordinates = sparse.tocoo()
-    wrong = np.flatnonzero(~np.isfinite(coordinates.data))
-    if wrong.size:
-        at = int(wrong[0])
+    matrix: Any  # arrays and sparse arrays by the operators that they share
+    if is_sparse(value):
+        matrix = as_csr(cast(SparseMatrix, value))
+        matrix.sum_duplicates()
+        matrix = matrix.toarray() if matrix.shape[0] < LEAST_SPARSE else matrix
+    else:
+        matrix = np.array(value, dtype=float)
+        matrix = matrix.reshape(1, 1) if matrix.ndim == 0 else matrix
+    shape = matrix.shape
+    if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0:
+        raise ArgumentError(name, f"shape {shape} is not allowed; give a number or a square matrix")
+    i, j, is_odd = _largest(matrix, lambda kept: ~np.isfinite(kept))
+    if is_odd:
+        raise ArgumentError(name, f"{_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
+    i, j, off = _largest(matrix - matrix.T, np.abs)
+    if off > SYMMETRY_TOLERANCE * np.abs(entries(matrix)).max(initial=0.0):
         raise ArgumentError(
             name,
-            f"{_entry(int(coordinates.row[at]), int(coordinates.col[at]))} is "
-            f"{coordinates.data[at]}; every entry must be finite",
+            f"{_entry(i, j)} is {matrix[i, j]:g} and its mirror image {matrix[j, i]:g}; the matrix "
+            "must be symmetric",
         )
-    difference = as_csr(cast(SparseMatrix, sparse - sparse.T)).tocoo()
-    limit = SYMMETRY_TOLERANCE * float(np.abs(sparse.data).max(initial=0.0))
-    wrong = np.flatnonzero(np.abs(difference.data) > limit)
-    if wrong.size:
-        i, j = int(difference.row[wrong[0]]), int(difference.col[wrong[0]])
-        raise _not_symmetric(name, i, j, float(sparse[i, j]), float(sparse[j, i]))
-    return cast(SparseMatrix, sparse)
+    if isinstance(matrix, np.ndarray):
+        matrix.setflags(write=False)
+    return cast(Form, matrix)
 
 
-def symmetric_matrix(value: ArrayLike, name: str) -> Array:
-    """Return `value` as a read-only symmetric dense float matrix; a number becomes 1 x 1.
-
-    Raises
-    ------
-    ValueError
-        If it is not square, not finite or not symmetric to 1e-12 relative.
-    """
-    matrix = np.array(value, dtype=float)
-    if matrix.ndim == 0:
-        matrix = matrix.reshape(1, 1)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.size == 0:
-        raise ArgumentError(
-            name, f"shape {matrix.shape} is not allowed; give a number or a square matrix"
-        )
-    if not np.all(np.isfinite(matrix)):
-        i, j = np.argwhere(~np.isfinite(matrix))[0].tolist()
-        raise ArgumentError(name, f"{_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
-    off = np.abs(matrix - matrix.T)
-    if off.max() > SYMMETRY_TOLERANCE * np.abs(matrix).max():
-        i, j = np.unravel_index(int(off.argmax()), off.shape)
-        raise _not_symmetric(name, int(i), int(j), float(matrix[i, j]), float(matrix[j, i]))
-    matrix.setflags(write=False)
-    return matrix
+def _largest(matrix: Form, measure: Callable[[Array], Array]) -> tuple[int, int, float]:
+    """Row and column of the entry with the largest measure, and that."""
+    if isinstance(matrix, np.ndarray):
+        sizes = measure(matrix)
+        i, j = np.unravel_index(int(sizes.argmax()), sizes.shape)
+        return int(i), int(j), float(sizes[i, j])
+    kept = as_csr(matrix).tocoo()
+    sizes = measure(kept.data)
+    if not sizes.size:
+        return 0, 0, 0.0
+    at = int(sizes.argmax())
+    return int(kept.row[at]), int(kept.col[at]), float(sizes[at])
 
 
 def _entry(row: int, column: int) -> str:
@@ -160,9 +147,22 @@ def _entry(row: int, column: int) -> str:
     return f"the entry in row {row + 1}, column {column + 1}"
 
 
-def _not_symmetric(name: str, i: int, j: int, one: float, other: float) -> ArgumentError:
-    said = f"{_entry(i, j)} is {one:g} and its mirror image {other:g}; the matrix must be symmetric"
-    return ArgumentError(name, said)
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
+class MatrixEffect:
+    """An effect that is a symmetric matrix.
+
+    Parameters
+    ----------
+    form
+        The matrix as it is kept, shape ``(d, d)``.
+    """
+
+    form: Form
+
+    @property
+    def dimension(self) -> int:
+        """Number d of degrees of freedom."""
+        return int(self.form.shape[0])
 
 
 def form(matrix: Form) -> Form:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.matrices import (
     Factored,
     Form,
+    MatrixEffect,
     SparseMatrix,
     as_csr,
     dense,
@@ -27,7 +28,7 @@ SAME = 1e-14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
-class MatrixForce:
+class MatrixForce(MatrixEffect):
     """A force that is a symmetric matrix times something made of every coordinate's motion.
 
     Parameters
@@ -35,14 +36,8 @@ class MatrixForce:
     coefficient
         The number or matrix, shape ``(d, d)``, dense, sparse or in factors.
     form, factored
-        In place of it, as another force keeps it: for :func:`dataclasses.replace`.
-
-    Attributes
-    ----------
-    form
-        The matrix as it is kept.
-    factored
-        Its factors where it acts along a few directions only; None: along all coordinates.
+        In place of it, as another force keeps it, with the factors of one that acts along a few
+        directions only.
 
     Raises
     ------
@@ -52,7 +47,6 @@ class MatrixForce:
         If there is none.
     """
 
-    form: Form
     factored: Factored | None = None
 
     def __init__(
@@ -75,11 +69,6 @@ class MatrixForce:
     def coefficient(self) -> Array:
         """The matrix with all its zeros, shape ``(d, d)``."""
         return dense(self.form)
-
-    @property
-    def dimension(self) -> int:
-        """Number d of degrees of freedom."""
-        return int(self.form.shape[0])
 
     @property
     def is_active(self) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import (
     Form,
+    MatrixEffect,
     SparseMatrix,
     added,
     dense,
@@ -32,21 +33,14 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
-class QuadraticPotential:
+class QuadraticPotential(MatrixEffect):
     r"""Potential energy :math:`V(q) = q^T K q / 2` with a symmetric, possibly indefinite K.
 
     Parameters
     ----------
     stiffness
         The matrix K, shape ``(d, d)``, dense or sparse; a number is a 1 x 1 matrix.
-
-    Attributes
-    ----------
-    form
-        K as it is kept.
     """
-
-    form: Form
 
     def __init__(self, *, stiffness: ArrayLike | SparseMatrix) -> None:
         object.__setattr__(self, "form", symmetric_form(stiffness, "stiffness"))
@@ -55,11 +49,6 @@ class QuadraticPotential:
     def stiffness(self) -> Array:
         """K with all its zeros, shape ``(d, d)``."""
         return dense(self.form)
-
-    @property
-    def dimension(self) -> int:
-        """Number d of degrees of freedom."""
-        return int(self.form.shape[0])
 
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import PowerSeries
 from fvi_cli.mathematics.series.taylor import SeriesError
@@ -66,12 +66,9 @@ class SampledForce(_WithFormula):
     source: str = "samples"
 
     def __post_init__(self) -> None:
-        for name in ("knots", "coefficients"):
-            value = np.array(getattr(self, name), dtype=float)
-            if not np.isfinite(value).all():
-                raise ValueError(f"{self.source}: every number must be finite")
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        set_arrays(self, knots=self.knots, coefficients=self.coefficients)
+        if not (np.isfinite(self.knots).all() and np.isfinite(self.coefficients).all()):
+            raise ValueError(f"{self.source}: every number must be finite")
         if self.coefficients.ndim != 2 or self.knots.shape != (self.coefficients.shape[1] + 1,):
             raise ValueError(
                 f"{self.source}: {self.knots.shape} knots do not fit polynomials of shape "

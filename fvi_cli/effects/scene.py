@@ -16,7 +16,7 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
 
@@ -72,11 +72,10 @@ class Scene:
     def __post_init__(self) -> None:
         d = self.inertia.dimension
         for name in ("initial_position", "initial_velocity"):
-            value = np.atleast_1d(np.array(getattr(self, name), dtype=float))
+            value = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
             if value.shape != (d,) or not np.all(np.isfinite(value)):
                 raise ArgumentError(name, f"{d} finite numbers are needed, got {value.tolist()}")
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            set_arrays(self, **{name: value})
         if not (0 < self.final_time < math.inf):
             raise ArgumentError(
                 "final_time", f"{self.final_time!r} is not allowed; it must be positive"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 
 TRIALS = 16
 
@@ -39,8 +39,8 @@ class Symmetry:
     shift: Array
 
     def __post_init__(self) -> None:
-        generator = np.array(self.generator, dtype=float)
-        shift = np.atleast_1d(np.array(self.shift, dtype=float))
+        set_arrays(self, generator=self.generator, shift=np.atleast_1d(self.shift))
+        generator, shift = self.generator, self.shift
         d = shift.size
         if generator.shape != (d, d) or shift.shape != (d,):
             raise ValueError(
@@ -50,10 +50,6 @@ class Symmetry:
             raise ValueError(f"symmetry {self.name}: every entry must be finite")
         if not (np.any(generator) or np.any(shift)):
             raise ValueError(f"symmetry {self.name}: generator and shift are zero")
-        for value in (generator, shift):
-            value.setflags(write=False)
-        object.__setattr__(self, "generator", generator)
-        object.__setattr__(self, "shift", shift)
 
     @property
     def dimension(self) -> int:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_semidefinite, is_sparse
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import Mask
 

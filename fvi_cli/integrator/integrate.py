@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.failure import no_unique_solution
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
 from fvi_cli.integrator.run.objections import check_laws
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 

@@ -10,13 +10,13 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.counts import check_counts
+from fvi_cli.integrator.damping.damping import LEAST_BLOCK_STEPS, damping_of
+from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.block_lengths import longest_in_batch
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
-from fvi_cli.integrator.engine.damping import LEAST_BLOCK_STEPS, damping_of
-from fvi_cli.integrator.engine.directions import pattern_of
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power

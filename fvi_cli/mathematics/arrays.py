@@ -1,9 +1,9 @@
-"""Arrays by what they hold, as annotations have them."""
+"""Arrays by what they hold, as annotations have them, and as fields of values."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -11,3 +11,11 @@ Integers = NDArray[np.int64]
 LongArray = NDArray[np.longdouble]
 LongComplexArray = NDArray[np.clongdouble]
 Places = NDArray[np.intp]
+
+
+def set_arrays(owner: object, **values: ArrayLike) -> None:
+    """Let fields of a frozen value be read-only copies of arrays."""
+    for name, value in values.items():
+        array = np.array(value, dtype=float)
+        array.setflags(write=False)
+        object.__setattr__(owner, name, array)

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.quadrature import lobatto_rule
 
 LARGEST_DEGREE = 20
@@ -43,13 +43,12 @@ class LagrangeBasis:
         differentiation = weights[None, :] / (weights[:, None] * gaps)
         np.fill_diagonal(differentiation, 0.0)
         np.fill_diagonal(differentiation, -differentiation.sum(axis=1))
-        for name, array in (
-            ("control_points", points),
-            ("_barycentric_weights", weights),
-            ("_differentiation", differentiation),
-        ):
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        set_arrays(
+            self,
+            control_points=points,
+            _barycentric_weights=weights,
+            _differentiation=differentiation,
+        )
 
     @property
     def degree(self) -> int:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import fits_break_points
-from fvi_cli.integrator.engine.directions import pattern_of
-from fvi_cli.integrator.engine.plan import MeshPlan
+from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.loop.plan import MeshPlan
 from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method

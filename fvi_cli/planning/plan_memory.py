@@ -6,11 +6,11 @@ matrices of a block and what its past does while they are put together, and the 
 
 from __future__ import annotations
 
-from fvi_cli.integrator.engine.damper_forces import PIECE
-from fvi_cli.integrator.engine.loop import chunk_steps
-from fvi_cli.integrator.engine.plan import MeshPlan
+from fvi_cli.integrator.damping.damper_forces import PIECE
 from fvi_cli.integrator.engine.recurrence import pays_as_one
 from fvi_cli.integrator.loads.panels import tested_rule
+from fvi_cli.integrator.loop.loop import chunk_steps
+from fvi_cli.integrator.loop.plan import MeshPlan
 from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.planning.machinery import Machinery
 

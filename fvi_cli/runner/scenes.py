@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.engine.checkpoint import Checkpoint
+from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, names_of, observations
 from fvi_cli.integrator.observations.damper_work import work_names

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.stability.limits import refusal

@@ -10,10 +10,10 @@ from letters import in_pieces, spring, swing
 from spread import spread
 
 import fvi_cli as fvi
-from fvi_cli.integrator.engine import loop
-from fvi_cli.integrator.engine.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop import loop
+from fvi_cli.integrator.loop.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.asked import observations
 from fvi_cli.integrator.observations.observe import integrate_observed

@@ -19,8 +19,8 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import Asked
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.checkpoint import Checkpoint
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method

@@ -19,11 +19,12 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import law, loop
+from fvi_cli.integrator.engine import law
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads import panels
+from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.memory import backward_differences, lags
 from fvi_cli.integrator.memory import exponentials as states
 from fvi_cli.integrator.method import Method

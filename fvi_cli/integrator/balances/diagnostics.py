@@ -32,9 +32,9 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NOTHING as NOTHING
 from fvi_cli.effects.diagnostics_request import Asked as Asked
+from fvi_cli.effects.dynamics import General, Separable
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

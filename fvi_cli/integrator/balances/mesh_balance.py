@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
-from fvi_cli.integrator.engine.damper_forces import (
+from fvi_cli.integrator.damping.damper_forces import (
     forces_of_dampers,
     pieces_of_equal_steps,
     stored_energy,
 )
-from fvi_cli.integrator.engine.damping import Damping, damping_of
+from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.reach import Reach, find_reach
@@ -34,7 +35,6 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array
 
 

@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.block_lengths import longest_block
-from fvi_cli.integrator.engine.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of, modes_of
 from fvi_cli.integrator.engine.law import Law, Linearisation, force_of
@@ -274,13 +274,14 @@ class Engine:
         op = self.operator(state, h, most, guess)
         frame, e, s = op.frame, self.e, self.tables.degree
         q = state.x.shape[0]
-        known = np.zeros((q, count, s + 1, e))
         damping = self.damping
         if starts_at_rest and damping is not None:
             damping = damping.at_rest()
         if damping is not None and frame.damping is not None:
             past = damping.past(frame.damping, state.z, state.column, count)
             known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
+        else:
+            known = np.zeros((q, count, s + 1, e))
         if loads is not None:
             known = known - loads
         if is_linear and self.is_batch and 1 < count == frame.count:
@@ -305,7 +306,7 @@ class Engine:
                 kick = np.matmul(kicks[:, :count, : inputs.shape[1]], inputs)
                 change = change - along(kick, one.matrix)
             z = damping.push(frame.damping, state.z, inputs, count)
-        moved = h * np.cumsum(u[:, :, -1], axis=1)
+        moved = h * _sums(u[:, :, -1])
         if solution is None:
             change = change - self._pulled(op, state, u, moved)
         else:
@@ -314,7 +315,7 @@ class Engine:
             h=h,
             count=count,
             dx=moved,
-            dp=np.cumsum(change, axis=1),
+            dp=_sums(change),
             unknowns=u,
             inputs=inputs,
             z=z,
@@ -413,12 +414,11 @@ class Engine:
         """Load vectors of known forces on equal steps, ``(q, count, s + 1, e)``."""
         if not self.has_loads:
             return None
-        every = []
-        for one, scene in zip(self.loads_of, self.scenes, strict=True):
-            found = one.of_steps(begin, h, count, is_fresh=is_fresh)
-            if found is None:
-                found = np.zeros((count, self.tables.degree + 1, scene.dimension))
-            every.append(found)
+        found = [one.of_steps(begin, h, count, is_fresh=is_fresh) for one in self.loads_of]
+        if all(one is None for one in found):
+            return None
+        zero = np.zeros((count, self.tables.degree + 1, self.scenes[0].dimension))
+        every = [zero if one is None else one for one in found]
         if self.modes is None:
             return np.array(every)
         return np.concatenate(
@@ -446,6 +446,11 @@ class Engine:
             np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
             np.array([m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
         )
+
+
+def _sums(values: Array) -> Array:
+    """Sums up to every step, ``(q, B, e)``."""
+    return values if values.shape[1] == 1 else np.cumsum(values, axis=1)
 
 
 @lru_cache(maxsize=1024)

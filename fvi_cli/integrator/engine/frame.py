@@ -3,7 +3,7 @@ r"""Tables of B equal steps: everything but the second derivatives of the scene.
 The unknowns of a step are :math:`U_\nu` with
 :math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau) U_\nu`. Those of a step depend on all steps
 before it in the same block, so that tables are lag sequences
-(:mod:`fvi_cli.integrator.engine.tables`).
+(:mod:`fvi_cli.integrator.memory.lag_sequences`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from fvi_cli.integrator.engine.damping import Damping
-from fvi_cli.integrator.engine.tables import (
-    constant_lags,
-    expand,
-    on_every_component,
-)
+from fvi_cli.integrator.damping.damping import Damping
+from fvi_cli.integrator.engine.tables import on_every_component
+from fvi_cli.integrator.memory.lag_sequences import constant_lags, expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Places

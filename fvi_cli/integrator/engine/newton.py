@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.engine.damping import Damping
+from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import Law
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
@@ -93,8 +93,29 @@ class Newton:
         found = np.abs(values).reshape(self.q, self.n, self.width)
         return np.asarray(np.maximum.reduce(found, axis=1))
 
+    def _has_ended(self, change: Array, before: Array, limit: Array) -> bool | None:
+        """Whether the iteration of all members has ended, or of none; None: look at each.
+
+        The next change would be ``change^2 / before``.
+        """
+        if self.q == 1:
+            rows = list(zip(change[0].tolist(), before[0].tolist(), limit[0].tolist(), strict=True))
+            if all(now * now <= end * last for now, last, end in rows):
+                return True
+            return False if all(now <= SLOW * last for now, last, _ in rows) else None
+        good = change * change <= limit * before
+        if good.all():
+            return True
+        if (change <= SLOW * before).all() and not good.all(axis=1).any():
+            return False
+        return None
+
     def run(self) -> Solution:
-        """Iterate until every member and every component has come to rest by itself."""
+        """Iterate until every member and every component has come to rest by itself.
+
+        Changes are negligible beside displacements, since positions are compensated sums; where
+        round-off lets none fall to that, beside positions.
+        """
         state, q = self.state, self.q
         points, rest = self._first()
         live, failed = state.live, np.zeros(q, dtype=bool)
@@ -103,7 +124,7 @@ class Newton:
         floor: Array | None = None
         renewed: Places | None = None
         changes: list[Array] = []
-        limit = before = np.zeros((q, self.width))
+        limit = before = size = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
             fresh = self.law.remainder(
                 self.op.at, state.x, points.reshape(q, self.n, self.width), self.times, rest
@@ -118,26 +139,24 @@ class Newton:
                 points = np.where(live[:, None], moved, points)
             iterations += live
             if iteration == 0:
-                limit = self._largest(moved)
-                limit[:, : self.e] += np.abs(state.x)
-                limit *= NEGLIGIBLE
-                before = change
+                size, before = self._largest(moved), change
+                limit = NEGLIGIBLE * size
                 continue
-            # the next change would be change^2 / before
-            good = change * change <= limit * before
-            if renewed is None:
-                if good.all():
+            if renewed is None and everyone:
+                has_ended = self._has_ended(change, before, limit)
+                if has_ended:
                     done = np.ones(q, dtype=bool)
                     break
-                is_quick = everyone and bool((change <= SLOW * before).all())
-                if is_quick and (q == 1 or not good.all(axis=1).any()):
+                if has_ended is not None:
                     before = change
                     continue
+            good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
             if renewed is not None:
                 good[renewed], slow[renewed] = False, ~np.isfinite(change[renewed])
                 renewed = None
-            good |= slow & (change * NEGLIGIBLE <= limit * UNIT)
+            size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(state.x))
+            good |= slow & (change <= UNIT * size)
             slow &= ~good
             done = np.asarray(good.all(axis=1))
             stuck = live & slow.any(axis=1)

@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.integrator.engine.damping import Damping
+from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, UnitTables
 from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.tables import expand, on_components, on_points
+from fvi_cli.integrator.engine.tables import on_components, on_points
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array, Places
 
 

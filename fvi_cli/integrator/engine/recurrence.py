@@ -9,7 +9,7 @@ import numpy as np
 
 from fvi_cli.integrator.engine.law import Linear
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.engine.tables import expand
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array
 
 if TYPE_CHECKING:

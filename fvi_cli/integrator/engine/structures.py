@@ -15,14 +15,14 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, Solve, as_csr, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.algebra import solver_of
-from fvi_cli.integrator.engine.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, Sampling
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, Places

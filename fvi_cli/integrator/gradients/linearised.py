@@ -30,17 +30,18 @@ import numpy as np
 
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import Damping
+from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
-from fvi_cli.integrator.engine.damping import Damping
-from fvi_cli.integrator.engine.directions import Direction
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.operator import Operator, step_matrix
-from fvi_cli.integrator.engine.tables import expand, on_components
+from fvi_cli.integrator.engine.tables import on_components
 from fvi_cli.integrator.gradients.past import Past, Stretch, are_regular
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import Term
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array
 
 EQUAL_STEPS = 8

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.gradients.numbers import numbers_of, rate_of_forcing, rates_of_forces
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array
 
 DIFFERENCE = 1e-3

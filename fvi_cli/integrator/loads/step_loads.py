@@ -97,8 +97,11 @@ class StepLoads:
     def of_forcing(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
-        """The part of the scene's forcing."""
+        """The part of the scene's forcing; None where there is none."""
         if self._forcing is None:
+            return None
+        half = 0.5 * step_size
+        if self._forcing.is_zero_on(begin + half, begin + n_steps * step_size - half):
             return None
         start = begin + step_size * np.arange(n_steps, dtype=float)
         if self._rule == "galerkin":

@@ -80,7 +80,7 @@ def _look_tables(tables: StepTables) -> _LookTables:
 
 
 class Between:
-    """Looks at a step between its stages.
+    """Looks at a step between its stages; floating-point errors are the caller's.
 
     Parameters
     ----------
@@ -118,8 +118,7 @@ class Between:
         position = path.position + path.size * (tables.values @ path.unknowns)
         velocity = tables.slopes @ path.unknowns if forces.needs_velocity else position
         times = path.begin + path.size * tables.places
-        with np.errstate(all="ignore"):
-            return forces.at(position, velocity, times, path.middle)
+        return forces.at(position, velocity, times, path.middle)
 
     def defect(self, path: StepPath, found: PointForces, *, fresh: bool) -> float:
         """What is missed between the stages, a length; infinite where a force is not finite.
@@ -132,10 +131,9 @@ class Between:
             Whether it begins where a force may be singular.
         """
         size = path.size
-        with np.errstate(all="ignore"):
-            total = self._sizes(path, found.force, BETWEEN_SHARE * size * size)
-            if found.momentum is not None:
-                total = total + self._sizes(path, found.momentum, BETWEEN_SHARE * size)
+        total = self._sizes(path, found.force, BETWEEN_SHARE * size * size)
+        if found.momentum is not None:
+            total = total + self._sizes(path, found.momentum, BETWEEN_SHARE * size)
         if fresh and not math.isfinite(total[0]):
             total[0] = 0.0
         for place in (0, -1):

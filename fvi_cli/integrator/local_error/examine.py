@@ -101,7 +101,7 @@ class Examiner:
             Steps are not cut to less than this size.
         """
         error = self.spectrum(path.unknowns, path.size)
-        if self._forces.is_absent or not math.isfinite(error):
+        if not math.isfinite(error) or self._forces.are_absent_at(path.middle):
             return Finding(error=error)
         seen = self._between.look(path)
         ends_on: int | None = None

@@ -66,8 +66,6 @@ class SceneForces:
 
     Attributes
     ----------
-    is_absent
-        Whether there is nothing to look at.
     is_of_time
         Whether there is no formula but of the time.
     needs_velocity
@@ -90,12 +88,16 @@ class SceneForces:
         self._inertia = scene.inertia
         self.needs_velocity = self._lagrangian is not None
         self.is_of_time = self._lagrangian is None and self._potential is None
-        self.is_absent = self._forcing is None and self.is_of_time
         called, hides = _character(scene)
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = hides
         self.is_steep = bool(called & STEEP_FUNCTIONS)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
+
+    def are_absent_at(self, time: float) -> bool:
+        """Whether there is nothing to look at in a step around this time."""
+        piece = self._piece(time)
+        return self.is_of_time and (piece is None or piece.is_zero)
 
     def accelerations(self, force: Array, position: Array, velocity: Array, time: float) -> Array:
         """Accelerations to forces, with the mass matrix at one point, shape ``(n, d)``."""

@@ -31,13 +31,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.observations.damper_work import damper_place, running_work
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.mathematics.series.chebyshev import (

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Observations, check_observable

@@ -10,8 +10,8 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
-from fvi_cli.integrator.engine.directions import pattern_of
+from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts.run import replayed

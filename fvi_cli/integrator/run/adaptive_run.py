@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import Recorder
+from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import ScenesRun, trajectory_of

@@ -9,18 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.engine.checkpoint import Arrays, Keeper, RunKeeper
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.loop import run
-from fvi_cli.integrator.engine.plan import MeshPlan, memory_operations, plan_steps
-from fvi_cli.integrator.engine.recorder import Recorder
-from fvi_cli.integrator.engine.source import MeshSource, Source
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
+from fvi_cli.integrator.loop.checkpoint import Arrays, Keeper, RunKeeper
+from fvi_cli.integrator.loop.loop import run
+from fvi_cli.integrator.loop.plan import MeshPlan, memory_operations, plan_steps
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import MeshSource, Source
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
@@ -36,7 +37,6 @@ from fvi_cli.integrator.run.regular import (
     rough_remarks,
 )
 from fvi_cli.integrator.run.soundness import Soundness
-from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
@@ -119,7 +119,7 @@ class ScenesRun:
         asked: tuple[str, int, float],
         determined_by: tuple[object, ...],
     ) -> float:
-        """Do the steps; parameters as for :class:`~fvi_cli.integrator.engine.checkpoint.Keeper`.
+        """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
 
         Returns
         -------

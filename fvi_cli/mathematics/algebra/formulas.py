@@ -171,7 +171,7 @@ def _call(name: str, function: Callable[..., Any] | None, *arguments: Any) -> An
     if all(isinstance(one, float) for one in arguments):
         return np.float64(_EVERY[name](*arguments))
     if function is None:
-        raise ExpressionError(f"the function {name!r} is not available here", unknown=name)
+        raise ExpressionError(f"the function {name!r} is not available here")
     return function(*arguments)
 
 

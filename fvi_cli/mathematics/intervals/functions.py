@@ -8,10 +8,11 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.intervals.interval import Interval, everything, hull
+from fvi_cli.mathematics.intervals.interval import Interval, everything, hull, monotone
 
 _DOMAINS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
@@ -34,17 +35,8 @@ LEAST_GAMMA: Final = 0.8856031944108886
 
 
 def _monotone(name: str) -> Callable[[Interval], Interval]:
-    function = NUMPY_FUNCTIONS[name]
-    first, last = _DOMAINS.get(name, (-math.inf, math.inf))
-
-    def on_interval(value: Interval) -> Interval:
-        with np.errstate(all="ignore"):
-            return hull(
-                function(np.clip(value.low, first, last)),
-                function(np.clip(value.high, first, last)),
-            )
-
-    return on_interval
+    function, domain = NUMPY_FUNCTIONS[name], _DOMAINS.get(name, ())
+    return lambda value: monotone(function, value, *domain)
 
 
 def _even(name: str) -> Callable[[Interval], Interval]:
@@ -53,35 +45,21 @@ def _even(name: str) -> Callable[[Interval], Interval]:
 
     def on_interval(value: Interval) -> Interval:
         holds_zero = (value.low <= 0) & (value.high >= 0)
-        with np.errstate(all="ignore"):
-            ends = hull(function(value.low), function(value.high))
-            least = function(np.zeros(()))
-        return Interval(np.where(holds_zero, least, ends.low), ends.high)
+        ends = monotone(function, value)
+        return Interval(np.where(holds_zero, function(np.zeros(())), ends.low), ends.high)
 
     return on_interval
 
 
-def _holds(value: Interval, first: float, period: float) -> NDBool:
+def _holds(value: Interval, first: float, period: float) -> NDArray[np.bool_]:
     """Whether the interval holds a point ``first + k period``."""
-    with np.errstate(all="ignore"):
-        following = first + period * np.ceil((value.low - first) / period)
+    following = first + period * np.ceil((value.low - first) / period)
     return np.asarray((following <= value.high) | ~np.isfinite(following))
 
 
-NDBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-
-
-def _sin(value: Interval) -> Interval:
-    return _wave(value, np.sin, 0.5 * math.pi)
-
-
-def _cos(value: Interval) -> Interval:
-    return _wave(value, np.cos, 0.0)
-
-
 def _wave(value: Interval, function: Callable[[Array], Array], top: float) -> Interval:
-    with np.errstate(all="ignore"):
-        ends = hull(function(value.low), function(value.high))
+    """Sine or cosine, the first maximum of which is given."""
+    ends = monotone(function, value)
     at_top = _holds(value, top, 2 * math.pi)
     at_bottom = _holds(value, top + math.pi, 2 * math.pi)
     return Interval(
@@ -91,16 +69,13 @@ def _wave(value: Interval, function: Callable[[Array], Array], top: float) -> In
 
 
 def _tan(value: Interval) -> Interval:
-    with np.errstate(all="ignore"):
-        ends = hull(np.tan(value.low), np.tan(value.high))
+    ends = monotone(np.tan, value)
     pole = _holds(value, 0.5 * math.pi, math.pi)
     return Interval(np.where(pole, -math.inf, ends.low), np.where(pole, math.inf, ends.high))
 
 
 def _gamma(value: Interval) -> Interval:
-    function = NUMPY_FUNCTIONS["gamma"]
-    with np.errstate(all="ignore"):
-        ends = hull(function(value.low), function(value.high))
+    ends = monotone(NUMPY_FUNCTIONS["gamma"], value)
     turns = (value.low <= GAMMA_TURNS_AT) & (value.high >= GAMMA_TURNS_AT)
     all_numbers, sound = everything(value.low), value.low > 0
     return Interval(
@@ -144,8 +119,8 @@ INTERVAL_FUNCTIONS: Final[Mapping[str, Callable[..., Interval]]] = MappingProxyT
     {
         **{name: _monotone(name) for name in _MONOTONE},
         **{name: _even(name) for name in ("abs", "cosh")},
-        "sin": _sin,
-        "cos": _cos,
+        "sin": lambda value: _wave(value, np.sin, 0.5 * math.pi),
+        "cos": lambda value: _wave(value, np.cos, 0.0),
         "tan": _tan,
         "gamma": _gamma,
         **{name: _extremum(name) for name in ("min", "max")},

@@ -3,11 +3,13 @@
 Every operation encloses the range of the exact one up to round-off (Moore, Kearfott, Cloud,
 *Introduction to Interval Analysis*, SIAM 2009, chapter 2); ends are not rounded outwards, because
 ranges are asked for where something large may have been missed, not for proofs to the last digit.
+Floating-point errors are treated as the caller's ``np.errstate`` says; formulas ignore them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,29 +76,26 @@ class Interval:
     def inverse(self) -> Interval:
         """1 over the interval; everything where it holds zero."""
         holds_zero = (self.low <= 0) & (self.high >= 0)
-        with np.errstate(all="ignore"):
-            low = np.where(holds_zero, -math.inf, 1.0 / self.high)
-            high = np.where(holds_zero, math.inf, 1.0 / self.low)
+        low = np.where(holds_zero, -math.inf, 1.0 / self.high)
+        high = np.where(holds_zero, math.inf, 1.0 / self.low)
         return Interval(low, high)
 
     def __pow__(self, exponent: Interval | float) -> Interval:
         if isinstance(exponent, Interval):
             # a**b = exp(b log a)
-            return _exp(exponent * _log(self))
+            return monotone(np.exp, exponent * monotone(np.log, self, 0.0))
         if float(exponent).is_integer():
             return self._whole_power(int(exponent))
         base = Interval(np.maximum(self.low, 0.0), np.maximum(self.high, 0.0))
-        with np.errstate(all="ignore"):
-            return hull(base.low**exponent, base.high**exponent)
+        return hull(base.low**exponent, base.high**exponent)
 
     def __rpow__(self, base: float) -> Interval:
-        return _exp(self * math.log(base)) if base > 0 else everything(self.low)
+        return monotone(np.exp, self * math.log(base)) if base > 0 else everything(self.low)
 
     def _whole_power(self, exponent: int) -> Interval:
         if exponent < 0:
             return self._whole_power(-exponent).inverse()
-        with np.errstate(all="ignore"):
-            ends = hull(self.low**exponent, self.high**exponent)
+        ends = hull(self.low**exponent, self.high**exponent)
         if exponent % 2 == 0 and exponent > 0:
             holds_zero = (self.low <= 0) & (self.high >= 0)
             return Interval(np.where(holds_zero, 0.0, ends.low), ends.high)
@@ -119,11 +118,13 @@ def everything(like: Array) -> Interval:
     return Interval(np.full_like(like, -math.inf), np.full_like(like, math.inf))
 
 
-def _exp(value: Interval) -> Interval:
-    with np.errstate(all="ignore"):
-        return hull(np.exp(value.low), np.exp(value.high))
-
-
-def _log(value: Interval) -> Interval:
-    with np.errstate(all="ignore"):
-        return Interval(np.log(np.maximum(value.low, 0.0)), np.log(np.maximum(value.high, 0.0)))
+def monotone(
+    function: Callable[[Array], Array],
+    value: Interval,
+    first: float = -math.inf,
+    last: float = math.inf,
+) -> Interval:
+    """The range of a monotone function of an interval, as far as this lies in its domain."""
+    return hull(
+        function(np.clip(value.low, first, last)), function(np.clip(value.high, first, last))
+    )

@@ -7,8 +7,10 @@ so that a pulse is not lost in the range of a larger term beside it.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,38 +91,41 @@ class Traced:
     def __neg__(self) -> Traced:
         return self._with(-self.box, -self.seen)
 
+    def _combined(
+        self, operation: Callable[[Any, Any], Any], other: Traced | float, *, turned: bool = False
+    ) -> Traced:
+        """An operation on ranges, on samples and on what these span."""
+        pairs = zip((self.box, self.seen, self.hull), _parts(other), strict=True)
+        found = [operation(b, a) if turned else operation(a, b) for a, b in pairs]
+        return self._compared(*found, of=other)
+
     def __add__(self, other: Traced | float) -> Traced:
-        box, seen, hull = _parts(other)
-        return self._compared(self.box + box, self.seen + seen, self.hull + hull, of=other)
+        return self._combined(operator.add, other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Traced | float) -> Traced:
-        box, seen, hull = _parts(other)
-        return self._compared(self.box - box, self.seen - seen, self.hull - hull, of=other)
+        return self._combined(operator.sub, other)
 
     def __rsub__(self, other: float) -> Traced:
         return -self + other
 
     def __mul__(self, other: Traced | float) -> Traced:
-        box, seen, hull = _parts(other)
-        return self._compared(self.box * box, self.seen * seen, self.hull * hull, of=other)
+        return self._combined(operator.mul, other)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Traced | float) -> Traced:
-        box, seen, hull = _parts(other)
-        return self._compared(self.box / box, self.seen / seen, self.hull / hull, of=other)
+        return self._combined(operator.truediv, other)
 
     def __rtruediv__(self, other: float) -> Traced:
-        return self._compared(other / self.box, other / self.seen, other / self.hull)
+        return self._combined(operator.truediv, other, turned=True)
 
     def __pow__(self, other: Traced | float) -> Traced:
-        box, seen, hull = _parts(other)
-        return self._compared(self.box**box, self.seen**seen, self.hull**hull, of=other)
+        return self._combined(operator.pow, other)
 
     def __rpow__(self, other: float) -> Traced:
-        return self._compared(other**self.box, other**self.seen, other**self.hull)
+        return self._combined(operator.pow, other, turned=True)
 
 
 def _parts(
@@ -154,24 +159,12 @@ def trace(
 ) -> tuple[Interval, Array, NDArray[np.bool_]]:
     """Ranges of a formula of the time t over intervals, its samples there, and where these miss.
 
-    Parameters
-    ----------
-    expression
-        Of t alone.
-    begin, end
-        Ends of the intervals, shape ``(n,)``.
-    samples
-        Times inside, both ends among them, shape ``(n, k)``.
-
-    Returns
-    -------
-    ranges, values, doubtful
-        Of n intervals, shape ``(n, k)``, and shape ``(n,)``.
+    Intervals from `begin` to `end`, shape ``(n,)``; samples in them, both ends included, of shape
+    ``(n, k)``. The values have the shape of the samples, the rest ``(n,)``.
     """
     doubtful = np.zeros(begin.size, dtype=bool)
     time = Traced(Interval(begin, end), samples, doubtful)
-    with np.errstate(all="ignore"):
-        found = expression.evaluate({"t": time}, TRACED_FUNCTIONS)
+    found = expression.evaluate({"t": time}, TRACED_FUNCTIONS)
     if not isinstance(found, Traced):
         constant = np.full(begin.size, float(found))
         return Interval(constant, constant), np.full(samples.shape, float(found)), doubtful

@@ -18,7 +18,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.series import taylor
 from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
 from fvi_cli.mathematics.series.terms import (
@@ -65,10 +65,7 @@ class PowerSeries:
         exponents, coefficients = merged_terms(self.exponents, self.coefficients, self.cutoff)
         if coefficients.ndim != 1:
             raise SeriesError("the coefficients of a series are numbers, one for every exponent")
-        exponents.setflags(write=False)
-        coefficients.setflags(write=False)
-        object.__setattr__(self, "exponents", exponents)
-        object.__setattr__(self, "coefficients", coefficients)
+        set_arrays(self, exponents=exponents, coefficients=coefficients)
         object.__setattr__(self, "cutoff", float(self.cutoff))
 
     @classmethod

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.observations.observe import integrate_observed_members
 from fvi_cli.scenes.problem import Problem

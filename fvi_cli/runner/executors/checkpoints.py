@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from fvi_cli.integrator.engine.checkpoint import UnfinishedRun
+from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
 from fvi_cli.storage.atomic import reason, replacement
 from fvi_cli.storage.files import CHECKPOINT_SUFFIX, checkpoint_paths, remove_checkpoints
 from fvi_cli.storage.provenance import identity
@@ -77,7 +77,7 @@ class CheckpointFolder:
 
 @dataclass(kw_only=True, eq=False)
 class CheckpointFile:
-    """The checkpoint of one run, as :class:`fvi_cli.integrator.engine.checkpoint.RunKeeper` asks.
+    """The checkpoint of one run, as :class:`fvi_cli.integrator.loop.checkpoint.RunKeeper` asks.
 
     A disk that is full, or a file that is broken, is told and does no harm: without a checkpoint a
     run begins at its start, and it goes on without one.

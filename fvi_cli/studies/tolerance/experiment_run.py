@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed, observe
 from fvi_cli.integrator.trajectory import Assessment, Trajectory

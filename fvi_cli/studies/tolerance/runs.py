@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power

@@ -9,9 +9,9 @@ from spread import spread
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.damper_forces import forces_of_dampers, stored_energy
-from fvi_cli.integrator.engine.damping import Damping, damping_of
-from fvi_cli.integrator.engine.directions import directions_of, pattern_of
+from fvi_cli.integrator.damping.damper_forces import forces_of_dampers, stored_energy
+from fvi_cli.integrator.damping.damping import Damping, damping_of
+from fvi_cli.integrator.damping.directions import directions_of, pattern_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method

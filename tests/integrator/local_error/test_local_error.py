@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from letters import spring, swing
+from letters import in_pieces, spring, swing
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -96,7 +96,9 @@ def test_what_may_hide_something():
     assert hides("exp(-x**2)")
     assert hides("1/x")
     assert not SceneForces(spring(T=1.0)).may_hide
-    assert SceneForces(spring(T=1.0)).is_absent
+    assert SceneForces(spring(T=1.0)).are_absent_at(0.5)
+    stepped = SceneForces(spring(T=2.0, forcing=in_pieces("1", 1.0, "0")))
+    assert [stepped.are_absent_at(time) for time in (0.5, 1.5)] == [False, True]
 
 
 def test_general_lagrangians_are_looked_at():

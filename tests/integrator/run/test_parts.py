@@ -12,9 +12,9 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import loop
-from fvi_cli.integrator.engine.checkpoint import Checkpoint
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loop import loop
+from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.parts import Part, integrate_part

@@ -7,8 +7,8 @@ import pytest
 from letters import spring, swing
 
 import fvi_cli as fvi
-from fvi_cli.integrator.engine import loop
-from fvi_cli.integrator.engine.checkpoint import (
+from fvi_cli.integrator.loop import loop
+from fvi_cli.integrator.loop.checkpoint import (
     OF_ANOTHER_RUN,
     UnfinishedRun,
     digest_of,

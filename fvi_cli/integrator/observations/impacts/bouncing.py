@@ -10,10 +10,10 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import why_unsolved
-from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.loop.recorder import why_unsolved
+from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method

@@ -18,14 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.adaptive import MOST_SHORTEST
-from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import Recorder
-from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Impact
@@ -38,7 +39,6 @@ from fvi_cli.integrator.observations.impacts.surface import (
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import ScenesRun
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 

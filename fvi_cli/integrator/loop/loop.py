@@ -8,10 +8,10 @@ import numpy as np
 
 from fvi_cli.integrator.engine.blocks import advance, block_for
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import Recorder
 from fvi_cli.integrator.engine.recurrence import Recurrence
-from fvi_cli.integrator.engine.source import Proposal, Source
 from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import Proposal, Source
 
 CHUNK = 4096
 """Steps whose known forces are computed together, at most."""

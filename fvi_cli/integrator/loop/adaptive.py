@@ -7,15 +7,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.domain import first_undefined, undefined_near
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.recorder import why_unsolved
-from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
+from fvi_cli.integrator.loop.recorder import why_unsolved
+from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
@@ -69,7 +70,14 @@ class AdaptiveSource:
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self.controller = step_controller(scene, method, steps)
         self._examiner = Examiner(scene, step_tables(method))
-        self._potential, self._most_steps = scene.potential, steps.most_steps
+        potential = scene.potential
+        if (
+            isinstance(potential, ExpressionPotential)
+            and potential.energy_expression.system.is_entire
+        ):
+            # its forces say as much, and are looked at
+            potential = None
+        self._potential, self._most_steps = potential, steps.most_steps
         self.failure: Failure | None = None
         self._done = 0
         self._error = StepFailedError(UNKEPT)
@@ -104,7 +112,7 @@ class AdaptiveSource:
         scale, finding = _largest(position), Finding(error=math.inf)
         if steps.failed.any():
             self._error = why_unsolved(steps, state)
-        elif (outside := self._outside(position, h * unknowns)) is not None:
+        elif (outside := self._outside(position, unknowns, h)) is not None:
             self._error = StepFailedError(undefined_near(outside), reason="irregular")
         else:
             self._error = StepFailedError(UNKEPT)
@@ -133,9 +141,11 @@ class AdaptiveSource:
         """Every step is judged."""
         raise ValueError("steps: those that are found on the way are taken one by one")
 
-    def _outside(self, position: Array, displacements: Array) -> Array | None:
+    def _outside(self, position: Array, unknowns: Array, h: float) -> Array | None:
         """A place of a step at which the potential energy is not finite."""
-        path = np.concatenate([position[None], position + displacements])
+        if self._potential is None:
+            return None
+        path = np.concatenate([position[None], position + h * unknowns])
         found = first_undefined(self._potential, path)
         return None if found is None else path[found]
 

@@ -19,12 +19,11 @@ from fvi_cli.effects.matrices import (
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import Asked
-from fvi_cli.integrator.convolution.reach import find_reach
-from fvi_cli.integrator.growth_bound import GrowthBound
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.reach import find_reach
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.setup import prepare_run
+from fvi_cli.integrator.run.on_mesh import mesh_for, prepare
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.chains import shear_form, shear_matrix
 from fvi_cli.scenes.registry import build_scene
@@ -88,10 +87,8 @@ def test_so_it_is_in_adaptive_steps():
 
 def test_states_stand_on_directions_and_not_on_degrees_of_freedom():
     scene = row_of_masses(300, sparse=True, orders=(0.5,))
-    setup = prepare_run(
-        scene, GAUSS, shortest_step=0.01, n_steps=200, bound=GrowthBound(size=np.inf, rate=0.0)
-    )
-    assert setup.damping.initial_states().shape == (setup.n_states, 3)
+    prepared = prepare([scene], GAUSS, mesh_for(scene, GAUSS, 200))
+    assert prepared.state.z.shape == (1, prepared.engine.n_states, 3)
 
 
 def test_terms_on_overlapping_directions_share_their_forms():

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fvi_cli.integrator.engine.damping import Damping, DampingTables
+from fvi_cli.integrator.damping.damping import Damping, DampingTables
 from fvi_cli.mathematics.arrays import Array
 
 PIECE = 64

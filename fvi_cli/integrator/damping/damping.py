@@ -19,11 +19,11 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.directions import Direction, directions_of
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine.directions import Direction, directions_of
-from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along
+from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import Reach
 from fvi_cli.integrator.method import Method
@@ -307,7 +307,7 @@ def damping_of(
     n_steps
         Number of equal steps, for backward differences.
     modes, reach, is_separate
-        As for :func:`fvi_cli.integrator.engine.directions.directions_of`.
+        As for :func:`fvi_cli.integrator.damping.directions.directions_of`.
 
     Raises
     ------

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.newton_log import NewtonLog
-from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
+from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 

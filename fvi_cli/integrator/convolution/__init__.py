@@ -1,1 +1,0 @@
-"""Fractional integrals and derivatives on any mesh: powers of the mesh's integration matrix."""

@@ -1,0 +1,1 @@
+"""All that damps scenes, by the matrices along which it acts."""

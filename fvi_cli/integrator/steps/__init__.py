@@ -1,1 +1,0 @@
-"""One step of the integrator: its equations, and what solves them."""
