@@ -15,6 +15,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import Mask
+from fvi_cli.mathematics.transforms.zeros import largest_root
 
 TOLERATED_FACTOR = 1e8
 """How far a position may go beyond what start values and forces move in the time of the run."""
@@ -32,8 +33,6 @@ GAINS_ENERGY = (
 """Remark on a run."""
 
 FLEXIBILITY_SWEEPS = 10
-
-ROOT_SWEEPS = 30
 
 POORLY_RESOLVED = 1.25
 """So many times faster than the exact one a mode may grow that is not resolved well (a guess)."""
@@ -186,21 +185,10 @@ def growth_limit(scene: Scene) -> float:
     orders = np.array([order for order, _ in pairs])
     sizes = np.array([np.abs(one).max() for one in values])
     negative = np.array([max(-one[0], 0.0) for one in values])
-    largest = _root_of_powers(orders, sizes)
+    largest = largest_root(orders, sizes)
     is_high = orders > 1
     high = float((negative[is_high] * largest ** (orders[is_high] - 1.0)).sum())
-    return _root_of_powers(np.append(orders[~is_high], 1.0), np.append(negative[~is_high], high))
-
-
-def _root_of_powers(orders: Array, sizes: Array) -> float:
-    r"""A bound on the zero of :math:`s^2 - \sum_j a_j s^{\gamma_j}` by iteration from above."""
-    orders, sizes = orders[sizes > 0], sizes[sizes > 0]
-    if not sizes.size:
-        return 0.0
-    found = float(((sizes.size * sizes) ** (1.0 / (2.0 - orders))).max())
-    for _ in range(ROOT_SWEEPS):
-        found = math.sqrt(float((sizes * found**orders).sum()))
-    return found
+    return largest_root(np.append(orders[~is_high], 1.0), np.append(negative[~is_high], high))
 
 
 def _bound(scene: Scene, force: float) -> GrowthBound:

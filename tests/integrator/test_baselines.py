@@ -14,8 +14,8 @@ from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.baselines import peers, product_integration
-from fvi_cli.integrator.baselines.product_integration import trapezoidal_weights
+from fvi_cli.integrator.baselines import peers, schemes
+from fvi_cli.integrator.baselines.schemes import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import PEER_NAMES, Baseline, Method
 from fvi_cli.integrator.stability.prediction import predict_stability
@@ -81,7 +81,7 @@ def test_one_wrong_weight_costs_the_order(monkeypatch):
         weights[1] *= 1.01
         return weights
 
-    monkeypatch.setattr(product_integration, "trapezoidal_weights", wrong)
+    monkeypatch.setattr(schemes, "trapezoidal_weights", wrong)
     with pytest.raises(AssertionError):
         assert slope(SCENES["gamma = 1.5"], PRODUCT) == pytest.approx(2.0, abs=0.1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 
 import numpy as np
@@ -19,20 +20,8 @@ from fvi_cli.mathematics.arrays import Array
 def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory:
     """Runge-Kutta of order 8(5,3) with steps of its own and dense output at t_k = k T / N.
 
-    Parameters
-    ----------
-    scene
-        Damping of order 1 only.
-    tolerance
-        Relative and absolute tolerance of a step.
-    n_steps
-        Number of intervals of the grid on which the solution is asked for.
-
-    Returns
-    -------
-    Trajectory
-        The number of evaluations of the right-hand side is among its remarks. Every piece of the
-        forcing is integrated by itself.
+    Damping of order 1 only; `tolerance` is relative and absolute. Every piece of the forcing is
+    integrated by itself. The number of evaluations of the right-hand side is among the remarks.
     """
     began = time.perf_counter()
     d, h = scene.dimension, scene.final_time / n_steps
@@ -47,16 +36,12 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
         matrix[d:, :d] = -inverse_mass @ potential.stiffness
         potential = None
     ends = (0.0, *scene.break_points, scene.final_time)
-    pieces: tuple[ForcingPiece | None, ...] = (None,)
-    if scene.forcing is not None:
-        pieces = scene.forcing.pieces[: len(ends) - 1]
     ready = time.perf_counter()
     state = np.concatenate((scene.initial_position, scene.initial_velocity))
-    states = [state[None]]
-    evaluations = 0
-    failure: Failure | None = None
+    states, evaluations, failure = [state[None]], 0, None
     with np.errstate(over="ignore", invalid="ignore"):
-        for piece, start, end in zip(pieces, ends[:-1], ends[1:], strict=True):
+        for index, (start, end) in enumerate(itertools.pairwise(ends)):
+            piece = None if scene.forcing is None else scene.forcing.pieces[index]
 
             def rate(at: float, y: Array, piece: ForcingPiece | None = piece) -> Array:
                 value = matrix @ y
@@ -67,7 +52,6 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
                 return value
 
             inside = grid[(grid > start + 1e-9 * h) & (grid <= end + 1e-9 * h)]
-            inside = np.minimum(inside, end)
             # the end of the piece is the start of the next, on the grid or not
             asked = np.append(inside[inside < end], end)
             found = solve_ivp(
@@ -75,9 +59,9 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
             )
             evaluations += int(found.nfev)
             values = np.asarray(found.y, dtype=float).T.reshape(-1, 2 * d)
-            if found.status != 0 or not np.isfinite(values).all():
-                reached = np.isfinite(values).all(axis=1)
-                states.append(values[: int(reached.sum())][: inside.size])
+            sound = np.isfinite(values).all(axis=1)
+            if found.status != 0 or not sound.all():
+                states.append(values[: int(sound.sum())][: inside.size])
                 words = f"stopped in t = {start:g} to {end:g}: {found.message}"
                 failure = Failure(words, time=start)
                 break
@@ -90,8 +74,6 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
         everything[:, d:],
         n_steps,
         failure=failure,
-        operations=0,
-        iterations=0,
         began=began,
         ready=ready,
         remarks=(f"{evaluations} evaluations of the right-hand side",),

@@ -20,18 +20,16 @@ def solve_implicit(
     factor: float,
     weight: float,
 ) -> tuple[Array, int]:
-    r"""Solve :math:`A u + w \nabla V(b + c u) = r` with the exact Jacobian.
+    r"""Solve :math:`A u + w \nabla V(b + c u) = r`, Newton's iteration with the exact Jacobian.
 
     Parameters
     ----------
     linear, constant
         A, shape ``(d, d)``, and r, shape ``(d,)``.
-    potential
-        V; None: no such term.
+    potential, base, factor, weight
+        V, b, c and w.
     guess
         Where the iteration starts.
-    base, factor, weight
-        b, c and w.
 
     Returns
     -------

@@ -108,7 +108,6 @@ def integrate_peer(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
         failure=failure,
         # every component's sum over the past, in every step
         operations=len(orders) * d * done * (done + 1) // 2,
-        iterations=0,
         began=began,
         ready=ready,
         remarks=(PEER_LIMITS,),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,34 +15,26 @@ from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 
-def forces_on_grid(scene: Scene, n_steps: int) -> Array:
-    """The forcing at t_0 .. t_N, shape ``(N + 1, d)``; zeros where there is none."""
-    if scene.forcing is None:
-        return np.zeros((n_steps + 1, scene.dimension))
-    # as products: quotients of sums would put break points beside the grid
-    return scene.forcing(scene.final_time / n_steps * np.arange(n_steps + 1, dtype=float))
-
-
 def baseline_operations(name: str, scene: Scene, n_steps: int) -> int | None:
     """Multiply-adds that the sums of a baseline over its past take in so many steps.
 
     None for the solvers of others: theirs are not ours to count.
     """
-    total = 0
-    for term in scene.active_damping:
-        if name == "explicit-euler":
-            terms = 0 if term.is_integer_order else n_steps * (n_steps - 1) // 2
-        elif name == "implicit-euler":
-            terms = 0 if term.is_integer_order else n_steps * (n_steps + 1) // 2
-        elif name == "gruenwald-letnikov":
-            terms = 2 * n_steps - 1 if term.is_integer_order else n_steps * (n_steps + 1) // 2
-        elif name == "product-integration":
-            terms = n_steps if term.is_integer_order else n_steps * (n_steps - 1) // 2
-        else:
-            # SciPy's integrator has no memory; that of peers is not ours to count
-            return 0 if name == "dop853" else None
-        total += terms * scene.dimension
-    return total
+    if name not in _DOT_PRODUCTS:
+        # SciPy's integrator has no memory
+        return 0 if name == "dop853" else None
+    terms = _DOT_PRODUCTS[name]
+    orders = [terms[term.is_integer_order](n_steps) for term in scene.active_damping]
+    return scene.dimension * sum(orders)
+
+
+_DOT_PRODUCTS: dict[str, tuple[Callable[[int], int], Callable[[int], int]]] = {
+    "explicit-euler": (lambda n: n * (n - 1) // 2, lambda n: 0),
+    "implicit-euler": (lambda n: n * (n + 1) // 2, lambda n: 0),
+    "gruenwald-letnikov": (lambda n: n * (n + 1) // 2, lambda n: 2 * n - 1),
+    "product-integration": (lambda n: n * (n - 1) // 2, lambda n: n),
+}
+"""Terms of the sums in n steps, of fractional orders and of order 1."""
 
 
 def baseline_trajectory(
@@ -51,28 +44,16 @@ def baseline_trajectory(
     n_steps: int,
     *,
     failure: Failure | None,
-    operations: int | None,
-    iterations: int,
     began: float,
     ready: float,
+    operations: int = 0,
+    iterations: int = 0,
     remarks: tuple[str, ...] = (),
 ) -> Trajectory:
-    """What a baseline gives back.
+    """What a baseline gives back, from its finished points, shape ``(n, d)``.
 
-    Parameters
-    ----------
-    scene, n_steps
-        What was integrated, and on how many steps.
-    position, velocity
-        The finished points, shape ``(n, d)``; no velocity for methods that have none.
-    failure
-        Why it stopped early; None where it did not.
-    operations, iterations
-        Multiply-adds spent on the memory, and Newton iterations.
-    began, ready
-        When set-up and stepping began, by ``time.perf_counter``.
-    remarks
-        What the reader of a table should know.
+    Set-up began at `began` and stepping at `ready`, by ``time.perf_counter``; `operations` are
+    multiply-adds spent on the memory, `iterations` those of Newton.
     """
     finished = time.perf_counter()
     h = scene.final_time / n_steps
@@ -96,7 +77,7 @@ def baseline_trajectory(
         status=status_of(failure),
         message=str(failure or ""),
         failure=failure,
-        history_operations=operations or 0,
+        history_operations=operations,
         newton=NewtonRecord(iterations=iterations),
         setup_seconds=ready - began,
         stepping_seconds=finished - ready,

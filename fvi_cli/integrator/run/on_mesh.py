@@ -24,7 +24,7 @@ from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.loop.source import MeshSource, Source
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
@@ -78,7 +78,8 @@ def engine_on_mesh(
     ValueError
         For a method of equal steps on a mesh that has others.
     """
-    if not method.is_runge_kutta and len({one.step_size for one in mesh.stretches}) > 1:
+    sizes = [one.step_size for one in mesh.stretches]
+    if not method.is_runge_kutta and max(sizes) - min(sizes) > ON_GRID * min(sizes):
         raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
     return Engine(
         scenes,
@@ -168,9 +169,14 @@ class ScenesRun:
         return self.recorder.arrays()
 
     def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Go on from there."""
-        self.go_on(arrays)
-        self.recorder.restore(kept)
+        """Go on from there; all stays as it is where something is missing or does not fit."""
+        begun = self.arrays()
+        try:
+            self.go_on(arrays)
+            self.recorder.restore(kept)
+        except (KeyError, TypeError, ValueError):
+            self.go_on(begun)
+            raise
 
     def go_on(self, arrays: Arrays) -> None:
         """Take the state of :meth:`arrays`, whatever was kept before."""

@@ -10,7 +10,7 @@ import numpy as np
 from fvi_cli.integrator.stability.determinants import log_determinants
 from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.arrays import ComplexArray
-from fvi_cli.mathematics.transforms.zeros import ZeroCountError, find_zeros
+from fvi_cli.mathematics.transforms.zeros import ZeroCountError, find_zeros, largest_root
 
 LARGEST_FREQUENCY = 1e3
 """Times the step size: faster growth of the exact scene is beyond every method and number."""
@@ -59,20 +59,10 @@ class HalfPlane:
 
 def half_plane(system: MatrixPencil, step_size: float) -> HalfPlane:
     """The half-plane on a scale at which no zero is larger than c, or no step of h can follow."""
-    high = math.log(LARGEST_FREQUENCY / step_size)
-    sizes = system.sizes
-    if sizes:
-        # the positive zero of s^2 - sum_j size_j s^gamma_j, beyond which s^2 outweighs the rest
-        orders = np.array([order for order, _ in sizes])
-        logs = np.log([size for _, size in sizes])
-        low = min(float((logs / (2.0 - orders)).max()), high)
-        for _ in range(30):
-            middle = 0.5 * (low + high)
-            if np.logaddexp.reduce(logs + orders * middle) > 2.0 * middle:
-                low = middle
-            else:
-                high = middle
-    return HalfPlane(system=system, scale=math.exp(high))
+    fastest, sizes = LARGEST_FREQUENCY / step_size, system.sizes
+    # where s^2 outweighs all other terms
+    scale = largest_root(*map(np.array, zip(*sizes, strict=True))) if sizes else math.inf
+    return HalfPlane(system=system, scale=min(scale, fastest))
 
 
 def growing_frequencies(

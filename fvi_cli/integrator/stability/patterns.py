@@ -27,18 +27,19 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.integrator.memory.stages import StageOperator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
 from fvi_cli.mathematics.runge_kutta import tableau
 
 Patterns = Callable[[ComplexArray], ComplexArray]
+Forces = Callable[[ComplexArray], list[ComplexArray]]
+"""Forces of the increments at points z, ``(k, m, s)`` for each order."""
 
 IDENTITY, MASS, STIFFNESS, DAMPING = 0, 1, 2, 3
 """Places of the patterns; those of the damping orders begin at the last one."""
@@ -82,7 +83,13 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
             return _central_patterns(orders)
         return _euler_patterns(method, orders)
     tables = step_tables(method)
-    damping = _damping(method, tables)
+    force_weights = tables.sample_test_weights
+    if method.is_runge_kutta:
+        stages = StageOperator(tableau=tableau(method.cq, method.stages))
+        force_weights = force_weights @ stages.to_values
+        forces = _staged_forces(stages, tables, orders)
+    else:
+        forces = _sampled_forces(method, tables, orders)
     s = tables.degree
     n = s + 2
     constant = np.zeros((DAMPING, n, n))
@@ -97,14 +104,14 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     linear[STIFFNESS, p, u] = tables.weights @ tables.basis[1:].T
     constant[STIFFNESS, u, x] = -tables.test_weights[:-1].sum(axis=1)
     constant[STIFFNESS, u, u] = -np.einsum("ni,mi->nm", tables.test_weights[:-1], tables.basis[1:])
-    momentum_weights = damping.force_weights.sum(axis=0)
+    momentum_weights = force_weights.sum(axis=0)
 
     def patterns(z: ComplexArray) -> ComplexArray:
         at = z[:, None, None]
         result = np.zeros((z.size, DAMPING + len(orders), n, n), dtype=np.complex128)
         result[:, :DAMPING] = constant + at[..., None] * linear
-        for index, force in enumerate(damping.forces(z, orders)):
-            result[:, DAMPING + index, u, u] = -(damping.force_weights[:-1] @ force)
+        for index, force in enumerate(forces(z)):
+            result[:, DAMPING + index, u, u] = -(force_weights[:-1] @ force)
             result[:, DAMPING + index, p, u] = z[:, None] * (momentum_weights @ force)
         return result
 
@@ -142,31 +149,33 @@ def _euler_patterns(method: Baseline, orders: tuple[float, ...]) -> Patterns:
     return patterns
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Damping:
-    """Dimensionless sample and force matrices of a method (step size 1).
+def _sampled_forces(method: Method, tables: StepTables, orders: tuple[float, ...]) -> Forces:
+    """Of backward differences: from increments to values at the sample points, and to forces."""
+    at_points = tables.sample_basis[1:].T
+    # where the step began is what the steps before have left behind
+    carried = np.eye(tables.degree)[-1] - at_points
 
-    Samples are values for backward differences, coefficients of the stages for Runge-Kutta.
-    """
+    def forces(z: ComplexArray) -> list[ComplexArray]:
+        samples = at_points + z[:, None, None] * carried
+        # A(alpha) stability: the symbol keeps away from the cut along the negative axis
+        symbol = symbol_at(method.bdf_order, z)
+        factors = [symbol**order / (1.0 - z) for order in orders]
+        return [np.asarray(factor[:, None, None] * samples) for factor in factors]
 
-    method: Method
-    samples: Array
-    carried: Array
-    force_weights: Array
-    stages: StageOperator | None
+    return forces
 
-    def forces(self, z: ComplexArray, orders: tuple[float, ...]) -> list[ComplexArray]:
-        """Force of the increments for each order, shape ``(n, m, s)``."""
-        samples = np.asarray(self.samples.T + z[:, None, None] * self.carried.T)
-        if self.stages is None:
-            # A(alpha) stability: the symbol keeps away from the cut along the negative axis
-            symbol = symbol_at(self.method.bdf_order, z)
-            factors = [symbol**order / (1.0 - z) for order in orders]
-            return [np.asarray(factor[:, None, None] * samples) for factor in factors]
+
+def _staged_forces(stages: StageOperator, tables: StepTables, orders: tuple[float, ...]) -> Forces:
+    """Of Runge-Kutta methods: from increments to coefficients of the stages, and to forces."""
+    samples = (stages.to_coefficients @ tables.slopes[1:].T).astype(np.complex128)
+
+    def forces(z: ComplexArray) -> list[ComplexArray]:
         if all(order == 1.0 for order in orders):
-            return [samples for _ in orders]
-        powers = _symbol_powers(self.stages, z, [order - 1.0 for order in orders])
+            return [np.tile(samples, (z.size, 1, 1)) for _ in orders]
+        powers = _symbol_powers(stages, z, [order - 1.0 for order in orders])
         return [np.asarray(power @ samples) for power in powers]
+
+    return forces
 
 
 def _symbol_powers(
@@ -202,23 +211,3 @@ def _symbol_powers(
             for index in poor:
                 power[index] = fractional_matrix_power(matrices[index], -exponent)
     return found
-
-
-def _damping(method: Method, tables: StepTables) -> _Damping:
-    if method.is_runge_kutta:
-        stages = StageOperator(tableau=tableau(method.cq, method.stages))
-        return _Damping(
-            method=method,
-            samples=tables.slopes[1:] @ stages.to_coefficients.T,
-            carried=np.zeros((tables.degree, tables.sample_points.size)),
-            force_weights=tables.sample_test_weights @ stages.to_values,
-            stages=stages,
-        )
-    samples = tables.sample_basis[1:]
-    return _Damping(
-        method=method,
-        samples=samples,
-        carried=np.eye(tables.degree)[:, -1:] - samples,
-        force_weights=tables.sample_test_weights,
-        stages=None,
-    )

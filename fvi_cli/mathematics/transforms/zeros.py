@@ -51,6 +51,7 @@ _SHIFT = 1e-6
 _LAST_STEP = 1e-8
 _APART = 1e-9
 _PLACES = 8.0
+_SWEEPS = 30
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
@@ -323,3 +324,21 @@ def _newton(log_function: LogFunction, z: ComplexArray) -> ComplexArray:
         ratio = np.expm1(there - here)
         step = shift / np.where(ratio == 0, 1e-300, ratio)
     return np.asarray(np.where(np.isneginf(here.real), 0.0, np.nan_to_num(step)))
+
+
+def largest_root(orders: Array, sizes: Array) -> float:
+    r"""A bound on the positive zero of :math:`s^2 - \sum_j a_j s^{\gamma_j}`, from above; 0: none.
+
+    Parameters
+    ----------
+    orders, sizes
+        The powers below 2 and the factors, not negative, shape ``(n,)``.
+    """
+    orders, sizes = orders[sizes > 0], sizes[sizes > 0]
+    if not sizes.size:
+        return 0.0
+    with np.errstate(over="ignore"):
+        found = float(((sizes.size * sizes) ** (1.0 / (2.0 - orders))).max())
+        for _ in range(_SWEEPS):
+            found = math.sqrt(float((sizes * found**orders).sum()))
+    return found

@@ -1,0 +1,105 @@
+"""Sums of baselines over everything that was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
+
+LOCAL = 2
+"""Weights of order 1 that differ from all that follow."""
+
+
+@dataclass(kw_only=True, eq=False)
+class _Term:
+    """One damping term: weights backwards, samples without their offsets, and a running sum."""
+
+    matrix: Array
+    backwards: Array
+    offset: Array
+    samples: Array
+    tail: float
+    total: Array
+
+
+class Past:
+    r"""The forces :math:`\sum_j D_j \sum_n w_n^{(j)} (y_{k-n} - s_{k-n}^{(j)})` of kept samples.
+
+    NumPy dot products; a running sum where the order is 1.
+
+    Parameters
+    ----------
+    scene, n_steps
+        With the dampings D, and N.
+    weights
+        The first weights w, from an order of damping and their number.
+    offset
+        What the derivative of a term takes off the samples first, s, shape ``(N + 1, d)``.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        n_steps: int,
+        weights: Callable[[float, int], Array],
+        offset: Callable[[FractionalDamping], Array],
+    ) -> None:
+        shape = (n_steps + 1, scene.dimension)
+        self._terms: list[_Term] = []
+        # D w_0, and its product with s at all times: for equations of the newest sample
+        self.newest, self.newest_offset = np.zeros((scene.dimension,) * 2), np.zeros(shape)
+        for one in scene.active_damping:
+            own = weights(one.order, LOCAL + 1 if one.is_integer_order else n_steps + 1)
+            tail = float(own[LOCAL]) if one.is_integer_order else 0.0
+            head = own[:LOCAL] - tail if one.is_integer_order else own
+            term = _Term(
+                matrix=one.coefficient,
+                backwards=np.ascontiguousarray(head[::-1]),
+                offset=offset(one),
+                samples=np.empty(shape),
+                tail=tail,
+                total=np.zeros(scene.dimension),
+            )
+            self._terms.append(term)
+            self.newest = self.newest + own[0] * one.coefficient
+            self.newest_offset = self.newest_offset + own[0] * term.offset @ one.coefficient
+
+    def keep(self, k: int, sample: Array) -> None:
+        """Keep the sample y of time k."""
+        for term in self._terms:
+            left = term.samples[k] = sample - term.offset[k]
+            if term.tail:
+                term.total = term.total + left
+
+    def force(self, k: int, newest: int) -> Array | float:
+        """The force at time k by the samples up to the newest that is kept."""
+        force: Array | float = 0.0
+        for term in self._terms:
+            end = term.backwards.size - k
+            first = max(0, 1 - end)
+            weights = term.backwards[end - 1 + first : end + newest]
+            old = weights @ term.samples[first : newest + 1]
+            if term.tail:
+                old = old + term.tail * term.total
+            force = force + old @ term.matrix
+        return force
+
+
+def without_start(scene: Scene, times: Array) -> Callable[[FractionalDamping], Array]:
+    """What derivatives take off positions: the start q0, and Caputo's above order 1 q0 + v0 t.
+
+    The derivative of order 1 is that of x itself: q0 is taken off all the same, so that the first
+    difference is 0.
+    """
+
+    def offset(term: FractionalDamping) -> Array:
+        if scene.derivative == "caputo" and term.order > 1:
+            return np.asarray(scene.initial_position + times[:, None] * scene.initial_velocity)
+        return np.broadcast_to(scene.initial_position, (times.size, scene.dimension))
+
+    return offset
