@@ -356,8 +356,7 @@ class Engine:
     def _pulled(self, op: Operator, state: State, u: Array, moved: Array) -> Array:
         """Impulse of the linear forces in each step, with the sign of the left side."""
         frame, h = op.frame, op.frame.h
-        mean = (h * self.tables.weights)[None] @ frame.displacement[0]
-        place = on_steps(mean, u)[:, :, 0] + h * state.x[:, None]
+        place = on_steps(frame.mean, u)[:, :, 0] + h * state.x[:, None]
         place[:, 1:] += h * moved[:, :-1]
         return force_of(op.at.stiffness, place)
 
