@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
+from benchmarks.constants import constants_table, other_constants, run_constants
 from benchmarks.executors import executors_page
 from benchmarks.fits import N_FITS, N_STARTS, run_fits
 from benchmarks.floors import floor_table, run_floors
@@ -35,6 +36,10 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
+    "constants": (
+        "What constants are worth",
+        lambda asked: constants_table(run_constants(), other_constants()),
+    ),
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
     "executors": ("Who computes side by side", lambda asked: executors_page()),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
