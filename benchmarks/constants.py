@@ -1,338 +1,362 @@
-"""What the constants that steer time are worth: each is halved and doubled on the same runs."""
+"""Constants that steer runs: which of them decide results, which only time, and how well.
+
+A constant is a number with a name in capital letters at the level of a module of the rooms that
+integrate. Those that the runs below read are doubled and halved, one at a time: what happens to
+positions and to processor time says what they steer. Those that steer time are then swept.
+"""
 
 from __future__ import annotations
 
 import ast
 import contextlib
-import importlib
-import inspect
 import math
-import pkgutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import ModuleType
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-import fvi_cli.integrator
-from benchmarks.measuring import number, table
-from fvi_cli.api import gradient
+import fvi_cli
+from benchmarks.measuring import table
+from benchmarks.structures import beam
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.quantity import position_at
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.limits import largest_stable_step
 from fvi_cli.integrator.stability.region import stability_map
-from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import chain
+from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.studies.cost import forget
 
-ENGINE = "fvi_cli.integrator."
-TIMED: Mapping[str, tuple[str, ...]] = {
-    "engine.algebra": ("LARGEST_INVERSE", "FEW"),
-    "engine.blocks": (
-        "STEPS_OF_LINEAR",
-        "STEPS_OF_NEWTON",
-        "SIZE_OF_LINEAR",
-        "SIZE_OF_NEWTON",
-        "SIZE_IN_BATCH",
-        "CACHE",
-        "LEAST",
-        "NEWTON_REUSE",
-        "GENERAL_REUSE",
-        "PATIENCE",
-        "USUAL",
-        "EXCESS",
-        "QUICK",
-    ),
-    "engine.engine": ("KEPT_TABLES", "OFTEN"),
-    "engine.recurrence": ("LARGEST_STATE", "LEAST_BLOCKS", "LARGE_STATE", "STEPS_OF_LARGE"),
-    "engine.structures": ("GROUP", "LARGEST_DENSE", "LEAST_BLOCK", "KEPT", "KEPT_UNKNOWNS"),
-    "loop.loop": ("CHUNK", "LARGEST_CHUNK"),
-    "loop.recorder": ("WAITING",),
-    "memory.exponentials": ("STEPS_KEPT",),
-    "damping.damping": ("LEAST_BLOCK_STEPS",),
-    "damping.damper_forces": ("PIECE",),
-    "gradients.linearised": ("LARGEST_STEP", "LARGEST_BLOCK", "AT_ONCE"),
-    "gradients.past": ("EQUAL_STEPS",),
-    "members": ("LARGEST_STEP", "FEWEST_LINEAR", "MOST_TOGETHER"),
-    "stability.determinants": ("ENTRIES_AT_ONCE",),
-    "stability.growing_modes": ("FEW",),
-    "stability.limits": ("BLOCK",),
-}
-"""By module: what is swept. All others steer results, or say how much is looked at."""
+ROOMS: Final = ("integrator", "mathematics")
+FACTORS: Final = (0.25, 0.5, 2.0, 4.0)
+LAST_DIGITS: Final = 1e-9
+"""Changes of positions up to this, relative to the largest, are those of another rounding."""
+CERTAIN: Final = 1.15
+"""Ratio of times from which on a constant steers time."""
+REPEATS: Final = 3
+MOST_WANTED: Final = 40
+"""As many constants may steer runs."""
 
-FACTORS = (0.5, 2.0)
-NOTABLE = 1.05
-"""Ratio of two times that is more than the noise of a quiet machine."""
-ALIKE = 1e-9
-"""Relative difference of results up to which a constant steers time alone."""
-REPEATS = 5
-
-GAUSS = Method(cq="gauss", degree=3)
-POINTS = Method(cq="bdf3", degree=2, sampling="points")
-HALF = (FractionalDamping(order=0.5, coefficient=0.3 * np.eye(1)),)
-
-Workload = Callable[[], Array]
+Run = Callable[[], NDArray[np.float64]]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Constant:
-    """A number of a module, by name."""
-
-    module: ModuleType
-    name: str
-
-    @property
-    def value(self) -> float:
-        """As it is now."""
-        found = getattr(self.module, self.name)
-        if isinstance(found, bool) or not isinstance(found, int | float):
-            raise TypeError(f"{self}: {found!r} is no number")
-        return found
-
-    def __str__(self) -> str:
-        """Without the package."""
-        return f"{self.module.__name__.removeprefix(ENGINE)}.{self.name}"
-
-    @contextlib.contextmanager
-    def scaled(self, factor: float) -> Iterator[None]:
-        """Everywhere that number times a factor, and nothing kept from before."""
-        value = self.value
-        other = max(1, round(value * factor)) if isinstance(value, int) else value * factor
-        homes = [
-            one
-            for name, one in list(sys.modules.items())
-            if name.startswith("fvi_cli.") and (one is self.module or self._is_imported(one))
-        ]
-        forget()
-        for home in homes:
-            setattr(home, self.name, other)
-        try:
-            yield
-        finally:
-            for home in homes:
-                setattr(home, self.name, value)
-            forget()
-
-    def _is_imported(self, other: ModuleType) -> bool:
-        """Whether another module has this name, and has it from here."""
-        return self.name in vars(other) and any(
-            isinstance(node, ast.ImportFrom)
-            and node.module == self.module.__name__
-            and any(alias.name == self.name for alias in node.names)
-            for node in ast.walk(ast.parse(inspect.getsource(other)))
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConstantRow:
-    """What one factor makes of one constant.
+    """A number of a module.
 
     Parameters
     ----------
-    constant, value, factor
-        Its name, what it is, and what it is multiplied by.
-    ratios
-        Time with the other value over that with this one, by workload.
-    change
-        Largest relative change of a result.
+    module, name, value
+        Where it stands, and what it is.
+    readers
+        Modules that import it, its own among them.
     """
 
-    constant: str
+    module: str
+    name: str
     value: float
-    factor: float
-    ratios: Mapping[str, float]
-    change: float
+    readers: tuple[str, ...]
 
     @property
-    def mean(self) -> float:
-        """Geometric mean of the ratios."""
-        return math.exp(sum(map(math.log, self.ratios.values())) / len(self.ratios))
+    def title(self) -> str:
+        """Where it stands in the package."""
+        return f"`{self.module.removeprefix('fvi_cli.')}.{self.name}`"
+
+    def times(self, factor: float) -> float:
+        """The value times a factor, whole where it is whole."""
+        changed = self.value * factor
+        return max(1, round(changed)) if isinstance(self.value, int) else changed
 
 
-def timed_constants() -> list[Constant]:
-    """All of :data:`TIMED`."""
-    return [
-        Constant(module=importlib.import_module(ENGINE + module), name=name)
-        for module, names in TIMED.items()
-        for name in names
-    ]
+@dataclass(frozen=True, kw_only=True)
+class Felt:
+    """What doubling and halving a constant does.
+
+    Parameters
+    ----------
+    constant
+        Which.
+    change
+        Largest change of a position, relative to the largest; infinite where a run fails.
+    slower, quicker
+        Largest and least ratio of processor times.
+    run
+        The run in which a ratio is farthest from 1.
+    """
+
+    constant: Constant
+    change: float
+    slower: float
+    quicker: float
+    run: str
+
+    @property
+    def steers_time(self) -> bool:
+        """Whether runs take another time."""
+        return self.slower > CERTAIN or self.quicker < 1 / CERTAIN
+
+    @property
+    def steers(self) -> str:
+        """In a word."""
+        if self.change > LAST_DIGITS:
+            return "results"
+        last = " and last digits" if self.change else ""
+        return f"time{last}" if self.steers_time else "last digits" if last else "nothing here"
 
 
-def other_constants() -> int:
-    """How many other numbers the modules of the integrator name."""
-    modules = [one.name for one in pkgutil.walk_packages(fvi_cli.integrator.__path__, ENGINE)]
-    count = 0
-    for name in modules:
-        module = importlib.import_module(name)
-        for node in ast.parse(inspect.getsource(module)).body:
-            targets = [
-                one.id
-                for target in (node.targets if isinstance(node, ast.Assign) else [])
-                for one in ast.walk(target)
-                if isinstance(one, ast.Name) and one.id.isupper()
-            ]
-            values = (getattr(module, one) for one in targets)
-            count += sum(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    return count - sum(map(len, TIMED.values()))
+def constants() -> list[Constant]:
+    """All numbers in capital letters of the rooms."""
+    package = Path(fvi_cli.__file__).parent
+    readers: dict[tuple[str, str], list[str]] = {}
+    found: list[tuple[str, str]] = []
+    for path in sorted(package.rglob("*.py")):
+        module = ".".join(("fvi_cli", *path.relative_to(package).with_suffix("").parts))
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ImportFrom):
+                for alias in node.names:
+                    readers.setdefault((str(node.module), alias.name), []).append(module)
+            elif path.relative_to(package).parts[0] in ROOMS:
+                targets = node.targets if isinstance(node, ast.Assign) else [node]
+                names = [one for target in targets for one in _names(target)]
+                found += [(module, name) for name in names if name.lstrip("_").isupper()]
+    kept = []
+    for module, name in found:
+        value = getattr(sys.modules.get(module), name, None)
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+            others = readers.get((module, name), [])
+            kept.append(Constant(module, name, value, (module, *others)))
+    return kept
 
 
-def workloads(exponent: int = 12) -> dict[str, Workload]:
-    """Runs of every kind; linear ones take 2^exponent steps, others fewer."""
-    n = 2**exponent
-    few = max(8, n // 16)
-    linear = linear_oscillator(final_time=n / 50, damping=HALF, initial_position=1.0)
-    swinging = pendulum(final_time=n / 100, damping=HALF, initial_position=1.0)
-    dampers = chain(
-        masses=32, final_time=n / 50, dampers=((0.5, 0.1),), initial_position=np.ones(32)
+def _names(node: ast.AST) -> Iterator[str]:
+    """Names that an assignment gives values to."""
+    target = node.target if isinstance(node, ast.AnnAssign) else node
+    for one in target.elts if isinstance(target, ast.Tuple) else [target]:
+        if isinstance(one, ast.Name):
+            yield one.id
+
+
+@contextlib.contextmanager
+def changed(constant: Constant, value: float) -> Iterator[None]:
+    """The constant with another value, wherever it is read."""
+    modules = [sys.modules[one] for one in constant.readers if one in sys.modules]
+    try:
+        for module in modules:
+            setattr(module, constant.name, value)
+        forget()
+        yield
+    finally:
+        for module in modules:
+            setattr(module, constant.name, constant.value)
+        forget()
+
+
+def runs(size: int = 1) -> dict[str, Run]:
+    """Small runs of every kind; `size` times as long."""
+    damping = (FractionalDamping(order=0.5, coefficient=0.3),)
+    linear = linear_oscillator(
+        mass=1.0, stiffness=1.0, damping=damping, initial_position=1.0, final_time=20.0
     )
-    coupled, large = (_tied(masses, few / 50) for masses in (24, 100))
-    short = replace(swinging, final_time=few / 100)
-    many = [_moved(swinging, place) for place in np.linspace(0.5, 1.5, 64)]
-    grid = np.geomspace(1e-2, 1e3, 24)
+    swing = pendulum(damping=damping, initial_position=2.0, final_time=20.0)
+    along = (FractionalDamping(order=0.5, coefficient=0.3 * np.diag(np.arange(20.0))),)
+    row = chain(masses=20, damping=along, initial_velocity=np.eye(20)[3], final_time=20.0)
+    angles = double_pendulum(damping=[], initial_position=[2.0, 1.0], final_time=5.0)
+    members = [
+        pendulum(omega=1 + k / 64, damping=damping, initial_position=2.0, final_time=20.0)
+        for k in range(64)
+    ]
+    large = beam(16 * size)
 
-    def end(scene: Scene, method: Method, steps: int | AdaptiveSteps) -> Array:
-        last: Array = integrate(scene, method, steps).position[-1]
-        return last
+    def by(scene: Scene, method: Method, steps: int | AdaptiveSteps) -> Run:
+        return lambda: integrate(scene, method, steps).position
 
+    gauss = Method(cq="gauss", degree=3, start="none")
+    backward = Method(cq="bdf3", degree=2)
+    plane = np.geomspace(1e-2, 1e3, 24 * size)
+    adaptive = AdaptiveSteps(tolerance=1e-9)
     return {
-        "linear": lambda: end(linear, GAUSS, n),
-        "linear, backward differences": lambda: end(linear, POINTS, n),
-        "modes of a chain": lambda: end(dampers, GAUSS, n // 4),
-        "chain with one damper": lambda: end(coupled, GAUSS, few),
-        "100 masses with one damper": lambda: end(large, GAUSS, few // 4),
-        "pendulum": lambda: end(swinging, GAUSS, n // 4),
-        "pendulum, backward differences": lambda: end(swinging, POINTS, n // 4),
-        "pendulum, adaptive": lambda: end(short, GAUSS, AdaptiveSteps(tolerance=1e-6)),
-        "64 pendulums": lambda: np.concatenate(
-            [one.position[-1] for one in integrate_members(many, GAUSS, few)]
+        "linear": by(linear, gauss, 4096 * size),
+        "graded": by(linear, Method(cq="gauss", degree=3, start="graded"), 256 * size),
+        "backward": by(linear, Method(cq="bdf2", degree=1), 4096 * size),
+        "pendulum": by(swing, gauss, 1024 * size),
+        "chain": by(row, gauss, 512 * size),
+        "general": by(angles, Method(cq="gauss", degree=2, start="none"), 128 * size),
+        "adaptive": by(swing, Method(cq="gauss", degree=6, start="none"), adaptive),
+        "members": lambda: np.stack(
+            [one.position for one in integrate_members(members, gauss, 128 * size)]
         ),
-        "64 oscillators": lambda: np.concatenate(
-            [
-                one.position[-1]
-                for one in integrate_members(
-                    [_moved(linear, place) for place in np.linspace(0.5, 1.5, 64)], GAUSS, few
-                )
-            ]
-        ),
-        "gradient": lambda: _flat(gradient(swinging, GAUSS, few, position_at(1.0)).derivatives),
-        "largest stable step": lambda: np.array([largest_stable_step(linear, POINTS) or 0.0]),
-        "stability region": lambda: stability_map(POINTS, 0.5, grid, grid).level.astype(float),
+        "sparse": by(large, gauss, 16 * size),
+        "stable step": lambda: np.array([largest_stable_step(linear, backward) or 0.0]),
+        "stability region": lambda: stability_map(backward, 0.5, plane, plane).level.astype(float),
     }
 
 
-def _tied(masses: int, final_time: float) -> Scene:
-    """A chain with a damper at its free end: no modes."""
-    place = np.diag((np.arange(masses) == masses - 1).astype(float))
-    return chain(
-        masses=masses,
-        ends="left",
-        final_time=final_time,
-        initial_position=np.ones(masses),
-        damping=(FractionalDamping(order=0.5, coefficient=place),),
-    )
+def readers_of(every: dict[str, Run], known: Sequence[Constant]) -> dict[Constant, list[str]]:
+    """By constants the runs that read them: their names stand in functions that are called."""
+    found: dict[Constant, list[str]] = {}
+    for name, run in every.items():
+        seen: set[tuple[str, CodeType]] = set()
+
+        def note(
+            frame: FrameType, event: str, argument: object, seen: set[tuple[str, CodeType]] = seen
+        ) -> None:
+            if event == "call":
+                seen.add((frame.f_globals.get("__name__", ""), frame.f_code))
+
+        forget()
+        before = sys.getprofile()
+        sys.setprofile(note)
+        try:
+            run()
+        finally:
+            sys.setprofile(before)
+        read = {(module, word) for module, code in seen for word in code.co_names}
+        for one in known:
+            if any((reader, one.name) in read for reader in one.readers):
+                found.setdefault(one, []).append(name)
+    return found
 
 
-def _flat(numbers: Mapping[str, float | Array]) -> Array:
-    return np.concatenate([np.ravel(one) for one in numbers.values()])
+def _timed(run: Run) -> tuple[float, NDArray[np.float64]]:
+    """Processor time of a run with warm caches, and its positions."""
+    run()
+    began = time.process_time()
+    found = run()
+    return time.process_time() - began, found
 
 
-def _moved(scene: Scene, place: float) -> Scene:
-    return replace(scene, initial_position=np.full(scene.dimension, place))
+@dataclass(frozen=True)
+class Usual:
+    """A run as it is: processor time and positions."""
+
+    run: Run
+    seconds: float
+    position: NDArray[np.float64]
 
 
-def run_constants(
-    constants: Sequence[Constant] | None = None,
-    actions: Mapping[str, Workload] | None = None,
-    repeats: int = REPEATS,
-    clock: Callable[[], float] = time.process_time,
-) -> list[ConstantRow]:
-    """Sweep every constant on every workload, both values in turn in this process."""
-    actions = workloads() if actions is None else actions
-    rows = []
-    for constant in timed_constants() if constants is None else constants:
-        for factor in FACTORS:
-            measured = {
-                name: _compared(constant, factor, action, repeats, clock)
-                for name, action in actions.items()
-            }
-            rows.append(
-                ConstantRow(
-                    constant=str(constant),
-                    value=constant.value,
-                    factor=factor,
-                    ratios={name: ratio for name, (ratio, _) in measured.items()},
-                    change=max(change for _, change in measured.values()),
-                )
-            )
-    return rows
+def usual(run: Run, repeats: int) -> Usual:
+    """The least time of several."""
+    forget()
+    tried = [_timed(run) for _ in range(repeats)]
+    return Usual(run, min(seconds for seconds, _ in tried), tried[0][1])
 
 
-def _compared(
-    constant: Constant, factor: float, action: Workload, repeats: int, clock: Callable[[], float]
+def compare(
+    constant: Constant, value: float, known: Usual, repeats: int = 0
 ) -> tuple[float, float]:
-    """Ratio of least times, and how far the results differ."""
-    least = [math.inf, math.inf]
-    results = [np.empty(0), np.empty(0)]
-    for _ in range(repeats):
-        for index, part in enumerate((1.0, factor)):
-            with constant.scaled(part):
-                began = clock()
-                results[index] = action()
-                least[index] = min(least[index], clock() - began)
-    largest = float(np.abs(results[0]).max(initial=0.0))
-    difference = float(np.abs(results[1] - results[0]).max(initial=0.0))
-    return least[1] / least[0], difference / largest if largest else difference
+    """Change of positions, and ratio of times, when a constant has another value.
+
+    With repeats both are timed in turns, so that another process beside disturbs them alike.
+    """
+    own, other, change = known.seconds if not repeats else math.inf, math.inf, 0.0
+    for _ in range(max(repeats, 1)):
+        if repeats:
+            own = min(own, _timed(known.run)[0])
+        with changed(constant, value):
+            try:
+                seconds, found = _timed(known.run)
+            except Exception:  # whatever it is, the constant decides
+                return math.inf, 1.0
+        other, change = min(other, seconds), max(change, _change(found, known.position))
+    return change, other / own
 
 
-def constants_table(rows: Sequence[ConstantRow], others: int) -> str:
-    """Markdown: the times, and whether another value would be better."""
-    names = {row.constant for row in rows}
-    felt = sum(
-        any(_is_notable(ratio) for row in rows if row.constant == name
-            for ratio in row.ratios.values())
-        for name in names
-    )  # fmt: skip
-    remark = (
-        f"{len(names)} constants of the integrator steer time, and {others} other numbers have a "
-        f"name. Each is halved and doubled on {len(rows[0].ratios)} runs, both values in turn in "
-        f"one process, everything made anew; told is the processor time with the other value over "
-        f"that with this one. {felt} of them are felt by more than "
-        f"{100 * (NOTABLE - 1):.0f} per cent somewhere. Results must not change by more than "
-        f"{ALIKE:.0e}, relative."
+def _change(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+    """Relative to the largest position; infinite where there is another number of points."""
+    if found.shape != expected.shape:
+        return math.inf
+    off = float(np.abs(found - expected).max() / np.abs(expected).max())
+    return off if math.isfinite(off) else math.inf
+
+
+def feel(constant: Constant, every: dict[str, Usual], repeats: int = REPEATS) -> Felt:
+    """Double and halve a constant in runs; times that differ are measured in turns."""
+    change, ratios = 0.0, {("", 1.0): 1.0}
+    for name, known in every.items():
+        for factor in (0.5, 2.0):
+            value = constant.times(factor)
+            if value == constant.value:
+                continue
+            moved, ratio = compare(constant, value, known)
+            if not 1 / CERTAIN < ratio < CERTAIN:
+                _, ratio = compare(constant, value, known, repeats)
+            change, ratios[name, factor] = max(change, moved), ratio
+    farthest = max(ratios, key=lambda key: abs(math.log(ratios[key])))
+    return Felt(
+        constant=constant,
+        change=change,
+        slower=max(ratios.values()),
+        quicker=min(ratios.values()),
+        run=farthest[0],
     )
-    head = ("constant", "value", "times", "mean", "least", "by", "most", "by", "change", "verdict")
-    return table(remark, head, map(_cells, rows))
 
 
-def _is_notable(ratio: float) -> bool:
-    return not 1 / NOTABLE < ratio < NOTABLE
+def sweep(felt: Felt, known: Usual, repeats: int = REPEATS) -> list[str]:
+    """A row of times, relative to that of the value it has."""
+    own = felt.constant
+    cells = [compare(own, own.times(factor), known, repeats)[1] for factor in FACTORS]
+    least = min((ratio, factor) for ratio, factor in zip(cells, FACTORS, strict=True))
+    best = f"{own.times(least[1]):g}" if least[0] < 1 / CERTAIN else "its own"
+    return [own.title, f"{own.value:g}", felt.run, *(f"{one:.2f}" for one in cells), best]
 
 
-def _cells(row: ConstantRow) -> list[str]:
-    least = min(row.ratios, key=lambda name: row.ratios[name])
-    most = max(row.ratios, key=lambda name: row.ratios[name])
-    verdict = "another is better" if row.mean < 1 / NOTABLE else "kept"
-    if not any(map(_is_notable, row.ratios.values())):
-        verdict = "not felt"
-    if not row.change <= ALIKE:
-        verdict = "steers results"
-    return [
-        f"`{row.constant}`",
-        f"{row.value:g}",
-        f"{row.factor:g}",
-        number(row.mean, ".2f"),
-        number(row.ratios[least], ".2f"),
-        least,
-        number(row.ratios[most], ".2f"),
-        most,
-        f"{row.change:.0e}",
-        verdict,
+def run_constants(*, most: int | None = None, size: int = 1, repeats: int = REPEATS) -> str:
+    """The page: what was counted, what every constant steers, and the sweeps.
+
+    Parameters
+    ----------
+    most
+        Look at so many of those that are read only; None: at all.
+    size, repeats
+        How long the runs are, and how often they are timed.
+    """
+    every, known = runs(size), constants()
+    read = readers_of(every, known)
+    own = {name: usual(run, repeats) for name, run in every.items()}
+    felt = []
+    for number, (constant, names) in enumerate(list(read.items())[:most]):
+        print(f"constants: {number + 1} of {len(read)}, {constant.title}", flush=True)
+        felt.append(feel(constant, {name: own[name] for name in names}, repeats))
+    count = Counter(one.steers for one in felt)
+    steering = len(felt) - count["nothing here"]
+    said = (
+        f"{len(known)} constants in {' and '.join(ROOMS)}, {len(read)} of them read by "
+        f"{len(every)} runs ({', '.join(every)}), {len(felt)} doubled and halved: "
+        f"{', '.join(f'{number} steer {word}' for word, number in sorted(count.items()))}. "
+        f"{steering} steer anything; {MOST_WANTED} are wanted at most."
+    )
+    order = {"results": 0, "time and last digits": 1, "time": 2, "last digits": 3}
+    felt.sort(key=lambda one: (order.get(one.steers, 4), one.constant.title))
+    rows = [
+        [
+            one.constant.title,
+            f"{one.constant.value:g}",
+            one.steers,
+            "fails" if math.isinf(one.change) else f"{one.change:.0e}" if one.change else "0",
+            f"{one.quicker:.2f} to {one.slower:.2f}",
+            one.run,
+        ]
+        for one in felt
     ]
+    head = ("constant", "value", "steers", "change", "time, halved and doubled", "felt most in")
+    times = [sweep(one, own[one.run], repeats) for one in felt if one.steers_time]
+    swept = (
+        "constant",
+        "value",
+        "run",
+        *(f"x {factor:g}" for factor in FACTORS),
+        "better by more than a tenth",
+    )
+    remark = "Processor time of a run over that with the value of the constant."
+    return f"{table(said, head, rows)}\n{table(remark, swept, times)}"

@@ -11,13 +11,6 @@ from cost_tables import COUNTS, GAUSS, row, table
 from benchmarks import __main__ as page
 from benchmarks.accuracy import accuracy_table, cost_goals
 from benchmarks.adaptive import adaptive_cases, adaptive_table, measure_adaptive
-from benchmarks.constants import (
-    Constant,
-    constants_table,
-    other_constants,
-    run_constants,
-    timed_constants,
-)
 from benchmarks.many import many_cases, many_table, measure_many
 from benchmarks.measuring import in_own_process
 from benchmarks.memory import LONG_RUN, measure_memory, memory_cases, memory_table, run_memory
@@ -26,7 +19,6 @@ from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
 from benchmarks.truth import run_truth, truth_table
 from benchmarks.truth.judging import Claim, Judged, RefusedError, UnjudgedError, judge
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability import growing_modes, limits
 from fvi_cli.studies.cost import CostCase, CostTable
 
 
@@ -287,45 +279,3 @@ class TestTruth:
         text = (tmp_path / "truth.md").read_text(encoding="utf-8")
         assert f"truth --per-mille 100 --seed {seed}" in text
         assert columns(text)["tried"] == ["1", "1"]
-
-
-class TestConstants:
-    def test_all_that_are_swept_are_numbers_of_the_integrator(self):
-        constants = timed_constants()
-        assert len({str(one) for one in constants}) == len(constants)
-        assert all(one.value > 0 for one in constants)
-        assert other_constants() > 0
-
-    def test_a_swept_constant_has_its_value_again(self):
-        constant = next(one for one in timed_constants() if one.name == "LEAST")
-        before = constant.value
-        with constant.scaled(2.0):
-            assert constant.value == 2 * before
-        with pytest.raises(ZeroDivisionError), constant.scaled(0.5):
-            raise ZeroDivisionError
-        assert constant.value == before
-
-    def test_it_is_scaled_wherever_it_is_imported(self):
-        constant = Constant(module=growing_modes, name="FASTEST")
-        before = limits.FASTEST
-        with constant.scaled(0.5):
-            assert limits.FASTEST == growing_modes.FASTEST == 0.5 * before
-        assert before == limits.FASTEST
-
-    def test_times_and_results_are_compared(self):
-        few = Constant(module=growing_modes, name="FEW")
-        actions = {
-            "alike": lambda: np.ones(3),
-            "work": lambda: np.array([1.0 + 1e-12 * growing_modes.FEW]),
-        }
-        ticks = iter(np.cumsum([1.0, 2.0, 1.0, 3.0] * 4))
-        rows = run_constants([few], actions, repeats=1, clock=lambda: float(next(ticks)))
-        assert [row.factor for row in rows] == [0.5, 2.0]
-        # least times 2 and 3, by turns
-        assert all(row.ratios == {"alike": 1.5, "work": 1.5} for row in rows)
-        assert columns(constants_table(rows, 7))["verdict"] == ["kept", "kept"]
-        # the control: a constant that steers a result
-        actions["work"] = lambda: np.array([float(growing_modes.FEW)])
-        ticks = iter(np.arange(100.0))
-        rows = run_constants([few], actions, repeats=1, clock=lambda: float(next(ticks)))
-        assert columns(constants_table(rows, 7))["verdict"] == ["steers results"] * 2

@@ -10,100 +10,74 @@ from fvi_cli.integrator.damping.damper_forces import PIECE
 from fvi_cli.integrator.engine.recurrence import pays_as_one
 from fvi_cli.integrator.loads.panels import tested_rule
 from fvi_cli.integrator.loop.loop import chunk_steps
-from fvi_cli.integrator.loop.plan import MeshPlan
 from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.planning.machinery import Machinery
 
+SHORT_BLOCK = 8
+"""Steps of a block of graded steps, about."""
 SMALLEST = 8_000
 """Numbers in the tables of a method, in expressions and the like."""
 
 
 def peak_bytes(run: Machinery) -> int:
     """Largest memory of a run in bytes, the program itself left out."""
-    numbers = _side_by_side(run, run.plan) if run.is_side_by_side else _any_mesh(run, run.plan)
-    return int(8 * (SMALLEST + numbers))
+    d, points, plan = run.components, run.n_steps / run.every + 3, run.plan
+    kept = (2 + 2 * d) * points
+    together = min(run.systems, MOST_TOGETHER)
+    chunk = min(chunk_steps(together * run.coupled), plan.n_steps)
+    tables = _tables(run, together, max(plan.block, 1))
+    # of graded steps blocks are short
+    tables += (plan.n_sizes - 1) * _tables(run, together, min(max(plan.block, 1), SHORT_BLOCK))
+    making = tables + _recurrence(run, together, chunk)
+    stepping = kept + tables + chunk * min(1.0, MOST_TOGETHER / run.systems) * _per_step(run)
+    # what was kept is put together array by array, and the energies are found
+    ended = kept + max(tables + d * points, (run.members + 2 * run.scene.dimension) * points)
+    found = max(making, stepping, ended)
+    if run.diagnosed:
+        of_steps = (10 + (7 + 5 * run.inputs) * d) * plan.n_steps
+        again = (3 + (2 + run.inputs) * d) * plan.n_steps
+        pieces = min(PIECE, plan.n_steps) + 3 * SHORT_BLOCK * (plan.n_sizes - 1)
+        again += 3 * plan.n_states * pieces * run.samples
+        found = max(found, kept + tables + max(of_steps, again))
+    return int(8 * (SMALLEST + found))
 
 
-def _any_mesh(run: Machinery, plan: MeshPlan) -> float:
-    """No more of the past than the states, and of the run what is kept."""
-    d = run.scene.dimension
-    points = run.n_steps / run.every + 3
-    kept = (1 + 2 * d) * points
-    matrices, past = _newton(run, plan), _past(run, plan.block)
-    making = matrices + 0.5 * past
+def _tables(run: Machinery, together: int, block: int) -> float:
+    """Matrices of a block of all systems that are stepped together, and of their memory."""
+    m, i, e = run.samples, run.inputs, run.plan.coupled
+    unknowns = block * run.method.degree * e
+    found = float(together * unknowns * (unknowns + block * e))
+    if run.n_directions:
+        found += run.n_directions * block * m * (block * i + 1.5 * run.plan.n_states)
     if run.scene.is_linear:
-        matrices = _linear_blocks(run, plan)
-        making = matrices + past
-    # of the past about half is left when the steps are done; the energy is found behind them
-    left, chunk = matrices + 0.5 * past, min(chunk_steps(d), plan.n_steps)
-    several = left if chunk < plan.n_steps else 0.0
-    working = chunk * _per_step(run)
-    stepping = kept + max(making, left + working, several + working + chunk * _forcing(run))
-    stepping = max(stepping, kept + (2 + d) * points)
-    if not run.diagnosed:
-        return stepping
-    # diagnostics are made of all stages, when the matrices of the blocks are gone
-    found = (10 + (7 + 5 * run.inputs) * d) * plan.n_steps
-    again = (3 + (2 + run.inputs) * d) * plan.n_steps + _past(run, min(PIECE, plan.n_steps))
-    return max(stepping, kept + max(found, again))
+        return found
+    # remainders at the points: of momenta too, for general Lagrangians
+    width = 1 if run.scene.lagrangian is None else 2
+    rests = block * run.tables.points.size * e * width
+    return found + together * rests * (rests + unknowns) + rests * unknowns
 
 
-def _per_step(run: Machinery) -> int:
-    """Numbers in a step of those that are done together, and in its load vectors."""
+def _recurrence(run: Machinery, together: int, chunk: int) -> float:
+    """What is made of the unit vectors of a recurrence; 0 where there is none."""
+    plan, e = run.plan, run.plan.coupled
+    size, block = (plan.n_states + 2) * e, max(plan.block, 1)
+    pays = pays_as_one(size, block, chunk // block, plan.n_steps)
+    if not (run.scene.is_linear and together == 1 and pays):
+        return 0.0
+    unknowns = block * run.method.degree * e
+    loads = unknowns + block * e
+    outputs = block * (run.inputs + 2) * e
+    found = 2.0 * size * size + size * (loads + 2 * unknowns + block * run.samples * e + outputs)
+    return found if run.scene.forcing is None else found + 2 * outputs * loads
+
+
+def _per_step(run: Machinery) -> float:
+    """Numbers in a step of a chunk: points, what they are checked by, and load vectors."""
+    d = run.components
     rows = 0 if run.scene.forcing is None else 3 * (run.method.degree + 1)
-    return run.scene.dimension * (6 + 2 * run.inputs + rows)
-
-
-def _forcing(run: Machinery) -> int:
-    """Numbers in the forces of a step while its load vectors are made."""
-    if run.scene.forcing is None or run.method.forcing_quadrature == "galerkin":
-        return 0
-    points, _ = tested_rule(run.method.degree, is_graded=False)
-    return (1 + 2 * run.scene.dimension) * points.size
-
-
-def _linear_blocks(run: Machinery, plan: MeshPlan) -> float:
-    chunk = min(chunk_steps(run.scene.dimension), plan.n_steps)
-    q, e, block, states = plan.systems, plan.coupled, plan.block, plan.n_states
-    numbers = float(run.block_numbers)
-    size = (states + 2) * e
-    if q == 1 and block and pays_as_one(size, block, chunk // block, plan.n_steps):
-        numbers += size * (size + run.block_columns + block * (run.inputs + 2) * e)
-        if plan.n_lags:
-            # the change of all states, and what takes a block to them
-            numbers += 2 * states**2 + states * block * run.inputs
-        numbers += 0.5 * _past(run, block)
-    return numbers
-
-
-def _newton(run: Machinery, plan: MeshPlan) -> float:
-    """Matrices of the linear scene, and what is made of them for blocks of some lengths."""
-    points = plan.block * run.tables.points.size * plan.coupled
-    times = 1.0
-    if run.scene.lagrangian is not None:
-        # velocities are unknowns as well; new matrices are made beside the old ones
-        points, times = 2 * points, 1.5
-    driven = points + plan.block * (run.inputs + 2) * plan.coupled
-    return times * (run.block_numbers + driven * run.block_columns + points**2)
-
-
-def _past(run: Machinery, block: int) -> float:
-    """Numbers in what the states do to a block of so many steps, while it is made."""
-    states, m, d = run.plan.n_states, run.samples, run.scene.dimension
-    rows = max(block, 1) * m
-    if run.plan.n_lags:
-        return states * (3.2 * run.n_terms * rows + 4 * d)
-    return states * (rows * (2 * max(run.n_directions, 1) + 1) + 2 * block + 4 * m + 2 * d)
-
-
-def _side_by_side(run: Machinery, plan: MeshPlan) -> float:
-    """Trajectories of all members, put together at the end, and what their steps take."""
-    d, states = run.components, plan.n_states
-    points = run.n_steps / run.every + 2
-    m, e, q = run.samples, run.coupled, min(run.systems, MOST_TOGETHER)
-    block, chunk = max(plan.block, 1), chunk_steps(q * e)
-    size = (run.method.degree + 1) * e
-    tables = states * (3 * block * m + 5 * q * e) + 2 * block * m * m * states
-    matrices = q * (2 * size * (size + e) + block * m * (m + 2 * e))
-    loads = 0 if run.scene.forcing is None else 3 * chunk * size * q
-    return max(5 * d, 4 * d + 2 * run.members) * points + tables + matrices + loads
+    unknowns = 0 if run.scene.is_linear else 5 * run.method.degree
+    forcing = 0
+    if run.scene.forcing is not None and run.method.forcing_quadrature != "galerkin":
+        points, _ = tested_rule(run.method.degree, is_graded=False)
+        forcing = (1 + 2 * run.scene.dimension) * points.size
+    return d * (9 + rows + unknowns) + forcing

@@ -110,7 +110,7 @@ def test_fresh_begins_at_the_start(monkeypatch):
     [
         (lambda content: content[: len(content) // 2], "it is damaged"),
         (lambda content: b"", "it is damaged"),
-        (lambda content: content.replace(b"kept_positions", b"kept_positionz"), "it is damaged"),
+        (lambda content: content.replace(b"kept x", b"kept y"), "it is damaged"),
         (None, "it belongs to another run, or to another version of the solver"),
     ],
 )

@@ -66,6 +66,7 @@ def run(
     recorder = Recorder(engine) if recorder is None else recorder
     chunk = chunk_steps(engine.q * engine.e)
     recurrences: dict[tuple[float, int], Recurrence] = {}
+    reached = recorder.reached
     with np.errstate(all="ignore"):
         while recorder.live.any():
             if until is not None and recorder.reached >= until:
@@ -76,12 +77,13 @@ def run(
                 if source.failure is not None:
                     recorder.stop(source.failure)
                 break
-            count, before = min(asked.n_steps, chunk), recorder.reached
+            if after is not None and recorder.reached > reached:
+                reached = recorder.reached
+                after()
+            count = min(asked.n_steps, chunk)
             _steps(engine, source, state, recorder, asked, count, recurrences)
             if recorder.is_full:
                 recorder.flush(state)
-            if after is not None and recorder.reached > before and recorder.live.any():
-                after()
         recorder.flush(state)
         recorder.finish()
     return state
@@ -148,7 +150,9 @@ def _steps(
             end,
             state.x[:, None] + steps.dx,
             state.p[:, None] + steps.dp,
-            steps.inputs.reshape(engine.q, steps.count, -1, engine.e),
+            steps.inputs.reshape(engine.q, steps.count, -1, engine.e)
+            if recorder.with_steps
+            else None,
             None if engine.law.is_linear else steps.unknowns,
         )
         engine.accept(state, steps, end)

@@ -18,6 +18,8 @@ class MeshPlan:
     ----------
     n_steps, single
         Steps of the mesh, and those of them that are done one by one.
+    n_sizes
+        Number of step sizes.
     block
         Most steps of a block; 0: there are none.
     systems, coupled
@@ -35,6 +37,7 @@ class MeshPlan:
 
     n_steps: int
     single: int
+    n_sizes: int
     block: int
     systems: int
     coupled: int
@@ -62,6 +65,7 @@ def plan_steps(engine: Engine, mesh: Mesh) -> MeshPlan:
     return MeshPlan(
         n_steps=mesh.n_steps,
         single=single,
+        n_sizes=len({one.step_size for one in mesh.stretches}),
         block=largest,
         systems=engine.width,
         coupled=engine.e,

@@ -59,7 +59,7 @@ class Check(Protocol):
         """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Ending:
     """Where a scene stopped: steps that it did, rows that are kept, and its last point."""
 
@@ -152,7 +152,7 @@ class Recorder:
         self._is_point: list[np.ndarray] = []
         self._last: tuple[float, Array, Array] = (0.0, np.zeros(0), np.zeros(0))
         self._waiting: list[_Block] = []
-        self._count = 0
+        self._count = self._waiting_points = 0
         self._stops: Stops = {}
 
     # while steps go on
@@ -205,8 +205,13 @@ class Recorder:
             What drives the memory, ``(q, n, i, e)``, where polynomials are kept, and U,
             ``(q, n, s, e)``, where scenes are not linear.
         """
+        if self._n_reported is not None:
+            advanced(self.reported + self._waiting_points, self._n_reported)
         self._waiting.append((asked, end, position, momentum, inputs, unknowns))
-        self._count += position.shape[1]
+        n, every = position.shape[1], asked.reported_every
+        self._count += n
+        if every:
+            self._waiting_points += (asked.first + n) // every - asked.first // every
 
     def stop(self, failure: Failure) -> None:
         """No scene has a next step."""
@@ -227,8 +232,6 @@ class Recorder:
         """Check and keep what was added; members of scenes that stop here rest from now on."""
         if not self._waiting:
             return
-        if self._n_reported is not None:
-            advanced(self.reported, self._n_reported)
         points, reported = self._points()
         stops, self._stops = self._stops, {}
         every = np.concatenate([points.position, points.momentum], axis=2)
@@ -275,7 +278,7 @@ class Recorder:
             points.momentum[:, -1].copy(),
         )
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
-        self._waiting, self._count = [], 0
+        self._waiting, self._count, self._waiting_points = [], 0, 0
 
     def _points(self) -> tuple[Points, np.ndarray]:
         """What waits, in the coordinates of the scenes, and which points are reported."""
@@ -416,31 +419,34 @@ class Recorder:
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what :meth:`arrays` gave."""
-        for name, pieces in self._rows.items():
-            # no polynomials where they are not kept
-            pieces[:] = [arrays[name]] if name != "v" or self.with_steps else []
-        self._is_point = [arrays["is point"]]
-        self.newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
-        self._last = (
-            float(arrays["last time"]),
-            arrays["last position"],
-            arrays["last momentum"],
-        )
-        self.done, self.reported = arrays["done"].tolist()
-        if "stopped" not in arrays:
-            return
+        """Go on from what :meth:`arrays` gave; KeyError where something of it is missing."""
+        # no polynomials where they are not kept
+        names = [name for name in self._rows if name != "v" or self.with_steps]
+        rows = {name: [arrays[name]] for name in names}
+        newton = NewtonLog(self.live.size)
+        newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
+        last = (float(arrays["last time"]), arrays["last position"], arrays["last momentum"])
+        is_point, (done, reported) = arrays["is point"], arrays["done"].tolist()
+        stopped = self._stopped(arrays) if "stopped" in arrays else {}
+        self._rows |= rows
+        self._is_point, self.newton, self._last = [is_point], newton, last
+        self.done, self.reported = done, reported
+        for scene, (failure, end) in stopped.items():
+            self.live[scene] = False
+            self.failures[scene], self._endings[scene] = failure, end
+
+    def _stopped(self, arrays: Mapping[str, NDArray[Any]]) -> dict[int, tuple[Failure, _Ending]]:
         rows = zip(
             *(arrays[f"stopped{name}"].tolist() for name in ("", " times", " words", " steps")),
             arrays["stopped points"],
             strict=True,
         )
+        found = {}
         for (scene, done, kept), (time, begin), (words, reason), step, point in rows:
-            self.live[scene] = False
-            self.failures[scene] = Failure(words, reason, None if step < 0 else step, begin)
-            self._endings[scene] = _Ending(
-                done=done, rows=kept, time=time, position=point[0], momentum=point[1]
-            )
+            failure = Failure(words, reason, None if step < 0 else step, begin)
+            position, momentum = point
+            found[scene] = failure, _Ending(done, kept, time, position, momentum)
+        return found
 
     def go_on(self, state: State, done: int, reported: int) -> None:
         """Begin behind so many steps and reported points of the run, without a start."""

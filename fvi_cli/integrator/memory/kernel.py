@@ -220,8 +220,7 @@ def _kernel(
             peaks=[one.peak for one in own if _is_law(one) and one.peak is not None],
         )
         columns = np.zeros((len(terms), rule.n_kept))
-        masses, factors = zip(*(_density(one, rule) for one in own), strict=True)
-        columns[chosen] = rule.merged(np.array(masses), np.array(factors))
+        columns[chosen] = [_weights(one, rule) for one in own]
         found.append((rule.rates, columns))
     for index, one in enumerate(terms):
         for rate, mass in one.masses if _is_law(one) else ():
@@ -256,17 +255,17 @@ def _shift(term: Term) -> float:
     return term.shift if _is_law(term) else 0.0
 
 
-def _density(term: Term, rule: RateRule) -> tuple[Array, Array]:
-    """Logarithms of the density of a term at all nodes, and what they are to be multiplied by."""
+def _weights(term: Term, rule: RateRule) -> Array:
+    """Weights of the states in the force of a term, ``(J,)``."""
     if _is_law(term):
-        return term.log_density(rule.logs), rule.density
+        return rule.of_density(term.log_density)
     theta = _exponent(term) or 0.0
     # sin(pi theta) / pi in full relative accuracy up to -1 and 1
     sine = math.copysign(math.sin(math.pi * min(abs(theta), 1 - abs(theta))), theta) / math.pi
-    factors = sine * rule.density
+    factors = np.full_like(rule.logs, sine)
     if isinstance(term, Slope):
-        factors = math.cos(math.pi * theta) * rule.density - factors * rule.logs
-    return (1 - theta) * rule.logs, factors
+        factors = math.cos(math.pi * theta) - sine * rule.logs
+    return rule.of_power(theta, factors)
 
 
 __all__ = ["LARGEST_EXPONENT", "Kernel", "Slope", "Term", "power_kernel"]

