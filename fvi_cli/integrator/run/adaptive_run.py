@@ -13,8 +13,8 @@ from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.regular import has_rough_momenta
+from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.soundness import Soundness
 from fvi_cli.integrator.trajectory import Trajectory
 
