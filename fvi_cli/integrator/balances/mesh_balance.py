@@ -181,7 +181,7 @@ def loads_along(
     fresh
         Steps that begin where a force may be singular, shape ``(n,)``.
     """
-    found = []
+    total: Array | None = None
     for first, last in pieces_of_equal_steps(steps.step_size):
         begin = first
         # a piece may hold several singular points: each begins a part of its own
@@ -193,6 +193,8 @@ def loads_along(
                 is_fresh=bool(fresh[begin]),
             )
             if own is not None:
-                found.append(own)
+                # where a force is zero there are none
+                total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
+                total[begin:end] = own
             begin = end
-    return np.concatenate(found) if found else None
+    return total

@@ -7,21 +7,21 @@ engine is then one matrix T,
 
 .. math:: (x', p', W) = T\,(x, p, F) + G g, \qquad F = R z, \quad z' = z + P z + Q W,
 
-from position, momentum and the force F of the past to position and momentum behind it and to the
+from position, momentum and the forces F of the past to position and momentum behind it and to the
 velocities W at its stages, which drive the memory. It is made of the operator of the block, whose
-second derivatives are those on the trajectory: of a linear scene there is one for all blocks, of
-others one for every step. Forwards this gives what a disturbance does to the trajectory, one column
-for each. Backwards, all transposed, it gives what *all* disturbances do to one number: the mirror
-equation of the restricted Hamilton's principle (Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv
-2403.18362), on the same mesh.
+second derivatives are those on the trajectory: of a linear scene there is one for all blocks of
+equal steps, otherwise one for every step. Forwards this gives what a disturbance does to the
+trajectory, one column for each. Backwards, all transposed, it gives what *all* disturbances do to
+one number: the mirror equation of the restricted Hamilton's principle (Hariz Belgacem, Jimenez,
+Ober-Bloebaum, arXiv 2403.18362), on the same mesh.
 
-Shapes: n steps, p columns, d components of the scene; q members (decoupled modes) of e components,
-k blocks of B steps, s unknowns U, r = m stages, J states.
+Shapes: n steps, p columns, d components; k blocks of B steps, s unknowns U and m stages of a step,
+f damping terms, J states.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -32,14 +32,13 @@ from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.damping.directions import Direction
-from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
+from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components
 from fvi_cli.integrator.gradients.past import Past, Stretch, are_regular
-from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
 from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.method import Method
@@ -103,26 +102,22 @@ class Cotangent:
 
     def along(self, change: Disturbance) -> Array:
         """The derivatives of that number, shape ``(p,)``."""
-        total = np.einsum("nsa,pnsa->p", self.loads, change.loads)
-        total += change.position @ self.position + change.velocity @ self.velocity
-        total += change.momentum @ self.momentum
-        if self.damping is not None:
-            total += np.einsum("nra,pnra->p", self.damping, change.damping)
-        return np.asarray(total)
+        parts = [(getattr(self, name), getattr(change, name)) for name in vars(self)]
+        own = [(a.ravel(), b.reshape(len(b), -1)) for a, b in parts if a is not None]
+        return np.asarray(sum(b @ a for a, b in own))
 
 
 class _Maps(NamedTuple):
-    """Blocks of a stretch: one for all of them, or one for each, in the first axis ``k or 1``.
+    """Blocks of a stretch: one for all of them, or one for each, in the first axis.
 
     Parameters
     ----------
     by_begin, by_load
-        Unknowns U by (x, p, F), ``(.., q, B s e, 2 e + f B m e)``, and by load vectors,
-        ``(.., q, B s e, B (s + 1) e)``.
+        Unknowns U by (x, p, F), ``(.., B s d, 2 d + f B m d)``, and by load vectors.
     ends
-        Position and momentum behind the block by U alone, ``(.., q, 2 e, B s e)``.
+        Position and momentum behind the block by U alone, ``(.., 2 d, B s d)``.
     whole
-        T, ``(.., q, 2 e + B m e, 2 e + f B m e)``.
+        T, ``(.., 2 d + B m d, 2 d + f B m d)``.
     """
 
     by_begin: Array
@@ -143,6 +138,8 @@ class LinearisedRun:
 
     Attributes
     ----------
+    coefficients
+        Matrices of all damping terms and laws, those of laws times their size, ``(f, d, d)``.
     step_solves
         Systems of one step solved so far, a matrix with several right-hand sides counted once.
 
@@ -154,61 +151,49 @@ class LinearisedRun:
 
     def __init__(self, scene: Scene, method: Method, steps: RunSteps) -> None:
         self.scene, self.method, self.steps, self.step_solves = scene, method, steps, 0
-        self.tables, d = steps.tables, scene.dimension
-        size = self.tables.degree * d
+        self.tables, self.d = steps.tables, scene.dimension
+        size = self.tables.degree * self.d
         if size > LARGEST_STEP:
             raise ValueError(
                 f"derivatives: {size} unknowns in a step; steps of at most {LARGEST_STEP} are "
                 "linearised"
             )
-        self.is_regular = scene.is_linear and are_regular(steps.step_size)
-        modes = linear_decoupling(scene) if self.is_regular else None
-        self.modes = modes or Decoupling(mass=scene.inertia.mass, modes=None)
-        self.q, self.e = self.modes.batch, d // self.modes.batch
-        self.law = law_of([scene], [self.modes] if scene.is_linear else None)
+        whole = [Decoupling(mass=scene.inertia.mass, modes=None)] if scene.is_linear else None
+        self._law, self._to_inputs = law_of([scene], whole), sampling_of(method).to_inputs
         damping, laws = scene.damping, scene.laws
         found = [one.coefficient for one in damping] + [o.size * o.coefficient for o in laws]
-        self.coefficients = np.array(found).reshape(-1, d, d)
-        self._matrices = [self.modes.matrices(one) for one in self.coefficients]
+        self.coefficients = np.array(found).reshape(-1, self.d, self.d)
         exponents = [min(1.0 - one.order, LARGEST_EXPONENT) for one in damping]
         above = [scene.derivative == "caputo" and one.order > 1 for one in damping]
-        terms: list[Term] = [*exponents, *(one.kernel for one in laws)]
-        relative = above + [False] * len(laws)
-        # the slopes have the same states
-        self._terms = terms + [Slope(one) for one in exponents], relative + above
-        self._memory = self._remember(self._terms[0])
-        self._to_inputs = sampling_of(method).to_inputs
-        longest = max(1, LARGEST_BLOCK // (method.stages * self.e))
-        self.past = self._past(
-            self._memory,
-            *self._terms,
-            longest=longest if self.is_regular else 1,
-            together=steps.n_steps if self.is_regular else max(1, AT_ONCE // size**2),
+        # the derivatives by orders have the same states
+        self._terms: list[Term] = [*exponents, *(one.kernel for one in laws)]
+        slopes = [Slope(one) for one in exponents]
+        every = [*self._terms, *slopes], above + [False] * len(laws) + above
+        self._is_regular = scene.is_linear and are_regular(steps.step_size)
+        self._past = self._known = Past(
+            method,
+            *every,
+            steps.step_size,
+            scene.final_time,
+            longest=max(1, LARGEST_BLOCK // size) if self._is_regular else 1,
+            together=steps.n_steps if self._is_regular else max(1, AT_ONCE // size**2),
         )
+        if not scene.is_linear:
+            self._known = self._past_of(*every)
 
-    def _remember(self, terms: Sequence[Term]) -> Exponentials | None:
-        if not terms:
-            return None
-        sizes = self.steps.step_size
-        return Exponentials(
-            self.method,
-            tuple(dict.fromkeys(terms)),
-            shortest_step=float(sizes.min()),
-            final_time=self.scene.final_time,
-            steps=float((sizes.min() / sizes).sum()),
-        )
-
-    def _past(
-        self,
-        memory: Exponentials | None,
-        terms: Sequence[Term],
-        is_relative: Sequence[bool],
-        *,
-        longest: int,
-        together: int,
-    ) -> Past:
+    def _past_of(self, terms: Sequence[Term], is_relative: Sequence[bool]) -> Past:
+        """The past of motions that are known, in long blocks."""
         sizes, m = self.steps.step_size, self.method.stages
-        return Past(memory, terms, is_relative, sizes, m, longest=longest, together=together)
+        longest = LARGEST_BLOCK // m if are_regular(sizes) else 1
+        return Past(
+            self.method,
+            terms,
+            is_relative,
+            sizes,
+            self.scene.final_time,
+            longest=longest,
+            together=sizes.size,
+        )
 
     @cached_property
     def points(self) -> tuple[Array, Array, Array]:
@@ -217,29 +202,21 @@ class LinearisedRun:
 
     def loads_by(self, momentum: Array, force: Array) -> Array:
         """Load vectors ``(n, s + 1, d)`` of changes of P and of Q - F at the stages."""
-        t, h = self.tables, self.steps.step_size[:, None, None]
-        loads = h * _on_stages(t.test_weights, force)
-        return loads + _on_stages(t.weights * t.slopes, momentum) if momentum.any() else loads
+        t, found = self.tables, np.zeros((self.steps.n_steps, self.tables.degree + 1, self.d))
+        for table, values, power in (
+            (t.weights * t.slopes, momentum, 0),
+            (t.test_weights, force, 1),
+        ):
+            if values.any():
+                own = np.tensordot(table, values, axes=(1, 1)).swapaxes(0, 1)
+                found += self.steps.step_size[:, None, None] ** power * own
+        return found
 
     # --- the damping of the scene, term by term ---
 
-    @cached_property
-    def _along(self) -> Past:
-        """The past in the longest blocks, for motions that are known."""
-        if self.is_regular or not are_regular(self.steps.step_size):
-            return self.past
-        return self._past_in_blocks(self._memory, *self._terms)
-
-    def _past_in_blocks(
-        self, memory: Exponentials | None, terms: Sequence[Term], is_relative: Sequence[bool]
-    ) -> Past:
-        sizes = self.steps.step_size
-        longest = LARGEST_BLOCK // self.method.stages if are_regular(sizes) else 1
-        return self._past(memory, terms, is_relative, longest=longest, together=sizes.size)
-
     def forces_of(self, kernels: Sequence[RelaxationKernel]) -> Array:
-        """Forces of relaxation laws on this motion, without matrices, ``(k, n, r, d)``."""
-        past = self._past_in_blocks(self._remember(kernels), kernels, [False] * len(kernels))
+        """Forces of relaxation laws on this motion, without matrices, ``(f, n, m, d)``."""
+        past = self._past_of(kernels, [False] * len(kernels))
         return past.along(self.steps.velocity, self.scene.initial_velocity)
 
     @cached_property
@@ -248,93 +225,87 @@ class LinearisedRun:
 
         Terms with a coefficient of zero are among them; laws have no orders.
         """
-        return self._along.along(self.steps.velocity, self.scene.initial_velocity)
+        return self._known.along(self.steps.velocity, self.scene.initial_velocity)
 
     @property
     def damping_force(self) -> Array:
-        """Force F of all damping at the stages, ``(n, r, d)``."""
+        """Force F of all damping at the stages, ``(n, m, d)``."""
         return self._damped(self.plain_forces)
 
     def damping_changes(self, tangent: Tangent, change: Disturbance) -> Array:
-        """What disturbances do to F, ``(p, n, r, d)``."""
-        if not len(change.velocity):
-            return change.damping
-        velocity = np.moveaxis(np.matmul(self._to_inputs, tangent.unknowns), 0, -1)
-        start = np.moveaxis(change.velocity, 0, -1)
-        plain = self._along.along(velocity.reshape(*velocity.shape[:2], -1), start.ravel())
-        plain = np.moveaxis(plain.reshape(*plain.shape[:3], *start.shape), -1, 1)
-        return change.damping + self._damped(plain)
+        """What disturbances do to F, ``(p, n, m, d)``."""
+        found = change.damping.copy()
+        for own, unknowns, start in zip(found, tangent.unknowns, change.velocity, strict=True):
+            own += self._damped(self._known.along(np.matmul(self._to_inputs, unknowns), start))
+        return found
 
     def _damped(self, plain: Array) -> Array:
         nothing = np.zeros(plain.shape[1:])
         acting = zip(plain, self.coefficients, strict=False)
         return sum((np.matmul(force, matrix) for force, matrix in acting), nothing)
 
-    # --- the matrices of blocks; the first axis is that of members, or that of steps ---
+    # --- the matrices of blocks ---
 
     def _maps(self, stretch: Stretch) -> _Maps:
-        t, count, e, matrices = self.tables, stretch.count, self.e, self._matrices
+        t, count, d, f = self.tables, stretch.count, self.d, len(self.coefficients)
         try:
             start, by_load, gained, by_position = (
-                self._of_blocks(stretch) if self.is_regular else self._of_steps(stretch)
+                self._of_blocks(stretch) if self._is_regular else self._of_steps(stretch)
             )
         except np.linalg.LinAlgError:
             raise ValueError(
                 "derivatives: the linearised equations of a step have no unique solution"
             ) from None
         a, rows, s, m = len(start), start.shape[1], t.degree, t.points.size
-        h, local = stretch.sizes, stretch.local[:, : len(matrices)]
-        if not self.is_regular:
+        h, local = stretch.sizes, stretch.local[:, :f]
+        if not self._is_regular:
             h, local = h[stretch.which], local[stretch.which]
         to_force = -h[:, None, None, None, None] * t.test_weights.T
 
         def of_force(by_loads: Array) -> Array:
-            """From derivatives by load vectors to those by forces, ``(a, n, f, B, m e)``."""
-            drawn = np.matmul(to_force, by_loads.reshape(a, by_loads.shape[1], -1, s + 1, e))
-            lead, count = drawn.shape[:3], len(matrices)
-            found = np.empty((*lead[:2], count, lead[2], m * e))
-            for index, one in enumerate(matrices):
-                found[:, :, index] = np.matmul(drawn, one[:, None, None]).reshape(*lead, -1)
-            return found
+            """From derivatives by load vectors to those by forces, ``(a, rows, f, B, m d)``."""
+            drawn = np.matmul(to_force, by_loads.reshape(*by_loads.shape[:2], -1, s + 1, d))
+            found = np.matmul(drawn[:, :, None], self.coefficients[:, None])
+            return np.asarray(found.reshape(*found.shape[:4], m * d))
 
         # by loads of the first step; by those of another one it is the same later
-        first = of_force(by_load[..., : (s + 1) * e]).reshape(a, count, s * e, -1, m * e)
+        first = of_force(by_load[..., : (s + 1) * d]).reshape(a, count, s * d, f, m * d)
         past = np.moveaxis(expand(np.moveaxis(first, 3, 1)), 1, 2)
-        by_begin = np.concatenate([start, past.reshape(a, rows, -1)], axis=2)
-        ends = np.zeros((a, 2 * e, rows))
-        last = ends[:, :e].reshape(a, e, count, s, e)[..., -1, :]
-        last[:] = h[:, None, None, None] * np.eye(e)[:, None]
+        by_begin = np.concatenate([start, past.reshape(a, rows, f * count * m * d)], axis=2)
+        ends = np.zeros((a, 2 * d, rows))
+        last = ends[:, :d].reshape(a, d, count, s, d)[..., -1, :]
+        last[:] = h[:, None, None, None] * np.eye(d)[:, None]
         lost = np.matmul((h[:, None] * np.tile(t.weights, count))[:, None, None], local)
-        lost = np.matmul(lost.reshape(len(h), len(matrices), count, m), self._to_inputs)
-        for index, one in enumerate(matrices):
-            gained = gained - on_components(lost[:, index].reshape(len(h), 1, -1), one)
-        ends[:, e:] = gained
+        lost = np.matmul(lost.reshape(len(h), f, count, m), self._to_inputs)
+        for index, matrix in enumerate(self.coefficients):
+            gained = gained - on_components(lost[:, index].reshape(len(h), 1, -1), matrix[None])
+        ends[:, d:] = gained
         behind = ends @ by_begin
-        behind[..., : 2 * e] += np.eye(2 * e)
-        behind[:, e:, :e] += by_position
-        sums = np.broadcast_to(np.tile(np.eye(e), count * (s + 1)), (a, e, count * (s + 1) * e))
-        behind[:, e:, 2 * e :] += of_force(sums).reshape(a, e, -1)
+        behind[..., : 2 * d] += np.eye(2 * d)
+        behind[:, d:, :d] += by_position
+        sums = np.broadcast_to(np.tile(np.eye(d), count * (s + 1)), (a, d, count * (s + 1) * d))
+        behind[:, d:, 2 * d :] += of_force(sums).reshape(a, d, f * count * m * d)
         driven = np.matmul(self._to_inputs, by_begin.reshape(a, count, s, -1))
         whole = np.concatenate([behind, driven.reshape(a, -1, by_begin.shape[2])], axis=1)
-        lead = (1, a) if self.is_regular else (a, 1)
-        return _Maps(*(o.reshape(*lead, *o.shape[1:]) for o in (by_begin, by_load, ends, whole)))
+        return _Maps(by_begin, by_load, ends, whole)
 
     def _second_derivatives(self, stretch: Stretch) -> Linearisation:
-        if self.law.is_linear:
-            return self.law.linearise(np.zeros((self.q, 1, self.e)), None, 0.0)
+        if self._law.is_linear:
+            return self._law.linearise(np.zeros((1, 1, self.d)), None, 0.0)
         position, velocity, time = (one[stretch.steps] for one in self.points)
-        return self.law.linearise(position, velocity, time, per_point=True)
+        return self._law.linearise(position, velocity, time, per_point=True)
 
     def _of_blocks(self, stretch: Stretch) -> tuple[Array, Array, Array, Array]:
         """Of a linear scene: U by (x, p) and loads, what p gains by K along U, and by x."""
         h, count, damping = float(stretch.sizes[0]), stretch.count, None
-        if self._memory is not None:
+        if self._past.memory is not None:
+            one = np.ones((1, 1))
             directions = [
-                Direction(matrix=one, terms=((term,),), factors=np.ones((1, 1)), is_relative=False)
-                for one, term in zip(self._matrices, self._terms[0], strict=False)
+                Direction(matrix=matrix[None], terms=((term,),), factors=one, is_relative=False)
+                for matrix, term in zip(self.coefficients, self._terms, strict=True)
             ]
-            damping = Damping(directions, self._memory, np.zeros((self.q, self.e)))
-        unit = unit_tables(self.method, count, self.e, False)
+            damping = Damping(directions, self._past.memory, np.zeros((1, self.d)))
+        unit = unit_tables(self.method, count, self.d, False)
         frame = Frame(sampling_of(self.method), unit, damping, h, count)
         at = self._second_derivatives(stretch)
         op = Operator(frame, at, damping, is_linear=True)
@@ -346,134 +317,96 @@ class LinearisedRun:
 
     def _of_steps(self, stretch: Stretch) -> tuple[Array, Array, Array, Array]:
         """The same of every step, with the second derivatives at its stages."""
-        t, e, n = self.tables, self.e, stretch.blocks
+        t, d, n = self.tables, self.d, stretch.blocks
         s, h = t.degree, stretch.sizes[stretch.which][:, None, None]
         at = self._second_derivatives(stretch)
         stiffness = at.stiffness if at.stiffness.ndim == 4 else at.stiffness[:, None]
-        stiffness = np.broadcast_to(stiffness, (n, t.points.size, e, e))
-        unit = unit_tables(self.method, 1, e, self.law.has_rates)
-        local = np.moveaxis(stretch.local[stretch.which], 1, 0)[: len(self._matrices)]
+        stiffness = np.broadcast_to(stiffness, (n, t.points.size, d, d))
+        unit = unit_tables(self.method, 1, d, self._law.has_rates)
+        local = np.moveaxis(stretch.local[stretch.which], 1, 0)[: len(self.coefficients)]
         damp = list(h * (t.test_weights[:-1] @ local @ self._to_inputs))
-        inverse = np.linalg.inv(step_matrix(unit, at, h, damp, self._matrices))
-        by_load = np.concatenate([-inverse, np.zeros((n, s * e, e))], axis=2)
+        matrix = step_matrix(unit, at, h, damp, list(self.coefficients[:, None]))
+        inverse: Array = np.asarray(np.linalg.inv(matrix))
+        by_load = np.concatenate([-inverse, np.zeros((n, s * d, d))], axis=2)
         # at a stage K and C act on the position at the beginning as on the way from there
         mixed = [] if at.mixed is None else [at.mixed]
-        moved = np.concatenate([*mixed, -stiffness], axis=2).reshape(n, -1, e)
+        moved = np.concatenate([*mixed, -stiffness], axis=2).reshape(n, -1, d)
         tests, points = h * unit.tests[-1], h * unit.points[0]
         if mixed:
             tests, points = tests + unit.tests[0], points + unit.points[1]
-        start = np.concatenate([by_load @ (tests @ moved), -inverse[..., :e]], axis=2)
+        start = np.concatenate([by_load @ (tests @ moved), -inverse[..., :d]], axis=2)
         weighted = h[..., None] * t.weights[:, None, None]
         turned = [one.swapaxes(2, 3) for one in mixed]
         by_point = weighted * np.concatenate([-stiffness, *turned], axis=3)
-        gained = by_point.swapaxes(1, 2).reshape(n, e, -1) @ points
+        gained = by_point.swapaxes(1, 2).reshape(n, d, -1) @ points
         return start, by_load, gained, -(weighted * stiffness).sum(axis=1)
 
-    # --- values of steps, by blocks ---
-
-    def _blocks(self, values: Array, stretch: Stretch) -> Array:
-        """Values ``(q, p, n, ..., e)`` of steps as ``(blocks, q, features, p)``."""
-        own = values[:, :, stretch.steps]
-        return own.reshape(*own.shape[:2], stretch.blocks, -1).transpose(2, 0, 3, 1)
-
-    def _steps(self, values: Array, stretch: Stretch) -> Array:
-        """The way back, ``(q, p, steps, features / B)``."""
-        own = values.transpose(1, 3, 0, 2)
-        return own.reshape(*own.shape[:2], stretch.blocks * stretch.count, -1)
+    # --- from block to block ---
 
     def _sweep(
-        self,
-        stretch: Stretch,
-        whole: Array,
-        added: Array,
-        begin: Array,
-        states: Array,
-        *,
-        back: bool,
+        self, stretch: Stretch, whole: Array, added: Array, end: Array, states: Array, *, back: bool
     ) -> tuple[Array, Array, Array, Array]:
-        """From block to block, or back by the transposed tables.
+        """Through a stretch, or back by the transposed tables.
 
         Parameters
         ----------
         whole, added
-            T, ``(k or 1, q, .., ..)``, and what is added to its values, ``(k, q, .., p)``.
-        begin, states
-            Position and momentum ``(q, 2 e, p)``, and states ``(q, J, e p)``.
+            T, or its transpose, ``(k or 1, .., ..)``; what is added to its values, ``(k, .., p)``.
+        end, states
+            Position and momentum ``(2 d, p)``, and states ``(J, d p)``.
 
         Returns
         -------
         tuple of Array
-            On what T acted, its values, and `begin` and `states` behind the last block.
+            On what T acted, its values, and `end` and `states` behind the last block.
         """
-        f, j, e2 = len(self._matrices), self.past.n_states, 2 * self.e
-        response = stretch.response[:, :f]
-        response = response.reshape(len(response), f * response.shape[2], j)
-        give, take = response, stretch.intake
+        f, take = len(self.coefficients), stretch.intake
+        u, j, samples = take.shape
+        give = stretch.response[:, :f].reshape(u, f * samples, j)
         if back:
-            give, take, whole = take.swapaxes(1, 2), give.swapaxes(1, 2), whole.swapaxes(2, 3)
-        k, q, _, p = added.shape
-        given, found = np.zeros((k, q, whole.shape[3], p)), added.copy()
-        product: Callable[[Array, Array], Array] = np.matmul
-        lead: tuple[int, ...] = (q,)
-        if q == 1:
-            # of small matrices the plainest product is the quickest
-            product, lead, begin, states = np.dot, (), begin[0], states[0]
-            given, found, whole = given[:, 0], found[:, 0], whole[:, 0]
+            give, take = take.swapaxes(1, 2), give.swapaxes(1, 2)
+        k, _, p = added.shape
+        given, found, first = np.zeros((k, whole.shape[2], p)), added.copy(), 2 * self.d
         maps = list(whole) if len(whole) > 1 else [whole[0]] * k
-        drawn = (*lead, -1, p)
-        pushed = (*lead, -1, self.e * p)
+        # of small matrices the plainest product is the quickest
         for index in reversed(range(k)) if back else range(k):
-            u, on, values = stretch.which[index], given[index], found[index]
-            on[..., :e2, :] = begin
-            on[..., e2:, :] = product(give[u], states).reshape(drawn)
-            values += product(maps[index], on)
-            begin = values[..., :e2, :]
-            states = stretch.decay[u] * states
-            states += product(take[u], values[..., e2:, :].reshape(pushed))
-        return (
-            given.reshape(k, q, -1, p),
-            found.reshape(k, q, -1, p),
-            begin.reshape(q, -1, p),
-            states.reshape(q, j, self.e * p),
-        )
+            which, on, values = stretch.which[index], given[index], found[index]
+            on[:first] = end
+            on[first:] = np.dot(give[which], states).reshape(-1, p)
+            values += np.dot(maps[index], on)
+            end = values[:first]
+            states = stretch.decay[which] * states
+            states += np.dot(take[which], values[first:].reshape(-1, self.d * p))
+        return given, found, end, states
 
     def tangent(self, change: Disturbance) -> Tangent:
         """What disturbances do to the trajectory."""
-        modes, q, e, s = self.modes, self.q, self.e, self.tables.degree
-        (p, d), n = change.position.shape, self.steps.n_steps
+        s, (p, d), n = self.tables.degree, change.position.shape, self.steps.n_steps
+        positions, unknowns = np.empty((p, n + 1, d)), np.empty((p, n, s, d))
+        positions[:, 0] = change.position
         if not p:
-            return Tangent(position=np.zeros((0, n + 1, d)), unknowns=np.zeros((0, n, s, d)))
-        loads = modes.forces(change.loads)
-        x, velocity = (
-            modes.positions(o).swapaxes(1, 2) for o in (change.position, change.velocity)
-        )
-        end = np.concatenate([x, modes.forces(change.momentum).swapaxes(1, 2)], axis=1)
-        states = np.zeros((q, self.past.n_states, e * p))
-        positions, unknowns = np.empty((q, p, n + 1, e)), np.empty((q, p, n, s * e))
-        positions[:, :, 0] = x.swapaxes(1, 2)
-        for one in self.past.stretches:
-            maps, own, k = self._maps(one), self._blocks(loads, one), one.blocks
+            return Tangent(position=positions, unknowns=unknowns)
+        end = np.concatenate([change.position.T, change.momentum.T])
+        states = np.zeros((self._past.n_states, d * p))
+        for one in self._past.stretches:
+            maps, own, k = self._maps(one), _blocks(change.loads, one), one.blocks
             free = _times(maps.by_load, own)
-            added = np.concatenate([_times(maps.ends, free), self._inputs(free)], axis=2)
-            added[:, :, e : 2 * e] += own.reshape(k, q, -1, e, p).sum(axis=2)
+            added = np.concatenate([_times(maps.ends, free), self._inputs(free)], axis=1)
+            added[:, d : 2 * d] += own.reshape(k, -1, d, p).sum(axis=1)
             # a start velocity that is subtracted is a force of the past
-            starts = one.starts[:, : len(self._matrices)].reshape(k, 1, -1, 1, 1)
-            moving = np.zeros((k, q, maps.whole.shape[3], p))
-            moving[:, :, 2 * e :] = (starts * velocity[:, None]).reshape(k, q, -1, p)
+            starts = one.starts[:, : len(self.coefficients)].reshape(k, -1, 1, 1)
+            moving = np.zeros((k, maps.whole.shape[2], p))
+            moving[:, 2 * d :] = (starts * change.velocity.T).reshape(k, -1, p)
             added += _times(maps.whole, moving)
             given, _, end, states = self._sweep(one, maps.whole, added, end, states, back=False)
             moved = free + _times(maps.by_begin, given + moving)
-            unknowns[:, :, one.steps] = self._steps(moved, one)
-            last = moved.reshape(k, q, one.count, s, e, p)[:, :, :, -1]
-            h = one.sizes[one.which][:, None, None, None, None]
-            way = given[:, :, None, :e] + h * last.cumsum(axis=2)
-            way = self._steps(way.reshape(k, q, -1, p), one)
-            positions[:, :, one.first + 1 : one.steps.stop + 1] = way
+            unknowns[:, one.steps] = _steps(moved, one).reshape(p, -1, s, d)
+            last = moved.reshape(k, one.count, s, d, p)[:, :, -1]
+            h = one.sizes[one.which][:, None, None, None]
+            way = (given[:, None, :d] + h * last.cumsum(axis=1)).reshape(k, -1, p)
+            positions[:, one.first + 1 : one.steps.stop + 1] = _steps(way, one)
         self.step_solves += n
-        return Tangent(
-            position=modes.scene_positions(positions),
-            unknowns=modes.scene_positions(unknowns.reshape(q, p, n, s, e)),
-        )
+        return Tangent(position=positions, unknowns=unknowns)
 
     def adjoint(self, position: Array, unknowns: Array, damping: Array | None = None) -> Cotangent:
         """What disturbances of all kinds do to one number.
@@ -484,79 +417,77 @@ class LinearisedRun:
             Derivatives of that number by the positions at the points of the mesh,
             ``(n + 1, d)``, and by the unknowns of steps, ``(n, s, d)``.
         damping
-            Its derivatives by the force F of all damping at the stages, ``(n, r, d)``; None: it
+            Its derivatives by the force F of all damping at the stages, ``(n, m, d)``; None: it
             does not depend on it.
         """
-        modes, e, q, s = self.modes, self.e, self.q, self.tables.degree
-        n, f = self.steps.n_steps, len(self._matrices)
-        by_position, by_unknowns = (modes.forces(one)[:, None] for one in (position, unknowns))
-        by_damping = None if damping is None else modes.positions(damping)[:, None]
-        end = np.concatenate([by_position[:, 0, n, :, None], np.zeros((q, e, 1))], axis=1)
-        states, velocity = np.zeros((q, self.past.n_states, e)), np.zeros((q, e))
-        loads = np.empty((q, 1, n, (s + 1) * e))
-        for one in reversed(self.past.stretches):
-            maps, k, h = self._maps(one), one.blocks, one.sizes[one.which][:, None, None, None]
+        d, s, f = self.d, self.tables.degree, len(self.coefficients)
+        end = np.concatenate([position[-1], np.zeros(d)])[:, None]
+        states, velocity = np.zeros((self._past.n_states, d)), np.zeros(d)
+        loads = np.empty((self.steps.n_steps, s + 1, d))
+        for one in reversed(self._past.stretches):
+            maps, k = self._maps(one), one.blocks
+            h = one.sizes[one.which][:, None, None]
             # positions at the points inside of a block are its own work
-            own = self._blocks(by_position[:, :, :-1], one).reshape(k, q, one.count, e)
-            inside = np.concatenate([own[:, :, 1:], np.zeros_like(own[:, :, :1])], axis=2)
-            direct = self._blocks(by_unknowns, one).reshape(k, q, one.count, s, e).copy()
-            direct[:, :, :, -1] += h * inside[:, :, ::-1].cumsum(axis=2)[:, :, ::-1]
-            direct = direct.reshape(k, q, -1, 1)
-            drawn: Array | None = None
-            if by_damping is not None and f:
-                force = self._blocks(by_damping, one).reshape(k, q, -1, e)
-                drawn = np.stack([np.matmul(force, each) for each in self._matrices], axis=2)
-                local = one.local[one.which, :f][:, None].swapaxes(3, 4)
-                pulled = np.matmul(local, drawn).sum(axis=2).reshape(k, q, -1, 1)
-                direct += self._unknowns(pulled)
-                drawn = drawn.reshape(k, q, -1, 1)
-            added = _times(maps.by_begin.swapaxes(2, 3), direct)
-            added[:, :, :e, 0] += own.sum(axis=2)
-            if drawn is not None:
-                added[:, :, 2 * e :] += drawn
-            given, found, end, states = self._sweep(one, maps.whole, added, end, states, back=True)
-            total = direct + _times(maps.ends.swapaxes(2, 3), given[:, :, : 2 * e])
-            total += self._unknowns(given[:, :, 2 * e :])
-            own = _times(maps.by_load.swapaxes(2, 3), total)
-            own += np.tile(given[:, :, e : 2 * e], (1, 1, one.count * (s + 1), 1))
-            loads[:, :, one.steps] = self._steps(own, one)
-            forces = found[:, :, 2 * e :].reshape(k, q, -1, e)
-            velocity += np.einsum("kf,kqfe->qe", one.starts[:, :f].reshape(k, -1), forces)
-        self.step_solves += n
+            own = position[one.steps].reshape(k, one.count, d)
+            by_step = unknowns[one.steps].reshape(k, one.count, s, d).copy()
+            by_step[:, :-1, -1] += h * own[:, :0:-1].cumsum(axis=1)[:, ::-1]
+            direct = by_step.reshape(k, -1, 1)
+            added = np.zeros((k, maps.whole.shape[2], 1))
+            if damping is not None and f:
+                force = damping[one.steps].reshape(k, 1, -1, d)
+                drawn = np.matmul(force, self.coefficients)
+                local = one.local[one.which, :f].swapaxes(2, 3)
+                pulled = np.matmul(local, drawn).sum(axis=1)
+                direct += self._unknowns(pulled.reshape(k, -1, 1))
+                added[:, 2 * d :] = drawn.reshape(k, -1, 1)
+            added += _times(maps.by_begin.swapaxes(1, 2), direct)
+            added[:, :d, 0] += own.sum(axis=1)
+            turned = maps.whole.swapaxes(1, 2)
+            given, found, end, states = self._sweep(one, turned, added, end, states, back=True)
+            total = direct + _times(maps.ends.swapaxes(1, 2), given[:, : 2 * d])
+            total += self._unknowns(given[:, 2 * d :])
+            pulled = _times(maps.by_load.swapaxes(1, 2), total).reshape(k, -1, d)
+            loads[one.steps] = (pulled + given[:, None, d : 2 * d, 0]).reshape(-1, s + 1, d)
+            starts = one.starts[:, :f].reshape(k, -1)
+            velocity += np.einsum("kf,kfd->d", starts, found[:, 2 * d :].reshape(k, -1, d))
+        self.step_solves += self.steps.n_steps
         return Cotangent(
-            loads=modes.scene_positions(loads.reshape(q, n, s + 1, e)),
-            position=modes.scene_forces(end[:, :e, 0]),
-            velocity=modes.scene_forces(velocity),
-            momentum=modes.scene_positions(end[:, e:, 0]),
+            loads=loads,
+            position=end[:d, 0],
+            velocity=velocity,
+            momentum=end[d:, 0],
             damping=damping,
         )
 
     def _inputs(self, unknowns: Array) -> Array:
-        """Velocities at the stages ``(k, q, B m e, p)`` by unknowns ``(k, q, B s e, p)``."""
-        k, q, _, p = unknowns.shape
-        found = np.matmul(
-            self._to_inputs, unknowns.reshape(k, q, -1, self.tables.degree, self.e * p)
-        )
-        return np.asarray(found.reshape(k, q, -1, p))
+        """Velocities at the stages ``(k, B m d, p)`` by unknowns ``(k, B s d, p)``."""
+        k, _, p = unknowns.shape
+        shaped = unknowns.reshape(k, -1, self.tables.degree, self.d * p)
+        return np.asarray(np.matmul(self._to_inputs, shaped).reshape(k, -1, p))
 
     def _unknowns(self, inputs: Array) -> Array:
         """The transposed map."""
-        k, q, _, p = inputs.shape
-        found = np.matmul(
-            self._to_inputs.T, inputs.reshape(k, q, -1, len(self._to_inputs), self.e * p)
-        )
-        return np.asarray(found.reshape(k, q, -1, p))
+        k, _, p = inputs.shape
+        shaped = inputs.reshape(k, -1, len(self._to_inputs), self.d * p)
+        return np.asarray(np.matmul(self._to_inputs.T, shaped).reshape(k, -1, p))
 
 
-def _on_stages(table: Array, values: Array) -> Array:
-    """A small table ``(a, r)`` on the second axis of ``(n, r, d)``."""
-    return np.asarray(np.tensordot(table, values, axes=(1, 1)).swapaxes(0, 1))
+def _blocks(values: Array, stretch: Stretch) -> Array:
+    """Values ``(p, n, .., d)`` of steps as ``(k, features, p)``."""
+    own = values[:, stretch.steps]
+    return own.reshape(len(own), stretch.blocks, -1).transpose(1, 2, 0)
+
+
+def _steps(values: Array, stretch: Stretch) -> Array:
+    """The way back, ``(p, steps, features / B)``."""
+    own = values.transpose(2, 0, 1)
+    return own.reshape(len(own), stretch.blocks * stretch.count, -1)
 
 
 def _times(matrices: Array, values: Array) -> Array:
-    """Matrices ``(k or 1, q, a, b)`` on ``(k, q, b, p)``; one product where all share one."""
+    """Matrices ``(k or 1, a, b)`` on ``(k, b, p)``; one product where all share one."""
     if len(matrices) > 1:
         return np.asarray(np.matmul(matrices, values))
-    k, q, b, p = values.shape
-    found = np.matmul(matrices[0], values.transpose(1, 2, 0, 3).reshape(q, b, k * p))
-    return np.asarray(found.reshape(q, -1, k, p).transpose(2, 0, 1, 3))
+    k, b, p = values.shape
+    found = np.dot(matrices[0], values.swapaxes(0, 1).reshape(b, k * p))
+    return np.asarray(found.reshape(-1, k, p).swapaxes(0, 1))

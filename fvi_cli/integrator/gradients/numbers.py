@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
-from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.matrices import dense, times
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
@@ -159,8 +159,11 @@ def rates_of_forces(
     scene: Scene, rates: Sequence[Array], position: Array, velocity: Array, time: Array | float
 ) -> tuple[Array, Array]:
     """What momenta and forces of the mechanics change by as numbers move, both ``(..., d)``."""
-    momentum = velocity @ rates[0]
-    force = -(position @ rates[1])
+    momentum, force = np.zeros_like(velocity), np.zeros_like(position)
+    if rates[0].any():
+        momentum = np.asarray(times(velocity, rates[0]))
+    if rates[1].any():
+        force = -np.asarray(times(position, rates[1]))
     mechanics = _mechanics(scene)
     if mechanics is None or not rates[2].any():
         return momentum, force

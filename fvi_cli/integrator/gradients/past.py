@@ -8,7 +8,6 @@ of the memory as others (:class:`fvi_cli.integrator.memory.kernel.Slope`), with 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ import numpy as np
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.integrator.memory.lag_sequences import expand
+from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
 
 EQUAL_STEPS = 8
@@ -63,36 +63,48 @@ class Stretch:
 
 
 class Past:
-    """What terms of a memory make of the velocities along a run of a Runge-Kutta method.
+    """What damping terms make of the velocities along a run of a Runge-Kutta method.
 
     Parameters
     ----------
-    memory
-        The memory; None where there are no terms.
-    terms, is_relative
-        Terms of it, and whether the start velocity is subtracted.
-    sizes, stages
-        Lengths of all steps, and stages of a step.
+    method, terms, is_relative
+        What is remembered, and whether the start velocity is subtracted.
+    sizes, final_time
+        Lengths of all steps, and of the run.
     longest
         Steps of a block at most; with 1 they are of any lengths.
     together
         Blocks of a stretch at most.
+
+    Attributes
+    ----------
+    memory
+        Of all terms; None where there are none.
     """
 
     def __init__(
         self,
-        memory: Exponentials | None,
+        method: Method,
         terms: Sequence[Term],
         is_relative: Sequence[bool],
         sizes: Array,
-        stages: int,
+        final_time: float,
         *,
         longest: int,
         together: int,
     ) -> None:
-        self._memory, self._stages = memory, stages
-        self._places = [] if memory is None else [memory.terms.index(one) for one in terms]
-        self.n_states = 0 if memory is None else memory.n_states
+        self.memory, stages, shortest = None, method.stages, float(sizes.min())
+        if terms:
+            self.memory = Exponentials(
+                method,
+                tuple(dict.fromkeys(terms)),
+                shortest_step=shortest,
+                final_time=final_time,
+                steps=float((shortest / sizes).sum()),
+            )
+        self._stages = stages
+        self._places = [] if self.memory is None else [self.memory.terms.index(o) for o in terms]
+        self.n_states = 0 if self.memory is None else self.memory.n_states
         relative, column = np.array(is_relative, dtype=bool), np.ones((self.n_states, 1))
         self.stretches: list[Stretch] = []
         for first, blocks, count in _blocks(sizes, longest, together):
@@ -127,16 +139,16 @@ class Past:
     def _tables(self, sizes: Array, count: int) -> tuple[Array, Array, Array, Array]:
         """Local force, response, intake and decay of blocks of steps of these lengths."""
         m = self._stages * count
-        if self._memory is None:
+        if self.memory is None:
             shapes = (0, m, m), (0, m, 0), (0, m), (0, 1)
             return tuple(np.zeros((sizes.size, *one)) for one in shapes)  # type: ignore[return-value]
         if count == 1:
-            local, response, intake, change = self._memory.of_steps(sizes)
+            local, response, intake, change = self.memory.of_steps(sizes)
         else:
-            made = self._memory.kernels(float(sizes[0]), count)
+            made = self.memory.kernels(float(sizes[0]), count)
             local, response = expand(made.sequence)[None], made.response[None]
             intake, change = made.intake[None], made.change[None]
-        weights = self._memory.weights[self._places]
+        weights = self.memory.weights[self._places]
         response = weights[:, None] * response[:, None]
         return local[:, self._places], response, intake, 1.0 + change[..., None]
 
@@ -178,13 +190,16 @@ def are_regular(sizes: Array) -> bool:
 def _blocks(sizes: Array, longest: int, together: int) -> Iterator[tuple[int, int, int]]:
     """First step, number of blocks and B, one behind the other.
 
-    Of N equal steps B are taken at once, B^2 <= N: tables cost as much as the blocks they save.
+    Of N equal steps B are taken at once, a power of 2 with B^2 <= N: tables cost as much as the
+    blocks that they save.
     """
     ends = [0, *(1 + np.flatnonzero(np.diff(sizes))).tolist(), sizes.size]
     if longest == 1:
         ends = [0, sizes.size]
     for begin, end in itertools.pairwise(ends):
-        done, count = begin, max(1, min(longest, math.isqrt(end - begin)))
+        done, count = begin, 1
+        while 2 * count <= longest and 4 * count * count <= end - begin:
+            count *= 2
         while done < end:
             count = min(count, end - done)
             blocks = min((end - done) // count, together)

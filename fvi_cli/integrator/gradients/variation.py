@@ -141,8 +141,9 @@ def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
         found = differentiate(one, scene, by_values)
         orders, coefficients, laws, remembered, loads, x, v, momentum, force, start, more = found
         loads = loads + more
-    at_start = dynamics_of(scene).derivatives(position[None], velocity[None], np.zeros(1))
-    start = start + at_start.mass[0] @ v + at_start.mixed[0] @ x
+    if x.any() or v.any():
+        at_start = dynamics_of(scene).derivatives(position[None], velocity[None], np.zeros(1))
+        start = start + at_start.mass[0] @ v + at_start.mixed[0] @ x
     damping = np.zeros_like(force)
     for force_of_one, matrix in zip(run.plain_forces, [*coefficients, *laws], strict=False):
         if matrix.any():
@@ -238,24 +239,24 @@ class _Differences:
 def _differences(
     one: Variation, scene: Scene, values: Values, step: float, stencils: Stencils
 ) -> _Differences:
-    at: dict[int, list[Any]] = {}
+    at = []
     for place in stencils[1]:
         beside = one.family(one.value + place * step)
         if (len(beside.damping), beside.dimension) != (len(scene.damping), scene.dimension):
             raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
-        at[place] = list(values(beside, one.value + place * step))
-    derivatives, doubt, noise = [], 0.0, 0.0
-    for index, base in enumerate(at[1]):
-        # what does not change has the derivative 0, without round-off of the factors
-        second, fourth = (
-            np.asarray(sum(f * (at[p][index] - base) for p, f in stencil.items()) / step)
-            for stencil in stencils
-        )
-        derivatives.append(fourth)
-        size = float(np.abs(fourth).max(initial=0.0))
-        left = float(np.abs(second - fourth).max(initial=0.0))
-        round_off = ROUND_OFF * float(np.abs(base).max(initial=0.0)) / step
-        if size > 0:
-            noise = max(noise, round_off / size)
-            doubt = max(doubt, left / size if round_off < left < np.inf else 0.0)
+        at.append([np.asarray(o) for o in values(beside, one.value + place * step)])
+    flat = np.array([np.concatenate([own.ravel() for own in row]) for row in at])
+    # what does not change has the derivative 0, without round-off of the factors
+    base = flat[0]
+    factors = [[stencil.get(place, 0.0) / step for place in stencils[1]] for stencil in stencils]
+    second, fourth = (np.asarray(row) @ (flat - base) for row in factors)
+    derivatives, doubt, noise, begin = [], 0.0, 0.0, 0
+    for own in at[0]:
+        part = slice(begin, begin := begin + own.size)
+        derivatives.append(fourth[part].reshape(own.shape))
+        if fourth[part].any():
+            size, left = np.abs(fourth[part]).max(), np.abs(second[part] - fourth[part]).max()
+            round_off = ROUND_OFF * np.abs(base[part]).max() / step
+            noise = max(noise, float(round_off / size))
+            doubt = max(doubt, float(left / size) if round_off < left < np.inf else 0.0)
     return _Differences(step=step, derivatives=derivatives, doubt=doubt, noise=noise)

@@ -1,0 +1,169 @@
+"""Gradients of drawn scenes by all their numbers, against central differences with two steps."""
+
+import random
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.gradients.entries import entries_of
+from fvi_cli.integrator.gradients.gradient import run_steps
+from fvi_cli.integrator.gradients.linearised import LinearisedRun
+from fvi_cli.integrator.gradients.past import Past
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+
+KINDS = ("one", "coupled", "potential", "lagrangian")
+POTENTIALS = ("k*cos(x1)*cos(x2) + x1**2*x2**2/a", "a*(x1 - x2)**4 + k*(x1**2 + exp(x2/3))")
+LAGRANGIANS = ("(a + cos(x1 - x2))*vx2**2/2 + vx1**2 + vx1*vx2/3 - k*x1**2*x2**2 - x2**2",)
+
+
+def matrix(chance: random.Random, size: int) -> np.ndarray:
+    """Symmetric, positive definite, of any scale."""
+    rows = np.array([[chance.gauss(0, 1) for _ in range(size)] for _ in range(size)])
+    return (rows @ rows.T / size + np.eye(size)) * chance.uniform(0.3, 3.0)
+
+
+def laws(chance: random.Random, size: int) -> tuple:
+    made = {
+        "zener": lambda c: fvi.fractional_zener(
+            order=chance.uniform(0.2, 0.9),
+            time=chance.uniform(0.2, 3.0),
+            relaxed=0.0,
+            unrelaxed=chance.uniform(0.5, 2.0),
+            coefficient=c,
+        ),
+        "prony": lambda c: fvi.prony(
+            moduli=[chance.uniform(0.2, 1.0), 0.5],
+            times=[0.3, chance.uniform(1.0, 4.0)],
+            coefficient=c,
+        ),
+        "tempered": lambda c: fvi.tempered(
+            order=chance.uniform(0.2, 0.8), rate=chance.uniform(0.1, 1.0), coefficient=c
+        ),
+    }
+    return tuple(made[name](0.3 * matrix(chance, size)) for name in chance.sample(list(made), 1))
+
+
+def drawn(seed: int) -> tuple[Scene, Method, Mesh]:
+    chance = random.Random(seed)
+    kind = KINDS[seed % len(KINDS)]
+    size = 1 if kind == "one" else 2
+    jumps = chance.random() < 0.3
+    orders = [chance.uniform(0.05, 0.9 if jumps else 1.9) for _ in range(chance.randint(0, 2))]
+    # with a start velocity there is no derivative across order 1
+    orders = [order + 0.05 * (abs(order - 1) < 0.05) for order in orders]
+    speed = chance.choice([0.0, 1.0])
+    if not jumps and not speed:
+        orders.append(1.0)
+    given = {
+        "damping": tuple(
+            FractionalDamping(
+                order=order, coefficient=chance.uniform(0.0, 0.5) * matrix(chance, size)
+            )
+            for order in orders
+        ),
+        "derivative": "riemann-liouville" if jumps else "caputo",
+        "initial_position": np.array([chance.uniform(0.3, 1.2) for _ in range(size)]),
+        "initial_velocity": speed * np.ones(size),
+        "final_time": chance.uniform(1.0, 3.0),
+    }
+    if not jumps and chance.random() < 0.6:
+        given["laws"] = laws(chance, size)
+    numbers = {"k": chance.uniform(0.5, 3.0), "a": chance.uniform(1.5, 2.5)}
+    if kind == "lagrangian":
+        given.pop("laws", None)
+        text = chance.choice(LAGRANGIANS)
+        scene = lagrangian_scene(
+            coordinates=["x1", "x2"], lagrangian=text, parameters=numbers, **given
+        )
+    else:
+        potential: object = fvi.QuadraticPotential(stiffness=matrix(chance, size))
+        if kind == "potential":
+            text = chance.choice(POTENTIALS)
+            potential = fvi.ExpressionPotential(
+                coordinates=("x1", "x2"),
+                energy_expression=Expression.parse(text, ("x1", "x2", *numbers)),
+                parameters=numbers,
+            )
+        scene = Scene(inertia=fvi.Inertia(mass=matrix(chance, size)), potential=potential, **given)
+    family = chance.choice(["gauss", "gauss", "radau-iia", "lobatto-iiic"])
+    method = Method(cq=family, degree=chance.randint(2, 4), start="none")
+    time = scene.final_time
+    mesh = {
+        "uniform": lambda: uniform_mesh(time, chance.choice([7, 40, 150])),
+        "graded": lambda: graded_mesh(time, chance.randint(8, 30), chance.uniform(1.5, 4.0)),
+        "adaptive": lambda: found_mesh(scene),
+    }[chance.choice(["uniform", "graded", "adaptive"])]()
+    return scene, method, mesh
+
+
+def found_mesh(scene: Scene) -> Mesh:
+    steps = AdaptiveSteps(tolerance=1e-4)
+    return run_steps(scene, Method(cq="gauss", degree=3, start="none"), steps).mesh(())
+
+
+@cache
+def compared(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients by all numbers, differences, and how far these agree among each other."""
+    scene, method, mesh = drawn(seed)
+    times = np.array([0.31, 0.77]) * scene.final_time
+    weights = np.random.default_rng(seed).normal(size=(2, 2, scene.dimension))
+
+    def value(position: np.ndarray, velocity: np.ndarray) -> float:
+        return (weights[0] * position).sum() + (weights[1] * np.sin(velocity)).sum()
+
+    def of(beside: Scene) -> float:
+        steps = run_steps(beside, method, mesh)
+        return float(value(steps(times), steps.velocity_at(times)))
+
+    quantity = fvi.Quantity(times=times, value=value)
+    entries = entries_of(scene)
+    names = [name for name, one in entries.items() if np.any(one.value) or "initial" in name]
+    found = fvi.gradient(scene, method, mesh, quantity, names)
+    rows = []
+    for name in names:
+        for index, change in entries[name].variations():
+            at, h = change.value, 2e-3 * max(abs(change.value), 0.1)
+            if name.endswith("order"):
+                h = min(h, 0.01 * at)
+            coarse, fine = (
+                (of(change.family(at + e)) - of(change.family(at - e))) / (2 * e)
+                for e in (h, h / 2)
+            )
+            # the change of a symmetric matrix has two entries
+            share = 2.0 if len(index) == 2 and index[0] != index[1] else 1.0
+            rows.append((share * found[name][index], (4 * fine - coarse) / 3, abs(fine - coarse)))
+    return tuple(np.array(rows).T)
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_drawn_scenes(seed):
+    found, expected, spread = compared(seed)
+    scale = np.abs(expected).max()
+    np.testing.assert_array_less(np.abs(found - expected), 1e-3 * spread + 2e-8 * scale)
+
+
+@pytest.mark.parametrize("seed", [seed for seed in range(8) if drawn(seed)[0].active_forces])
+def test_without_the_past_it_would_fail(seed, monkeypatch):
+    """The control: the adjoint with states that forget what drove them."""
+    scene, method, mesh = drawn(seed)
+    run = LinearisedRun(scene, method, run_steps(scene, method, mesh))
+    ones = np.ones((run.steps.n_steps + 1, scene.dimension))
+    nothing = np.zeros((run.steps.n_steps, method.degree, scene.dimension))
+    found = run.adjoint(ones, nothing).position
+    original = Past._tables
+
+    def forgetful(self, sizes, count):
+        local, response, intake, decay = original(self, sizes, count)
+        return local, response, 0.0 * intake, decay
+
+    monkeypatch.setattr(Past, "_tables", forgetful)
+    run = LinearisedRun(scene, method, run.steps)
+    assert np.abs(run.adjoint(ones, nothing).position / found - 1.0).max() > 1e-5
