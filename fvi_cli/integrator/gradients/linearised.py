@@ -43,6 +43,8 @@ LARGEST_BLOCK = 256
 """Unknowns of a block of a linear scene."""
 AT_ONCE = 2**21
 """Entries of the matrices T of steps that are made together."""
+KEPT = 8
+"""Stretches of a linear scene whose matrices are kept."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,7 +133,7 @@ class LinearisedRun:
                 f"derivatives: {size} unknowns in a step; steps of at most {LARGEST_STEP} are "
                 "linearised"
             )
-        self._to_inputs = sampling_of(method).to_inputs
+        self._to_inputs, self._kept = sampling_of(method).to_inputs, dict[int, Maps]()
         damping, laws = scene.damping, scene.laws
         found = [one.coefficient for one in damping] + [o.size * o.coefficient for o in laws]
         self.coefficients = np.array(found).reshape(-1, self.d, self.d)
@@ -227,7 +229,13 @@ class LinearisedRun:
     # --- from block to block ---
 
     def _maps(self, stretch: Stretch) -> Maps:
-        return self._equations.maps(stretch, None if self.scene.is_linear else self.points)
+        if not self.scene.is_linear:
+            return self._equations.maps(stretch, self.points)
+        # they serve the motion and its changes
+        maps = self._kept.get(stretch.first) or self._equations.maps(stretch, None)
+        if len(self._kept) < KEPT:
+            self._kept[stretch.first] = maps
+        return maps
 
     def _sweep(
         self, stretch: Stretch, whole: Array, added: Array, end: Array, states: Array, *, back: bool
