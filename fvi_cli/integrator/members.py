@@ -10,10 +10,10 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.damping.damping import LEAST_BLOCK_STEPS, damping_of
+from fvi_cli.integrator.damping.damping import damping_of, writes_out
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.engine.blocks import longest_in_batch
+from fvi_cli.integrator.engine.block_lengths import longest_in_batch
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
@@ -198,13 +198,6 @@ def kind_of(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | Non
         *(_formulas_of(scene.lagrangian or scene.potential), powers, memory),
         pattern_of(scene),
     )
-
-
-def writes_out(method: Method, n_steps: int) -> bool:
-    """Whether every sum of the memory of backward differences is written out."""
-    if method.history == "auto":
-        return n_steps < LEAST_BLOCK_STEPS
-    return method.history == "direct"
 
 
 def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:

@@ -327,9 +327,7 @@ def damping_of(
     elif n_steps is None:
         raise ValueError("n_steps: backward differences take a number of equal steps")
     else:
-        is_direct = method.history == "direct"
-        if method.history == "auto":
-            is_direct = n_steps < LEAST_BLOCK_STEPS
+        is_direct = writes_out(method, n_steps)
         memory = Lags(method, terms, n_steps=n_steps, final_time=final_time, writes_out=is_direct)
     at_nodes = method.sampling == "nodes" and scenes[0].derivative == "riemann-liouville"
     return Damping(
@@ -338,6 +336,13 @@ def damping_of(
         _members([one.initial_velocity for one in scenes], modes, reach),
         _members([one.initial_position for one in scenes], modes, reach) if at_nodes else None,
     )
+
+
+def writes_out(method: Method, n_steps: int) -> bool:
+    """Whether every sum of the memory of backward differences is written out."""
+    if method.history == "auto":
+        return n_steps < LEAST_BLOCK_STEPS
+    return method.history == "direct"
 
 
 def _members(
@@ -351,4 +356,4 @@ def _members(
     return np.concatenate([mode.positions(one) for mode, one in zip(modes, values, strict=True)])
 
 
-__all__ = ["Damping", "DampingTables", "damping_of"]
+__all__ = ["Damping", "DampingTables", "damping_of", "writes_out"]

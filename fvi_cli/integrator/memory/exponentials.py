@@ -67,10 +67,6 @@ class ExponentialKernels(Kernels):
             total = total + own
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
 
-    def response_of(self, one: Combination) -> Array:
-        """Force of unit states on the block."""
-        return np.asarray(self.response * one.weights[:, None])
-
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States behind the first `count` steps."""
         change, intake = self._of_first(count)
@@ -78,11 +74,6 @@ class ExponentialKernels(Kernels):
         found += np.matmul(intake, inputs)
         found += states
         return np.asarray(found)
-
-    def pull(self, states: Array, count: int) -> tuple[Array, Array]:
-        """From weights of the states behind steps to those before, and to those of the inputs."""
-        change, intake = self._of_first(count)
-        return states + change[:, None] * states, np.matmul(intake.T, states)
 
     def change_of_all(self, count: int) -> Array:
         """A diagonal matrix."""

@@ -140,29 +140,8 @@ class Kernels(ABC):
         """
 
     @abstractmethod
-    def response_of(self, one: Combination) -> Array:
-        """Force of unit states on the block, without the matrix, ``(q or 1, B m, J)``."""
-
-    def past_transposed(
-        self, force: Array, combinations: Sequence[Combination], count: int
-    ) -> list[Array]:
-        """From weights of forces ``(q, count m, e)`` to those of the states of combinations.
-
-        The matrices are symmetric.
-        """
-        size = count * self.n_samples
-        return [
-            np.matmul(self.response_of(one)[:, :size].swapaxes(1, 2), along(force, one.matrix))
-            for one in combinations
-        ]
-
-    @abstractmethod
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States ``(q, J, e)`` behind the first `count` steps, driven by ``(q, count i, e)``."""
-
-    @abstractmethod
-    def pull(self, states: Array, count: int) -> tuple[Array, Array]:
-        """From weights of the states behind steps to those before, and to those of the inputs."""
 
     @abstractmethod
     def change_of_all(self, count: int) -> Array:

@@ -57,7 +57,7 @@ class LagKernels(Kernels):
         """Force of the past on the first `count` steps: one product for every direction."""
         size = count * self.n_samples
         forces = [
-            along(np.matmul(self.response_of(one)[:, :size], own), one.matrix)
+            along(np.matmul(self._response_of(one)[:, :size], own), one.matrix)
             for own, one in zip(states, combinations, strict=True)
         ]
         total = forces[0]
@@ -65,7 +65,7 @@ class LagKernels(Kernels):
             total = total + force
         return total
 
-    def response_of(self, one: Combination) -> Array:
+    def _response_of(self, one: Combination) -> Array:
         """Force of unit states on the block; kept where it is the same for all members."""
         if len(one.places) > 1:
             raise ValueError("combinations: members of backward differences have the same orders")
@@ -92,21 +92,6 @@ class LagKernels(Kernels):
             fresh = np.matmul(decay, inputs.reshape(q, count, s * e))
             found[:, last:] = (decay[:, :1] * sums + fresh).reshape(q, -1, e)
         return found
-
-    def pull(self, states: Array, count: int) -> tuple[Array, Array]:
-        """From weights of the states behind steps to those before, and to those of the inputs."""
-        s, (q, _, e) = self.n_inputs, states.shape
-        last, own = self.n_lags * s, count * s
-        before, inputs = np.zeros_like(states), np.zeros((q, own, e))
-        kept = max(last - own, 0)
-        before[:, last - kept : last] = states[:, :kept]
-        inputs[:, own - (last - kept) :] = states[:, kept:last]
-        if len(self.decay):
-            decay = self._decay(count)
-            sums = states[:, last:].reshape(q, -1, s * e)
-            before[:, last:] = (decay[:, :1] * sums).reshape(q, -1, e)
-            inputs += np.matmul(decay.T, sums).reshape(q, own, e)
-        return before, inputs
 
     def change_of_all(self, count: int) -> Array:
         """The matrix by which undriven states change over `count` steps, ``(J, J)``."""
