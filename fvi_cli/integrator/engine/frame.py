@@ -211,6 +211,11 @@ class Frame:
         return [expand(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
 
     @cached_property
+    def mean(self) -> Array:
+        """U to the sum of weighted displacements, ``(1, s)``."""
+        return np.asarray((self.h * self.tables.weights)[None] @ self.displacement[0])
+
+    @cached_property
     def lags(self) -> list[Array]:
         """For every direction inputs of the steps before, the latest last, to forces of a step.
 

@@ -55,12 +55,11 @@ class NewtonLog:
         for one in attempts:
             self._total[one.members] += one.iterations
             longer = one.iterations > self._largest[one.members]
-            if longer.any():
-                for place in np.flatnonzero(longer).tolist():
-                    member = int(one.members[place])
-                    self._largest[member] = one.iterations[place]
-                    self._step[member] = first + one.first
-                    self._changes[member] = one.of_member(place)
+            for place in np.flatnonzero(longer).tolist():
+                member = int(one.members[place])
+                self._largest[member] = one.iterations[place]
+                self._step[member] = first + one.first
+                self._changes[member] = one.of_member(place)
 
     def of(self, member: int) -> NewtonRecord:
         """The record of a member."""

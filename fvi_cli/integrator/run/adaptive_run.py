@@ -13,8 +13,8 @@ from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.regular import has_rough_momenta
+from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.soundness import Soundness
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -49,7 +49,7 @@ def integrate_adaptively(
 ) -> Trajectory:
     """Integrate a scene over [0, T] by steps that are found on the way.
 
-    Parameters as for :func:`fvi_cli.integrator.run.on_mesh.integrate_on_mesh`; `engine` is what
+    Parameters as for :func:`fvi_cli.integrator.integrate.integrate`; `engine` is what
     :func:`adaptive_engine` gave for the same scene, method and first step: runs share the tables of
     step sizes that they have in common.
     """

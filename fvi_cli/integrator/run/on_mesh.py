@@ -5,39 +5,27 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.growth_bound import energy_remarks
-from fvi_cli.integrator.loop.checkpoint import Arrays, Keeper, RunKeeper
+from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.loop.loop import run
-from fvi_cli.integrator.loop.plan import MeshPlan, memory_operations, plan_steps
+from fvi_cli.integrator.loop.plan import MeshPlan, plan_steps
 from fvi_cli.integrator.loop.recorder import Recorder
-from fvi_cli.integrator.loop.source import MeshSource, Source
+from fvi_cli.integrator.loop.source import MeshSource
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.results.diagnostics import Diagnostics
-from fvi_cli.integrator.results.momenta import smooth_momenta
-from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.regular import (
-    has_rough_momenta,
-    keeps_for_momenta,
-    regular_until,
-    rough_remarks,
-)
+from fvi_cli.integrator.run.regular import keeps_for_momenta
+from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.soundness import Soundness
-from fvi_cli.integrator.trajectory import Trajectory, status_of
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 AnySteps = int | Mesh | AdaptiveSteps
@@ -89,104 +77,6 @@ def engine_on_mesh(
         n_steps=mesh.n_steps,
         most=most,
     )
-
-
-@dataclass(eq=False)
-class ScenesRun:
-    """Scenes as far as their steps are done.
-
-    Parameters
-    ----------
-    engine, source, recorder
-        What solves the steps, where they come from, and what keeps them.
-    mesh
-        Where they are; None: they are found on the way.
-    remarks
-        What is to be told of every run.
-    """
-
-    engine: Engine
-    source: Source
-    recorder: Recorder
-    mesh: Mesh | None = None
-    remarks: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        self.state = self.engine.start()
-
-    def march(
-        self,
-        checkpoints: RunKeeper | None,
-        asked: tuple[str, int, float],
-        determined_by: tuple[object, ...],
-    ) -> float:
-        """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
-
-        Returns
-        -------
-        float
-            Seconds, those before a checkpoint among them.
-        """
-        began = clock.perf_counter()
-        keeper = Keeper(checkpoints, asked, determined_by, self)
-        run(
-            self.engine,
-            self.source,
-            state=self.state,
-            recorder=self.recorder,
-            after=None if checkpoints is None else keeper.offer,
-        )
-        if not self.recorder.failures:
-            keeper.offer(has_ended=True)
-        return clock.perf_counter() - began + keeper.earlier_seconds
-
-    def begin(self) -> None:
-        """Record the start."""
-        scenes = self.engine.scenes
-        position = np.array([one.initial_position for one in scenes])
-        momentum = np.array(
-            [
-                dynamics_of(one).momentum(one.initial_position, one.initial_velocity, 0.0)
-                for one in scenes
-            ]
-        )
-        self.recorder.begin(0.0, position, momentum)
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """Finished steps and reported points."""
-        return self.recorder.reached, self.recorder.reported
-
-    def arrays(self) -> Arrays:
-        """Everything that the steps to come depend on."""
-        self.recorder.flush(self.state)
-        source = {f"source {name}": one for name, one in self.source.arrays().items()}
-        forces = np.array([one.largest_force for one in self.engine.loads_of])
-        return {**self.state.arrays(), **source, "largest forces": forces}
-
-    def kept(self) -> Arrays:
-        """What was kept of the steps so far."""
-        return self.recorder.arrays()
-
-    def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Go on from there; all stays as it is where something is missing or does not fit."""
-        begun = self.arrays()
-        try:
-            self.go_on(arrays)
-            self.recorder.restore(kept)
-        except (KeyError, TypeError, ValueError):
-            self.go_on(begun)
-            raise
-
-    def go_on(self, arrays: Arrays) -> None:
-        """Take the state of :meth:`arrays`, whatever was kept before."""
-        state = State.from_arrays({n: one for n, one in arrays.items() if " " not in n})
-        if any(getattr(state, n).shape != getattr(self.state, n).shape for n in "xpz"):
-            raise ValueError("state: it has other shapes")
-        self.source.restore({n.removeprefix("source "): one for n, one in arrays.items()})
-        self.state = state
-        for loads, force in zip(self.engine.loads_of, arrays["largest forces"], strict=True):
-            loads.largest_force = float(force)
 
 
 def prepare(
@@ -295,49 +185,6 @@ def plan_on_mesh(
     return plan_steps(engine_on_mesh([scene], method, mesh, most=most), mesh)
 
 
-def integrate_on_mesh(
-    scene: Scene,
-    method: Method,
-    steps: AnySteps,
-    *,
-    every: int = 1,
-    diagnostics: Asked = NOTHING,
-    with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
-) -> Trajectory:
-    """Integrate a scene over [0, T]; parameters and errors as for :func:`integrate_scenes`.
-
-    Parameters
-    ----------
-    scene, method, every, diagnostics, with_steps, checkpoints
-        As there.
-    steps
-        Number of steps, a mesh, or what the steps are chosen for.
-    """
-    if isinstance(steps, AdaptiveSteps):
-        from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
-
-        return integrate_adaptively(
-            scene,
-            method,
-            steps,
-            every=every,
-            diagnostics=diagnostics,
-            with_steps=with_steps,
-            checkpoints=checkpoints,
-        )
-    (found,) = integrate_scenes(
-        [scene],
-        method,
-        steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps),
-        every=every,
-        diagnostics=diagnostics,
-        with_steps=with_steps,
-        checkpoints=checkpoints,
-    )
-    return found
-
-
 def integrate_scenes(
     scenes: Sequence[Scene],
     method: Method,
@@ -400,75 +247,3 @@ def integrate_scenes(
         )
         for index in range(len(scenes))
     ]
-
-
-def trajectory_of(
-    this: ScenesRun,
-    index: int,
-    every: int,
-    diagnostics: Asked,
-    *,
-    with_steps: bool,
-    seconds: tuple[float, float],
-) -> Trajectory:
-    """What is reported of a scene whose steps are done."""
-    scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
-    dynamics = dynamics_of(scene)
-    n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
-    time, position, momentum = recorder.points(index)
-    failure = recorder.failures.get(index)
-    steps = recorder.steps(index) if recorder.with_steps else None
-    remarks = this.remarks
-    if has_rough_momenta(scene, method):
-        if steps is not None:
-            every_momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
-            momentum = every_momentum[np.searchsorted(steps.time, time)]
-        remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
-    with np.errstate(all="ignore"):
-        energy = dynamics.energy(position, momentum, time)
-    if isinstance(dynamics, General):
-        kept, irregular = regular_until(dynamics.lagrangian, position, momentum, energy, time)
-        if irregular:
-            if kept == 0:
-                # no velocity was found from the momentum of the start, where it is given
-                kept, start = 1, (scene.initial_position, scene.initial_velocity)
-                energy[0] = dynamics.lagrangian.energy(*start, 0.0)
-            time, position, momentum, energy = (
-                one[:kept] for one in (time, position, momentum, energy)
-            )
-            failure = irregular
-    finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
-    found = None
-    if steps is not None and not diagnostics.is_empty and steps.n_steps:
-        found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
-    if failure is None:
-        force = this.engine.loads_of[index].largest_force
-        remarks += energy_remarks(scene, position, energy, force)
-    return Trajectory(
-        time=time,
-        position=position,
-        momentum=momentum,
-        energy=energy,
-        n_steps=n_steps,
-        step_size=scene.final_time / max(n_steps, 1),
-        status=status_of(failure, finite=finite),
-        message=str(failure or ""),
-        failure=failure,
-        history_operations=memory_operations(this.engine, recorder.steps_done(index)),
-        newton=recorder.newton.of(index),
-        setup_seconds=seconds[0],
-        stepping_seconds=seconds[1],
-        every=every,
-        diagnostics=found,
-        steps=steps if with_steps else None,
-        remarks=remarks,
-    )
-
-
-def _diagnostics(this: ScenesRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
-    """What is asked for on all points of the mesh."""
-    engine = this.engine
-    scene, loads = engine.scenes[index], engine.loads_of[index]
-    mesh = this.mesh or steps.mesh(scene.break_points)
-    with np.errstate(all="ignore"):
-        return diagnose_run(scene, engine.method, mesh, steps, loads, asked)

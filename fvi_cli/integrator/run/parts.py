@@ -10,7 +10,8 @@ from fvi_cli.integrator.balances.diagnostics import NOTHING
 from fvi_cli.integrator.loop.checkpoint import Checkpoint, fingerprint
 from fvi_cli.integrator.loop.loop import run
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import mesh_for, prepare, trajectory_of
+from fvi_cli.integrator.run.on_mesh import mesh_for, prepare
+from fvi_cli.integrator.run.scenes_run import trajectory_of
 from fvi_cli.integrator.trajectory import Trajectory
 
 

@@ -95,6 +95,8 @@ class Soundness:
             names[coordinate] = np.ascontiguousarray(path[..., index])
         value = first.energy_expression.system.evaluate(names, NUMPY_FUNCTIONS)[0]
         lost = ~np.isfinite(np.broadcast_to(value, path.shape[:2])).all(axis=1)
+        if first.energy_expression.system.is_entire:
+            return np.asarray(lost)
         low, high = path.min(axis=1), path.max(axis=1)
         parameters = {name: one[:, 0] for name, one in self._parameters.items()}
         return np.asarray(lost | is_unbounded(first, low, high, parameters))

@@ -38,7 +38,7 @@ from fvi_cli.integrator.observations.impacts.surface import (
 )
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.on_mesh import ScenesRun
+from fvi_cli.integrator.run.scenes_run import ScenesRun
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 

@@ -1,0 +1,196 @@
+"""Scenes whose steps are done, and what is reported of them."""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.effects.dynamics import General, dynamics_of
+from fvi_cli.integrator.balances.diagnostics import Asked
+from fvi_cli.integrator.balances.mesh_balance import diagnose_run
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.growth_bound import energy_remarks
+from fvi_cli.integrator.loop.checkpoint import Arrays, Keeper, RunKeeper
+from fvi_cli.integrator.loop.loop import run
+from fvi_cli.integrator.loop.plan import memory_operations
+from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.loop.source import Source
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.results.diagnostics import Diagnostics
+from fvi_cli.integrator.results.momenta import smooth_momenta
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.regular import has_rough_momenta, regular_until, rough_remarks
+from fvi_cli.integrator.trajectory import Trajectory, status_of
+
+
+@dataclass(eq=False)
+class ScenesRun:
+    """Scenes as far as their steps are done.
+
+    Parameters
+    ----------
+    engine, source, recorder
+        What solves the steps, where they come from, and what keeps them.
+    mesh
+        Where they are; None: they are found on the way.
+    remarks
+        What is to be told of every run.
+    """
+
+    engine: Engine
+    source: Source
+    recorder: Recorder
+    mesh: Mesh | None = None
+    remarks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.state = self.engine.start()
+
+    def march(
+        self,
+        checkpoints: RunKeeper | None,
+        asked: tuple[str, int, float],
+        determined_by: tuple[object, ...],
+    ) -> float:
+        """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
+
+        Returns
+        -------
+        float
+            Seconds, those before a checkpoint among them.
+        """
+        began = clock.perf_counter()
+        keeper = Keeper(checkpoints, asked, determined_by, self)
+        run(
+            self.engine,
+            self.source,
+            state=self.state,
+            recorder=self.recorder,
+            after=None if checkpoints is None else keeper.offer,
+        )
+        if not self.recorder.failures:
+            keeper.offer(has_ended=True)
+        return clock.perf_counter() - began + keeper.earlier_seconds
+
+    def begin(self) -> None:
+        """Record the start."""
+        scenes = self.engine.scenes
+        position = np.array([one.initial_position for one in scenes])
+        momentum = np.array(
+            [
+                dynamics_of(one).momentum(one.initial_position, one.initial_velocity, 0.0)
+                for one in scenes
+            ]
+        )
+        self.recorder.begin(0.0, position, momentum)
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Finished steps and reported points."""
+        return self.recorder.reached, self.recorder.reported
+
+    def arrays(self) -> Arrays:
+        """Everything that the steps to come depend on."""
+        self.recorder.flush(self.state)
+        source = {f"source {name}": one for name, one in self.source.arrays().items()}
+        forces = np.array([one.largest_force for one in self.engine.loads_of])
+        return {**self.state.arrays(), **source, "largest forces": forces}
+
+    def kept(self) -> Arrays:
+        """What was kept of the steps so far."""
+        return self.recorder.arrays()
+
+    def restore(self, arrays: Arrays, kept: Arrays) -> None:
+        """Go on from there; all stays as it is where something is missing or does not fit."""
+        begun = self.arrays()
+        try:
+            self.go_on(arrays)
+            self.recorder.restore(kept)
+        except (KeyError, TypeError, ValueError):
+            self.go_on(begun)
+            raise
+
+    def go_on(self, arrays: Arrays) -> None:
+        """Take the state of :meth:`arrays`, whatever was kept before."""
+        state = State.from_arrays({n: one for n, one in arrays.items() if " " not in n})
+        if any(getattr(state, n).shape != getattr(self.state, n).shape for n in "xpz"):
+            raise ValueError("state: it has other shapes")
+        self.source.restore({n.removeprefix("source "): one for n, one in arrays.items()})
+        self.state = state
+        for loads, force in zip(self.engine.loads_of, arrays["largest forces"], strict=True):
+            loads.largest_force = float(force)
+
+
+def trajectory_of(
+    this: ScenesRun,
+    index: int,
+    every: int,
+    diagnostics: Asked,
+    *,
+    with_steps: bool,
+    seconds: tuple[float, float],
+) -> Trajectory:
+    """What is reported of a scene whose steps are done."""
+    scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
+    dynamics = dynamics_of(scene)
+    n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
+    time, position, momentum = recorder.points(index)
+    failure = recorder.failures.get(index)
+    steps = recorder.steps(index) if recorder.with_steps else None
+    remarks = this.remarks
+    if has_rough_momenta(scene, method):
+        if steps is not None:
+            every_momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
+            momentum = every_momentum[np.searchsorted(steps.time, time)]
+        remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
+    with np.errstate(all="ignore"):
+        energy = dynamics.energy(position, momentum, time)
+    if isinstance(dynamics, General):
+        kept, irregular = regular_until(dynamics.lagrangian, position, momentum, energy, time)
+        if irregular:
+            if kept == 0:
+                # no velocity was found from the momentum of the start, where it is given
+                kept, start = 1, (scene.initial_position, scene.initial_velocity)
+                energy[0] = dynamics.lagrangian.energy(*start, 0.0)
+            time, position, momentum, energy = (
+                one[:kept] for one in (time, position, momentum, energy)
+            )
+            failure = irregular
+    finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
+    found = None
+    if steps is not None and not diagnostics.is_empty and steps.n_steps:
+        found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
+    if failure is None:
+        force = this.engine.loads_of[index].largest_force
+        remarks += energy_remarks(scene, position, energy, force)
+    return Trajectory(
+        time=time,
+        position=position,
+        momentum=momentum,
+        energy=energy,
+        n_steps=n_steps,
+        step_size=scene.final_time / max(n_steps, 1),
+        status=status_of(failure, finite=finite),
+        message=str(failure or ""),
+        failure=failure,
+        history_operations=memory_operations(this.engine, recorder.steps_done(index)),
+        newton=recorder.newton.of(index),
+        setup_seconds=seconds[0],
+        stepping_seconds=seconds[1],
+        every=every,
+        diagnostics=found,
+        steps=steps if with_steps else None,
+        remarks=remarks,
+    )
+
+
+def _diagnostics(this: ScenesRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
+    """What is asked for on all points of the mesh."""
+    engine = this.engine
+    scene, loads = engine.scenes[index], engine.loads_of[index]
+    mesh = this.mesh or steps.mesh(scene.break_points)
+    with np.errstate(all="ignore"):
+        return diagnose_run(scene, engine.method, mesh, steps, loads, asked)
