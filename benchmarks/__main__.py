@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
+from benchmarks.constants import run_constants
 from benchmarks.executors import executors_page
 from benchmarks.fits import N_FITS, N_STARTS, run_fits
 from benchmarks.floors import floor_table, run_floors
@@ -36,6 +37,10 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
+    "constants": (
+        "What constants steer",
+        lambda asked: run_constants(most=asked.most),
+    ),
     "executors": ("Who computes side by side", lambda asked: executors_page()),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
     "parts": (
@@ -123,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--most",
         type=int,
         metavar="N",
-        help="floors: measure at most so many cases that are not there yet",
+        help="floors: measure at most so many cases that are not there yet; constants: so many",
     )
     parser.add_argument(
         "--seconds",

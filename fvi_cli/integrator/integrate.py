@@ -14,8 +14,9 @@ from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
 from fvi_cli.integrator.run.objections import check_laws
-from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_on_mesh
+from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 
@@ -76,15 +77,27 @@ def integrate(
                 f"with_steps: {method.case} keeps no polynomials; take rk: gauss, such as gauss3"
             )
     if isinstance(method, Method):
-        return integrate_on_mesh(
-            scene,
+        if isinstance(steps, AdaptiveSteps):
+            return integrate_adaptively(
+                scene,
+                method,
+                steps,
+                every=every,
+                diagnostics=diagnostics,
+                with_steps=with_steps,
+                checkpoints=checkpoints,
+            )
+        mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
+        (found,) = integrate_scenes(
+            [scene],
             method,
-            steps,
+            mesh,
             every=every,
             diagnostics=diagnostics,
             with_steps=with_steps,
             checkpoints=checkpoints,
         )
+        return found
     if not diagnostics.is_empty:
         raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
     if scene.lagrangian is not None:

@@ -6,23 +6,12 @@ number of equal steps alone, never on a clock or on other members.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.mathematics.arrays import Array, Places
 
-if TYPE_CHECKING:
-    from fvi_cli.integrator.engine.engine import Engine
-
-STEPS_OF_LINEAR, STEPS_OF_NEWTON = 64, 64
-"""Twice as many take as long for linear scenes, and double what round-off does near order 2."""
-SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 512
-"""Inputs of a block at most: B i e."""
-SIZE_IN_BATCH = 24
-"""The same where every member has matrices of its own, which must stay in the cache."""
-CACHE = 2**15
 LEAST = 4
 """Steps of the shortest block."""
 NEWTON_REUSE, GENERAL_REUSE = 16, 64
@@ -34,30 +23,6 @@ USUAL, EXCESS = 4, 150
 QUICK = 12
 """Iterations up to which a longer block may do as well."""
 STATE_OF_BLOCKS = ("longest", "wait", "excess", "stale")
-
-
-def longest_block(engine: Engine) -> int:
-    """Steps of the longest block, by the size of its matrices."""
-    size = len(engine.sampling.to_inputs) * engine.e
-    if engine.law.is_linear:
-        most, largest = STEPS_OF_LINEAR, SIZE_OF_LINEAR
-    else:
-        most, largest = STEPS_OF_NEWTON, SIZE_OF_NEWTON
-        size *= 2 if engine.law.has_rates else 1
-    if engine.q > 1:
-        is_large = engine.q * SIZE_IN_BATCH**2 > CACHE
-        largest = min(largest, SIZE_IN_BATCH if is_large else 2 * SIZE_IN_BATCH)
-    while most > 1 and most * size > largest:
-        most //= 2
-    return most
-
-
-def longest_in_batch(inputs: int, *, is_linear: bool) -> int:
-    """The same for a member of a batch with so many inputs of a step, whatever others are in it."""
-    most = STEPS_OF_LINEAR if is_linear else STEPS_OF_NEWTON
-    while most > 1 and most * inputs > SIZE_IN_BATCH:
-        most //= 2
-    return most
 
 
 def block_for(engine: Engine, left: int) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, damping_of
-from fvi_cli.integrator.engine.blocks import longest_block
+from fvi_cli.integrator.engine.block_lengths import longest_block
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of, modes_of
 from fvi_cli.integrator.engine.law import Law, Linearisation, force_of
@@ -106,7 +106,8 @@ class Engine:
             self._leave_out_jump(scene.final_time / n_steps)
         self.has_loads = any(not one.is_empty for one in self.loads_of)
         self.is_batch = most is not None
-        self.most = longest_block(self) if most is None else most
+        inputs = len(self.sampling.to_inputs) * self.e
+        self.most = longest_block(self.law, self.q, inputs) if most is None else most
         if isinstance(self.law, StructureLaw):
             self.most = GROUP
 
@@ -265,7 +266,8 @@ class Engine:
             Whether the start velocity, which Caputo derivatives subtract, counts as zero.
         """
         if isinstance(self.law, StructureLaw):
-            return solve_one_by_one(self, self.law, state, h, count, loads)
+            frame = self.frame(h, count)
+            return solve_one_by_one(frame, self.law, self.damping, self.sampling, state, loads)
         most = max(count, most or count)
         is_linear = self.law.is_linear
         guess = self.guess(state, h) if most == 1 and not is_linear else None
@@ -289,7 +291,9 @@ class Engine:
         unknowns = apply(op.start[:, :n], begin) - apply(op.by_load[:, :n, :c], known.reshape(q, c))
         solution: Solution | None = None
         if not is_linear:
-            solution = Newton(self, op, state, unknowns, known, count, guess).run()
+            solution = Newton(
+                self.law, self.damping, op, state, unknowns, known, count, guess
+            ).run()
             unknowns = solution.unknowns
         u = unknowns.reshape(q, count, s, e)
         inputs = (

@@ -9,19 +9,17 @@ contract they are taken in shorter pieces.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fvi_cli.integrator.damping.damping import Damping
+from fvi_cli.integrator.engine.law import Law
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import Mask, State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each
 from fvi_cli.mathematics.arrays import Array, Integers, Places
 from fvi_cli.mathematics.convergence import NEGLIGIBLE, NOISE, SLOW, UNIT
-
-if TYPE_CHECKING:
-    from fvi_cli.integrator.engine.engine import Engine
 
 ITERATIONS = 60
 GIVE_UP = 0.7
@@ -45,7 +43,7 @@ class Newton:
 
     Parameters
     ----------
-    engine, op, state
+    law, damping, op, state
         What is solved, from where.
     known
         Known loads with the sign of the left side, ``(q, B, s + 1, e)``.
@@ -55,7 +53,8 @@ class Newton:
 
     def __init__(
         self,
-        engine: Engine,
+        law: Law,
+        damping: Damping | None,
         op: Operator,
         state: State,
         fixed: Array,
@@ -63,13 +62,15 @@ class Newton:
         count: int,
         guess: Array | None,
     ) -> None:
-        self.engine, self.op, self.state, self.guess = engine, op, state, guess
-        self.q, self.e = engine.q, engine.e
-        r = engine.tables.points.size
+        self.law, self.damping = law, damping
+        self.op, self.state, self.guess = op, state, guess
+        self.q, self.e = state.x.shape
+        points = op.frame.tables.points
+        r = points.size
         self.n, self.width = count * r, op.fold.shape[-1] // (op.frame.count * r)
         self.fixed, self.known = fixed, known.reshape(self.q, -1)
         h = op.frame.h
-        self.times = state.t + h * (np.arange(count)[:, None] + engine.tables.points).ravel()
+        self.times = state.t + h * (np.arange(count)[:, None] + points).ravel()
         self._take(op)
 
     def _take(self, op: Operator) -> None:
@@ -115,7 +116,7 @@ class Newton:
         Changes are negligible beside displacements, since positions are compensated sums; where
         round-off lets none fall to that, beside positions.
         """
-        engine, state, q = self.engine, self.state, self.q
+        state, q = self.state, self.q
         points, rest = self._first()
         live, done, failed = state.live, ~state.live, np.zeros(q, dtype=bool)
         everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
@@ -124,7 +125,7 @@ class Newton:
         changes: list[Array] = []
         limit = before = size = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
-            fresh = engine.law.remainder(
+            fresh = self.law.remainder(
                 self.op.at, state.x, points.reshape(q, self.n, self.width), self.times, rest
             )
             moved = self.begin + apply(self.fold, fresh.reshape(q, -1))
@@ -215,12 +216,12 @@ class Newton:
 
     def _renew(self, places: Places, points: Array) -> None:
         """Take the second derivatives of some members where they are now."""
-        engine, op, e = self.engine, self.op, self.e
+        op, e = self.op, self.e
         at = points.reshape(self.q, self.n, self.width)
-        v = at[..., e:] if engine.law.has_rates else None
+        v = at[..., e:] if self.law.has_rates else None
         x = self.state.x[:, None] + at[..., :e]
-        fresh = engine.law.linearise(x, v, self.times, per_point=True).of(places)
-        damping = None if engine.damping is None else engine.damping.of(places)
+        fresh = self.law.linearise(x, v, self.times, per_point=True).of(places)
+        damping = None if self.damping is None else self.damping.of(places)
         op.put(places, Operator(op.frame.of(places), fresh, damping, is_linear=False))
         self.fixed = self.fixed.copy()
         begin = np.concatenate([self.state.x, self.state.p], axis=1)[places]

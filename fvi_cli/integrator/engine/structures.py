@@ -8,16 +8,17 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from fvi_cli.effects.matrices import Form, Solve, as_csr, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.algebra import solver_of
-from fvi_cli.integrator.engine.frame import Frame
+from fvi_cli.integrator.engine.frame import Frame, Sampling
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.memory.interface import Combination
@@ -25,9 +26,6 @@ from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, Places
-
-if TYPE_CHECKING:
-    from fvi_cli.integrator.engine.engine import Engine
 
 GROUP = 16
 """Steps whose past is evaluated at once."""
@@ -128,13 +126,18 @@ class StructureLaw:
 
 
 def solve_one_by_one(
-    engine: Engine, law: StructureLaw, state: State, h: float, count: int, loads: Array | None
+    frame: Frame,
+    law: StructureLaw,
+    damping: Damping | None,
+    sampling: Sampling,
+    state: State,
+    loads: Array | None,
 ) -> Steps:
-    """Solve `count` steps; as :meth:`fvi_cli.integrator.engine.engine.Engine.solve`."""
-    frame, t, damping = engine.frame(h, count), engine.tables, engine.damping
+    """Solve the steps of a frame; as :meth:`fvi_cli.integrator.engine.engine.Engine.solve`."""
+    h, count, t = frame.h, frame.count, frame.tables
     combinations = () if damping is None else damping.combinations
-    solve, drive = law.solver(frame, combinations), engine.sampling.to_inputs
-    (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, engine.e)
+    solve, drive = law.solver(frame, combinations), sampling.to_inputs
+    (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, state.x.shape[1])
     r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
     every = [expand(one[0]) for one in frame.sequences]
     past = np.zeros((count * m, r))

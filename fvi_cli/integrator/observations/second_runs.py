@@ -122,19 +122,19 @@ def _second_runs(
         replace(scene, final_time=float(one.time[-1]))
         for scene, one in zip(scenes, steps, strict=True)
     ]
-    meshes = [one.mesh(scene.break_points) for scene, one in zip(scenes, steps, strict=True)]
     found: dict[int, tuple[RunSteps | None, str]] = {}
-    groups: dict[bytes, list[int]] = {}
+    groups: dict[Hashable, list[int]] = {}
     for index, one in enumerate(steps):
         if one.jump is None:
-            groups.setdefault(one.time.tobytes(), []).append(index)
+            key = (one.time.tobytes(), shorter[index].break_points)
+            groups.setdefault(key, []).append(index)
             continue
         found[index] = replayed(shorter[index], method, one, checkpoints), "failed"
     for places in groups.values():
         runs = integrate_members(
             [shorter[index] for index in places],
             method,
-            meshes[places[0]],
+            steps[places[0]].mesh(shorter[places[0]].break_points),
             with_steps=True,
             checkpoints=lambda _: checkpoints,
         )

@@ -49,7 +49,7 @@ def integrate_adaptively(
 ) -> Trajectory:
     """Integrate a scene over [0, T] by steps that are found on the way.
 
-    Parameters as for :func:`fvi_cli.integrator.run.on_mesh.integrate_on_mesh`; `engine` is what
+    Parameters as for :func:`fvi_cli.integrator.integrate.integrate`; `engine` is what
     :func:`adaptive_engine` gave for the same scene, method and first step: runs share the tables of
     step sizes that they have in common.
     """

@@ -22,7 +22,6 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
 from fvi_cli.integrator.run.regular import keeps_for_momenta
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.soundness import Soundness
@@ -184,47 +183,6 @@ def plan_on_mesh(
     """How :func:`integrate_scenes` will do the steps of a scene; no step is done."""
     mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
     return plan_steps(engine_on_mesh([scene], method, mesh, most=most), mesh)
-
-
-def integrate_on_mesh(
-    scene: Scene,
-    method: Method,
-    steps: AnySteps,
-    *,
-    every: int = 1,
-    diagnostics: Asked = NOTHING,
-    with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
-) -> Trajectory:
-    """Integrate a scene over [0, T]; parameters and errors as for :func:`integrate_scenes`.
-
-    Parameters
-    ----------
-    scene, method, every, diagnostics, with_steps, checkpoints
-        As there.
-    steps
-        Number of steps, a mesh, or what the steps are chosen for.
-    """
-    if isinstance(steps, AdaptiveSteps):
-        return integrate_adaptively(
-            scene,
-            method,
-            steps,
-            every=every,
-            diagnostics=diagnostics,
-            with_steps=with_steps,
-            checkpoints=checkpoints,
-        )
-    (found,) = integrate_scenes(
-        [scene],
-        method,
-        steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps),
-        every=every,
-        diagnostics=diagnostics,
-        with_steps=with_steps,
-        checkpoints=checkpoints,
-    )
-    return found
 
 
 def integrate_scenes(

@@ -7,6 +7,7 @@ import pytest
 from letters import spring, swing
 
 import fvi_cli as fvi
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.loop.checkpoint import (
     OF_ANOTHER_RUN,
@@ -16,7 +17,6 @@ from fvi_cli.integrator.loop.checkpoint import (
 )
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
-from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.parts import integrate_part
 
 HEAD = ("seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
@@ -67,7 +67,7 @@ def short_chunks(monkeypatch):
 def kept_of(scene, method, mesh):
     kept = Kept()
     with pytest.raises(StoppedError):
-        integrate_on_mesh(scene, method, mesh, checkpoints=kept)
+        integrate(scene, method, mesh, checkpoints=kept)
     return kept.content
 
 
@@ -105,18 +105,18 @@ SCENES = {
 )
 def test_a_checkpoint_of_another_run_is_left_alone(scene, method, mesh):
     kept = Kept(kept_of(SCENE, METHOD, MESH))
-    found = integrate_on_mesh(scene, method, mesh, checkpoints=kept)
+    found = integrate(scene, method, mesh, checkpoints=kept)
     assert kept.rejected == [OF_ANOTHER_RUN]
-    assert np.array_equal(found.position, integrate_on_mesh(scene, method, mesh).position)
+    assert np.array_equal(found.position, integrate(scene, method, mesh).position)
 
 
 def test_control_its_own_run_goes_on_from_it():
     kept = Kept(kept_of(SCENE, METHOD, MESH))
     # an equal scene and mesh, made anew, as another process would
     scene = spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5)
-    found = integrate_on_mesh(scene, METHOD, graded_mesh(T, N, 3.0), checkpoints=kept)
+    found = integrate(scene, METHOD, graded_mesh(T, N, 3.0), checkpoints=kept)
     assert not kept.rejected
-    assert np.array_equal(found.position, integrate_on_mesh(SCENE, METHOD, MESH).position)
+    assert np.array_equal(found.position, integrate(SCENE, METHOD, MESH).position)
 
 
 def test_what_determines_numbers_is_told_apart_and_nothing_else():
@@ -143,7 +143,7 @@ def test_a_checkpoint_that_lacks_something_says_so():
     """With a checksum that holds: another version may have written other things."""
     with np.load(io.BytesIO(kept_of(SCENE, METHOD, MESH))) as found:
         arrays = {name: found[name] for name in found.files if name != "digest"}
-    expected, rejected = integrate_on_mesh(SCENE, METHOD, MESH), []
+    expected, rejected = integrate(SCENE, METHOD, MESH), []
     for missing in arrays:
         left = {name: values for name, values in arrays.items() if name != missing}
         stream = io.BytesIO()
@@ -153,7 +153,7 @@ def test_a_checkpoint_that_lacks_something_says_so():
             with pytest.raises(ValueError, match=r"another run|is of another version \("):
                 kept.load()
         else:
-            found = integrate_on_mesh(SCENE, METHOD, MESH, checkpoints=kept)
+            found = integrate(SCENE, METHOD, MESH, checkpoints=kept)
             assert np.array_equal(found.position, expected.position)
             rejected += kept.rejected
     # what a state may lack is what not every scene has
