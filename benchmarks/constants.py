@@ -31,6 +31,8 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability.limits import largest_stable_step
+from fvi_cli.integrator.stability.region import stability_map
 from fvi_cli.scenes.chains import chain
 from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.named import linear_oscillator, pendulum
@@ -180,6 +182,8 @@ def runs(size: int = 1) -> dict[str, Run]:
         return lambda: integrate(scene, method, steps).position
 
     gauss = Method(cq="gauss", degree=3, start="none")
+    backward = Method(cq="bdf3", degree=2)
+    plane = np.geomspace(1e-2, 1e3, 24 * size)
     adaptive = AdaptiveSteps(tolerance=1e-9)
     return {
         "linear": by(linear, gauss, 4096 * size),
@@ -193,6 +197,8 @@ def runs(size: int = 1) -> dict[str, Run]:
             [one.position for one in integrate_members(members, gauss, 128 * size)]
         ),
         "sparse": by(large, gauss, 16 * size),
+        "stable step": lambda: np.array([largest_stable_step(linear, backward) or 0.0]),
+        "stability region": lambda: stability_map(backward, 0.5, plane, plane).level.astype(float),
     }
 
 

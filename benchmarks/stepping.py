@@ -24,7 +24,6 @@ from benchmarks.measuring import (
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.loop import CHUNK
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.loop.loop import CHUNK

@@ -21,6 +21,7 @@ from fvi_cli.integrator.stability.determinants import (
     number_of_unknowns,
 )
 from fvi_cli.integrator.stability.exact_modes import growing_frequencies
+from fvi_cli.integrator.stability.growing_modes import FASTEST
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.prediction import (
     RESOLVED,
@@ -50,10 +51,8 @@ FEW = 8
 WIDE_SPACING = 0.05
 """The same of more systems, and of scenes that are fed."""
 
-_BLOCK = 2.0
+BLOCK = 2.0
 """Ratio of the numbers of steps that are looked at together."""
-_FASTEST = 300.0
-"""Growth per step, as a logarithm, that nothing exceeds which is counted."""
 
 
 def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> int | None:
@@ -172,11 +171,11 @@ def _suspects(
     """
     end = numbers.size
     while end:
-        begin = int(np.searchsorted(numbers, numbers[end - 1] / _BLOCK))
+        begin = int(np.searchsorted(numbers, numbers[end - 1] / BLOCK))
         some = numbers[begin:end]
         # one circle for all: that of the slowest growth
         slowest = float((growth[begin:end] / some).min())
-        if slowest <= _FASTEST:
+        if slowest <= FASTEST:
             grows = _grow_faster(systems, method, final_time / some, slowest)
             yield from some[grows][::-1].tolist()
         end = begin
