@@ -54,11 +54,6 @@ class SampledForce(_WithFormula):
         Where the samples come from, for messages.
     formula
         An expression in t that is added; None: nothing.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit, the times do not increase or a number is not finite.
     """
 
     knots: Array
@@ -67,15 +62,6 @@ class SampledForce(_WithFormula):
 
     def __post_init__(self) -> None:
         set_arrays(self, knots=self.knots, coefficients=self.coefficients)
-        if not (np.isfinite(self.knots).all() and np.isfinite(self.coefficients).all()):
-            raise ValueError(f"{self.source}: every number must be finite")
-        if self.coefficients.ndim != 2 or self.knots.shape != (self.coefficients.shape[1] + 1,):
-            raise ValueError(
-                f"{self.source}: {self.knots.shape} knots do not fit polynomials of shape "
-                f"{self.coefficients.shape}"
-            )
-        if not np.all(np.diff(self.knots) > 0):
-            raise ValueError(f"{self.source}: times must increase")
 
     @classmethod
     def through(
@@ -105,7 +91,7 @@ class SampledForce(_WithFormula):
                 f"{source}: {knots.size} times and {at_knots.size} values; {interpolation} "
                 f"interpolation needs at least {least} of both"
             )
-        if not (np.isfinite(at_knots).all() and np.all(np.diff(knots) > 0)):
+        if not (np.isfinite([knots, at_knots]).all() and np.all(np.diff(knots) > 0)):
             raise ValueError(f"{source}: times must increase and every number must be finite")
         if interpolation == "linear":
             slopes = np.diff(at_knots) / np.diff(knots)

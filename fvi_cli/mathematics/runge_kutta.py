@@ -23,7 +23,6 @@ from fvi_cli.mathematics.quadrature import (
 LARGEST_STAGES = 21
 """Largest number of stages that the tableaux are made for."""
 
-_INFINITY_TOLERANCE = 1e-10
 _RULES = {"gauss": gauss_rule, "radau-iia": radau_right_rule, "lobatto-iiic": lobatto_rule}
 
 
@@ -56,13 +55,6 @@ class ButcherTableau:
     def n_stages(self) -> int:
         """Number m of stages."""
         return int(self.b.size)
-
-    @property
-    def R_infinity(self) -> float:  # noqa: N802 - the field's name
-        """Stability function at infinity, ``R = 1 - b^T A^{-1} 1``; -1, 0 and 1 are exact."""
-        value = 1.0 - float(self.b @ np.linalg.solve(self.A, np.ones(self.n_stages)))
-        nearest = float(round(value)) + 0.0
-        return nearest if abs(value - nearest) < _INFINITY_TOLERANCE else value
 
 
 @cache

@@ -16,7 +16,7 @@ from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run import on_mesh
+from fvi_cli.integrator.run import scenes_run
 from fvi_cli.mathematics.runge_kutta import tableau
 from fvi_cli.scenes.records.samples import samples_as_text
 from fvi_cli.scenes.registry import build_problem
@@ -258,7 +258,7 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
         original = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or original(*a, **k))
 
-    count(on_mesh, "diagnose_run")
+    count(scenes_run, "diagnose_run")
     count(RunSteps, "__init__")
     scene = kepler(0.05)
     for method, made in (

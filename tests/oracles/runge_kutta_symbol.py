@@ -12,6 +12,13 @@ from fvi_cli.mathematics.runge_kutta import ButcherTableau
 _LARGEST_CONDITION = 1e4
 
 
+def at_infinity(tableau: ButcherTableau) -> float:
+    """Stability function at infinity, ``R = 1 - b^T A^{-1} 1``; -1, 0 and 1 are exact."""
+    value = 1.0 - float(tableau.b @ np.linalg.solve(tableau.A, np.ones(tableau.n_stages)))
+    nearest = float(round(value)) + 0.0
+    return nearest if abs(value - nearest) < 1e-10 else value
+
+
 def symbol(tableau: ButcherTableau, points: ArrayLike) -> ComplexArray:
     """Return the symbol ``Delta(z) = (A + z/(1-z) 1 b^T)^{-1}`` of the method for step size 1.
 
@@ -40,11 +47,12 @@ def symbol(tableau: ButcherTableau, points: ArrayLike) -> ComplexArray:
     singularity of its own at z = 1.
     """
     z = np.asarray(points, dtype=np.complex128)[..., None, None]
-    if np.any(tableau.R_infinity * z == 1):
-        raise ValueError(f"points: z = {1 / tableau.R_infinity:g} is a pole of the symbol")
+    limit = at_infinity(tableau)
+    if np.any(limit * z == 1):
+        raise ValueError(f"points: z = {1 / limit:g} is a pole of the symbol")
     inverse = np.linalg.inv(tableau.A)
     update = np.outer(inverse.sum(axis=1), tableau.b @ inverse)
-    return np.asarray(inverse - z / (1 - tableau.R_infinity * z) * update, dtype=np.complex128)
+    return np.asarray(inverse - z / (1 - limit * z) * update, dtype=np.complex128)
 
 
 def symbol_power(tableau: ButcherTableau, exponent: float, points: ArrayLike) -> ComplexArray:

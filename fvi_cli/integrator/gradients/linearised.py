@@ -24,23 +24,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import Damping
-from fvi_cli.integrator.damping.directions import Direction
-from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
-from fvi_cli.integrator.engine.kinds import law_of
-from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.operator import Operator, step_matrix
-from fvi_cli.integrator.engine.tables import on_components
+from fvi_cli.integrator.engine.frame import sampling_of
+from fvi_cli.integrator.gradients.equations import Equations, Maps
 from fvi_cli.integrator.gradients.past import Past, Stretch, are_regular
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
-from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
@@ -51,6 +43,8 @@ LARGEST_BLOCK = 256
 """Unknowns of a block of a linear scene."""
 AT_ONCE = 2**21
 """Entries of the matrices T of steps that are made together."""
+KEPT = 8
+"""Stretches of a linear scene whose matrices are kept."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,25 +101,6 @@ class Cotangent:
         return np.asarray(sum(b @ a for a, b in own))
 
 
-class _Maps(NamedTuple):
-    """Blocks of a stretch: one for all of them, or one for each, in the first axis.
-
-    Parameters
-    ----------
-    by_begin, by_load
-        Unknowns U by (x, p, F), ``(.., B s d, 2 d + f B m d)``, and by load vectors.
-    ends
-        Position and momentum behind the block by U alone, ``(.., 2 d, B s d)``.
-    whole
-        T, ``(.., 2 d + B m d, 2 d + f B m d)``.
-    """
-
-    by_begin: Array
-    by_load: Array
-    ends: Array
-    whole: Array
-
-
 class LinearisedRun:
     """A run of a Runge-Kutta method, ready for tangents and adjoints.
 
@@ -158,28 +133,35 @@ class LinearisedRun:
                 f"derivatives: {size} unknowns in a step; steps of at most {LARGEST_STEP} are "
                 "linearised"
             )
-        whole = [Decoupling(mass=scene.inertia.mass, modes=None)] if scene.is_linear else None
-        self._law, self._to_inputs = law_of([scene], whole), sampling_of(method).to_inputs
+        self._to_inputs, self._kept = sampling_of(method).to_inputs, dict[int, Maps]()
         damping, laws = scene.damping, scene.laws
         found = [one.coefficient for one in damping] + [o.size * o.coefficient for o in laws]
         self.coefficients = np.array(found).reshape(-1, self.d, self.d)
         exponents = [min(1.0 - one.order, LARGEST_EXPONENT) for one in damping]
         above = [scene.derivative == "caputo" and one.order > 1 for one in damping]
         # the derivatives by orders have the same states
-        self._terms: list[Term] = [*exponents, *(one.kernel for one in laws)]
+        terms: list[Term] = [*exponents, *(one.kernel for one in laws)]
         slopes = [Slope(one) for one in exponents]
-        every = [*self._terms, *slopes], above + [False] * len(laws) + above
-        self._is_regular = scene.is_linear and are_regular(steps.step_size)
+        every = [*terms, *slopes], above + [False] * len(laws) + above
+        is_regular = scene.is_linear and are_regular(steps.step_size)
         self._past = self._known = Past(
             method,
             *every,
             steps.step_size,
             scene.final_time,
-            longest=max(1, LARGEST_BLOCK // size) if self._is_regular else 1,
-            together=steps.n_steps if self._is_regular else max(1, AT_ONCE // size**2),
+            longest=max(1, LARGEST_BLOCK // size) if is_regular else 1,
+            together=steps.n_steps if is_regular else max(1, AT_ONCE // size**2),
         )
         if not scene.is_linear:
             self._known = self._past_of(*every)
+        self._equations = Equations(
+            scene,
+            method,
+            self.coefficients,
+            terms,
+            self._past.memory,
+            is_regular=is_regular,
+        )
 
     def _past_of(self, terms: Sequence[Term], is_relative: Sequence[bool]) -> Past:
         """The past of motions that are known, in long blocks."""
@@ -244,104 +226,16 @@ class LinearisedRun:
         acting = zip(plain, self.coefficients, strict=False)
         return sum((np.matmul(force, matrix) for force, matrix in acting), nothing)
 
-    # --- the matrices of blocks ---
-
-    def _maps(self, stretch: Stretch) -> _Maps:
-        t, count, d, f = self.tables, stretch.count, self.d, len(self.coefficients)
-        try:
-            start, by_load, gained, by_position = (
-                self._of_blocks(stretch) if self._is_regular else self._of_steps(stretch)
-            )
-        except np.linalg.LinAlgError:
-            raise ValueError(
-                "derivatives: the linearised equations of a step have no unique solution"
-            ) from None
-        a, rows, s, m = len(start), start.shape[1], t.degree, t.points.size
-        h, local = stretch.sizes, stretch.local[:, :f]
-        if not self._is_regular:
-            h, local = h[stretch.which], local[stretch.which]
-        to_force = -h[:, None, None, None, None] * t.test_weights.T
-
-        def of_force(by_loads: Array) -> Array:
-            """From derivatives by load vectors to those by forces, ``(a, rows, f, B, m d)``."""
-            drawn = np.matmul(to_force, by_loads.reshape(*by_loads.shape[:2], -1, s + 1, d))
-            found = np.matmul(drawn[:, :, None], self.coefficients[:, None])
-            return np.asarray(found.reshape(*found.shape[:4], m * d))
-
-        # by loads of the first step; by those of another one it is the same later
-        first = of_force(by_load[..., : (s + 1) * d]).reshape(a, count, s * d, f, m * d)
-        past = np.moveaxis(expand(np.moveaxis(first, 3, 1)), 1, 2)
-        by_begin = np.concatenate([start, past.reshape(a, rows, f * count * m * d)], axis=2)
-        ends = np.zeros((a, 2 * d, rows))
-        last = ends[:, :d].reshape(a, d, count, s, d)[..., -1, :]
-        last[:] = h[:, None, None, None] * np.eye(d)[:, None]
-        lost = np.matmul((h[:, None] * np.tile(t.weights, count))[:, None, None], local)
-        lost = np.matmul(lost.reshape(len(h), f, count, m), self._to_inputs)
-        for index, matrix in enumerate(self.coefficients):
-            gained = gained - on_components(lost[:, index].reshape(len(h), 1, -1), matrix[None])
-        ends[:, d:] = gained
-        behind = ends @ by_begin
-        behind[..., : 2 * d] += np.eye(2 * d)
-        behind[:, d:, :d] += by_position
-        sums = np.broadcast_to(np.tile(np.eye(d), count * (s + 1)), (a, d, count * (s + 1) * d))
-        behind[:, d:, 2 * d :] += of_force(sums).reshape(a, d, f * count * m * d)
-        driven = np.matmul(self._to_inputs, by_begin.reshape(a, count, s, -1))
-        whole = np.concatenate([behind, driven.reshape(a, -1, by_begin.shape[2])], axis=1)
-        return _Maps(by_begin, by_load, ends, whole)
-
-    def _second_derivatives(self, stretch: Stretch) -> Linearisation:
-        if self._law.is_linear:
-            return self._law.linearise(np.zeros((1, 1, self.d)), None, 0.0)
-        position, velocity, time = (one[stretch.steps] for one in self.points)
-        return self._law.linearise(position, velocity, time, per_point=True)
-
-    def _of_blocks(self, stretch: Stretch) -> tuple[Array, Array, Array, Array]:
-        """Of a linear scene: U by (x, p) and loads, what p gains by K along U, and by x."""
-        h, count, damping = float(stretch.sizes[0]), stretch.count, None
-        if self._past.memory is not None:
-            one = np.ones((1, 1))
-            directions = [
-                Direction(matrix=matrix[None], terms=((term,),), factors=one, is_relative=False)
-                for matrix, term in zip(self.coefficients, self._terms, strict=True)
-            ]
-            damping = Damping(directions, self._past.memory, np.zeros((1, self.d)))
-        unit = unit_tables(self.method, count, self.d, False)
-        frame = Frame(sampling_of(self.method), unit, damping, h, count)
-        at = self._second_derivatives(stretch)
-        op = Operator(frame, at, damping, is_linear=True)
-        if op.singular.any():
-            raise np.linalg.LinAlgError
-        path = np.tile(h * self.tables.weights, count) @ expand(frame.displacement)
-        gained = -on_components(path[None, None], at.stiffness)
-        return op.start, op.by_load, gained, -h * count * at.stiffness
-
-    def _of_steps(self, stretch: Stretch) -> tuple[Array, Array, Array, Array]:
-        """The same of every step, with the second derivatives at its stages."""
-        t, d, n = self.tables, self.d, stretch.blocks
-        s, h = t.degree, stretch.sizes[stretch.which][:, None, None]
-        at = self._second_derivatives(stretch)
-        stiffness = at.stiffness if at.stiffness.ndim == 4 else at.stiffness[:, None]
-        stiffness = np.broadcast_to(stiffness, (n, t.points.size, d, d))
-        unit = unit_tables(self.method, 1, d, self._law.has_rates)
-        local = np.moveaxis(stretch.local[stretch.which], 1, 0)[: len(self.coefficients)]
-        damp = list(h * (t.test_weights[:-1] @ local @ self._to_inputs))
-        matrix = step_matrix(unit, at, h, damp, list(self.coefficients[:, None]))
-        inverse: Array = np.asarray(np.linalg.inv(matrix))
-        by_load = np.concatenate([-inverse, np.zeros((n, s * d, d))], axis=2)
-        # at a stage K and C act on the position at the beginning as on the way from there
-        mixed = [] if at.mixed is None else [at.mixed]
-        moved = np.concatenate([*mixed, -stiffness], axis=2).reshape(n, -1, d)
-        tests, points = h * unit.tests[-1], h * unit.points[0]
-        if mixed:
-            tests, points = tests + unit.tests[0], points + unit.points[1]
-        start = np.concatenate([by_load @ (tests @ moved), -inverse[..., :d]], axis=2)
-        weighted = h[..., None] * t.weights[:, None, None]
-        turned = [one.swapaxes(2, 3) for one in mixed]
-        by_point = weighted * np.concatenate([-stiffness, *turned], axis=3)
-        gained = by_point.swapaxes(1, 2).reshape(n, d, -1) @ points
-        return start, by_load, gained, -(weighted * stiffness).sum(axis=1)
-
     # --- from block to block ---
+
+    def _maps(self, stretch: Stretch) -> Maps:
+        if not self.scene.is_linear:
+            return self._equations.maps(stretch, self.points)
+        # they serve the motion and its changes
+        maps = self._kept.get(stretch.first) or self._equations.maps(stretch, None)
+        if len(self._kept) < KEPT:
+            self._kept[stretch.first] = maps
+        return maps
 
     def _sweep(
         self, stretch: Stretch, whole: Array, added: Array, end: Array, states: Array, *, back: bool

@@ -15,7 +15,7 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
-from fvi_cli.integrator.loop.recorder import why_unsolved
+from fvi_cli.integrator.loop.points import why_unsolved
 from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.singular_start import start_power

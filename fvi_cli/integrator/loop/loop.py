@@ -10,6 +10,7 @@ from fvi_cli.integrator.engine.blocks import advance, block_for
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
 from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.loop.points import Solved
 from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.loop.source import Proposal, Source
 
@@ -128,7 +129,7 @@ def _steps(
             state.t = source.accept(n)
             if inputs is not None:
                 inputs = inputs.reshape(1, n, -1, engine.e)
-            recorder.add(at, state.t, x, p, inputs)
+            recorder.add(Solved(at, state.t, x, p, inputs))
             done += n
             continue
         if overflows:
@@ -145,15 +146,12 @@ def _steps(
             recorder.newton.add(recorder.reached, steps.attempts)
             return
         recorder.note(state, steps)
-        recorder.add(
-            at,
-            end,
-            state.x[:, None] + steps.dx,
-            state.p[:, None] + steps.dp,
-            steps.inputs.reshape(engine.q, steps.count, -1, engine.e)
-            if recorder.with_steps
-            else None,
-            None if engine.law.is_linear else steps.unknowns,
-        )
+        inputs = unknowns = None
+        if recorder.with_steps:
+            inputs = steps.inputs.reshape(engine.q, steps.count, -1, engine.e)
+        if not engine.law.is_linear:
+            unknowns = steps.unknowns
+        x, p = state.x[:, None] + steps.dx, state.p[:, None] + steps.dp
+        recorder.add(Solved(at, end, x, p, inputs, unknowns))
         engine.accept(state, steps, end)
         done += steps.count

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,50 +13,21 @@ from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.newton_log import NewtonLog
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
-from fvi_cli.integrator.loop.source import Proposal
+from fvi_cli.integrator.failure import Failure, no_unique_solution
+from fvi_cli.integrator.loop.points import (
+    Check,
+    Points,
+    Solved,
+    Stops,
+    points_of,
+    step_failure,
+    velocities_of,
+)
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
 WAITING = 256
 """Steps whose points are brought into the coordinates of their scenes and checked together."""
-
-Stops = dict[int, tuple[int, Failure]]
-"""For some scenes how many of successive steps are kept, and why they stop there."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Points:
-    """Successive steps of all scenes.
-
-    Parameters
-    ----------
-    done
-        Steps of the run before them.
-    times, sizes
-        Ends of the steps and their lengths, shape ``(n,)``.
-    position, momentum
-        At the ends, shape ``(scenes, n, d)``.
-    before
-        Position where they begin, shape ``(scenes, d)``.
-    unknowns
-        Polynomials of scenes that are not linear, ``(scenes, n, s, d)``.
-    """
-
-    done: int
-    times: Array
-    sizes: Array
-    position: Array
-    momentum: Array
-    before: Array
-    unknowns: Array | None
-
-
-class Check(Protocol):
-    """What tells that runs cannot be right from some step on."""
-
-    def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
-        """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,41 +39,6 @@ class _Ending:
     time: float
     position: Array
     momentum: Array
-
-
-_Block = tuple[Proposal, float, Array, Array, Array | None, Array | None]
-
-
-def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFailedError]:
-    """Which of successive steps has no solution for a member, and why."""
-    attempt, place = next(
-        (one, int(places[0]))
-        for one in reversed(steps.attempts)
-        if (places := np.flatnonzero((one.members == member) & (one.iterations > 0))).size
-    )
-    changes, position = attempt.of_member(place), state.x[member]
-    if attempt.first:
-        position = position + steps.dx[member, attempt.first - 1]
-    near = "[" + ", ".join(f"{value:.4g}" for value in position) + "]"
-    if not np.isfinite(changes[-1]):
-        words = (
-            "the force is not finite (no real number, or a division by zero) near "
-            f"q = {near}; take a smaller step if the motion itself stays away from there"
-        )
-    else:
-        words = (
-            f"Newton's iteration did not converge in {len(changes)} iterations (changes "
-            f"{changes[0]:.1e} .. {changes[-1]:.1e}); take a smaller step, or see whether the "
-            f"mass matrix is singular near q = {near}"
-        )
-    return attempt.first, StepFailedError(words, changes)
-
-
-def why_unsolved(steps: Steps, state: State) -> StepFailedError:
-    """Why a step of one scene that begins at `state` has no solution."""
-    if not steps.attempts:
-        return no_unique_solution(steps.h)
-    return step_failure(steps, int(np.flatnonzero(steps.failed)[0]), state)[1]
 
 
 class Recorder:
@@ -151,8 +87,8 @@ class Recorder:
         self._rows: dict[str, list[Array]] = {name: [] for name in ("t", "h", "x", "p", "v")}
         self._is_point: list[np.ndarray] = []
         self._last: tuple[float, Array, Array] = (0.0, np.zeros(0), np.zeros(0))
-        self._waiting: list[_Block] = []
-        self._count = self._waiting_points = 0
+        self._waiting: list[Solved] = []
+        self._count = self._on_the_way = 0
         self._stops: Stops = {}
 
     # while steps go on
@@ -182,36 +118,13 @@ class Recorder:
             failure = Failure.in_step(first + before, state.t + before * steps.h, error)
             self._stops[scene] = (self._count + before, failure)
 
-    def add(
-        self,
-        asked: Proposal,
-        end: float,
-        position: Array,
-        momentum: Array,
-        inputs: Array | None,
-        unknowns: Array | None = None,
-    ) -> None:
-        """The next steps.
-
-        Parameters
-        ----------
-        asked
-            Where they begin.
-        end
-            The time at the end of the last.
-        position, momentum
-            Of the members at their ends, shape ``(q, n, e)``.
-        inputs, unknowns
-            What drives the memory, ``(q, n, i, e)``, where polynomials are kept, and U,
-            ``(q, n, s, e)``, where scenes are not linear.
-        """
+    def add(self, solved: Solved) -> None:
+        """The next steps."""
         if self._n_reported is not None:
-            advanced(self.reported + self._waiting_points, self._n_reported)
-        self._waiting.append((asked, end, position, momentum, inputs, unknowns))
-        n, every = position.shape[1], asked.reported_every
-        self._count += n
-        if every:
-            self._waiting_points += (asked.first + n) // every - asked.first // every
+            advanced(self.reported + self._on_the_way, self._n_reported)
+        self._waiting.append(solved)
+        self._on_the_way += solved.n_reported
+        self._count += solved.n_steps
 
     def stop(self, failure: Failure) -> None:
         """No scene has a next step."""
@@ -230,10 +143,18 @@ class Recorder:
 
     def flush(self, state: State) -> None:
         """Check and keep what was added; members of scenes that stop here rest from now on."""
-        if not self._waiting:
-            return
-        points, reported = self._points()
         stops, self._stops = self._stops, {}
+        if self._waiting:
+            self._take(stops)
+        else:
+            for scene, (_, failure) in stops.items():
+                self._end(scene, failure, 0, self._n_rows, self._last)
+        if stops:
+            state.live = state.live & np.repeat(self.live, self._engine.width)
+
+    def _take(self, stops: Stops) -> None:
+        """Keep the points of the steps that wait, of every scene up to where it stops."""
+        points, reported = points_of(self._engine, self._waiting, self.done, self._last[1])
         every = np.concatenate([points.position, points.momentum], axis=2)
         finite = np.asarray(np.isfinite(every).all(axis=2))
         for scene in np.flatnonzero(self.live & ~finite.all(axis=1)).tolist():
@@ -241,80 +162,36 @@ class Recorder:
             if scene not in stops or at < stops[scene][0]:
                 failure = Failure.not_finite(points.done + at, float(points.times[at]))
                 stops[scene] = (at + 1, failure)
-        live = np.flatnonzero(self.live).tolist()
         if self._check is not None:
-            self._check(points, live, stops)
+            self._check(points, np.flatnonzero(self.live).tolist(), stops)
         numbers = self.reported + 1 + np.arange(np.count_nonzero(reported))
         is_point = reported.copy()
         is_point[reported] = numbers % self._every == 0
         rows = np.arange(points.times.size) if self.with_steps else np.flatnonzero(is_point)
         for scene, (count, failure) in stops.items():
-            self.failures[scene], self.live[scene] = failure, False
-            time, position, momentum = self._last
-            if count:
-                time = float(points.times[count - 1])
-                position = points.position[:, count - 1]
-                momentum = points.momentum[:, count - 1]
-            self._endings[scene] = _Ending(
-                done=self.done + count,
-                rows=self._n_rows + int(np.count_nonzero(rows < count)),
-                time=time,
-                position=position[scene].copy(),
-                momentum=momentum[scene].copy(),
-            )
-        if stops:
-            state.live = state.live & np.repeat(self.live, self._engine.width)
+            kept = self._n_rows + int(np.count_nonzero(rows < count))
+            self._end(scene, failure, count, kept, _last(points, count) if count else self._last)
         self._keep(
             points.times[rows],
             points.sizes[rows],
             points.position[:, rows],
             points.momentum[:, rows],
-            self._velocity() if self.with_steps else None,
+            velocities_of(self._engine, self._waiting) if self.with_steps else None,
             is_point[rows],
         )
-        self._last = (
-            float(points.times[-1]),
-            points.position[:, -1].copy(),
-            points.momentum[:, -1].copy(),
-        )
+        self._last = _last(points, points.times.size)
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
-        self._waiting, self._count, self._waiting_points = [], 0, 0
+        self._waiting, self._count, self._on_the_way = [], 0, 0
 
-    def _points(self) -> tuple[Points, np.ndarray]:
-        """What waits, in the coordinates of the scenes, and which points are reported."""
-        engine = self._engine
-        asked, ends, position, momentum, _, unknowns = zip(*self._waiting, strict=True)
-        counts = [one.shape[1] for one in position]
-        repeated = np.repeat(np.arange(len(counts)), counts)
-        last = np.cumsum(counts) - 1
-        number = np.arange(repeated.size) - np.append(0, last[:-1] + 1)[repeated] + 1
-        number += np.array([one.first for one in asked])[repeated]
-        sizes = np.array([one.h for one in asked])[repeated]
-        times = np.array([one.origin for one in asked])[repeated] + sizes * number
-        times[last] = ends
-        every = np.array([one.reported_every for one in asked])[repeated]
-        x, p = engine.to_scene(np.concatenate(position, axis=1), np.concatenate(momentum, axis=1))
-        found = Points(
-            done=self.done,
-            times=times,
-            sizes=sizes,
-            position=x,
-            momentum=p,
-            before=self._last[1],
-            unknowns=None if engine.law.is_linear else np.concatenate(unknowns, axis=1),
+    def _end(
+        self, scene: int, failure: Failure, count: int, rows: int, last: tuple[float, Array, Array]
+    ) -> None:
+        """A scene stops behind `count` more steps."""
+        time, position, momentum = last
+        self.failures[scene], self.live[scene] = failure, False
+        self._endings[scene] = _Ending(
+            self.done + count, rows, time, position[scene], momentum[scene]
         )
-        return found, (every > 0) & (number % np.maximum(every, 1) == 0)
-
-    def _velocity(self) -> Array:
-        """Velocities at the stages of the steps that wait, shape ``(scenes, n, r, d)``."""
-        engine, scenes = self._engine, len(self._engine.scenes)
-        r, d = engine.tables.points.size, engine.scenes[0].dimension
-        inputs = [one[4] for one in self._waiting if one[4] is not None]
-        velocity = np.concatenate(inputs, axis=1)
-        if not engine.method.is_runge_kutta:
-            velocity = np.matmul(engine.tables.slopes[1:].T, velocity)
-        q, n = velocity.shape[:2]
-        return engine.scene_positions(velocity.reshape(q, n * r, -1)).reshape(scenes, n, r, d)
 
     def _keep(
         self,
@@ -464,3 +341,9 @@ class Recorder:
     def _joined_points(self) -> np.ndarray:
         self._is_point = [np.concatenate(self._is_point)]
         return self._is_point[0]
+
+
+def _last(points: Points, count: int) -> tuple[float, Array, Array]:
+    """Time, positions and momenta at the end of `count` steps."""
+    at = count - 1
+    return float(points.times[at]), points.position[:, at].copy(), points.momentum[:, at].copy()

@@ -299,10 +299,11 @@ def _side_by_side(series: Sequence[Array]) -> Array:
     """Series of members ``(K, n, d)`` one after the other, short ones with zeros."""
     if len(series) == 1:
         return series[0]
-    size = max(map(len, series))
-    return np.concatenate(
-        [np.pad(one, ((0, size - len(one)), (0, 0), (0, 0))) for one in series], axis=1
-    )
+    ends = np.append(0, np.cumsum([one.shape[1] for one in series]))
+    found = np.zeros((max(map(len, series)), int(ends[-1]), series[0].shape[2]))
+    for one, begin, end in zip(series, ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        found[: len(one), begin:end] = one
+    return found
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Scenes whose steps are done, and what is reported of them."""
+"""Scenes as far as their steps are done, and the trajectories that are reported of them."""
 
 from __future__ import annotations
 
@@ -133,7 +133,17 @@ def trajectory_of(
     with_steps: bool,
     seconds: tuple[float, float],
 ) -> Trajectory:
-    """What is reported of a scene whose steps are done."""
+    """What is reported of a scene whose steps are done.
+
+    Parameters
+    ----------
+    this, index
+        The run, and the number of the scene.
+    every, diagnostics, with_steps
+        What was asked for.
+    seconds
+        For what is ready before the steps, and for these.
+    """
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
     dynamics = dynamics_of(scene)
     n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.mathematics.arrays import Array, set_arrays
-from fvi_cli.mathematics.series import taylor
+from fvi_cli.mathematics.series.taylor import TAYLOR, Taylor, power_coefficients
 from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
 from fvi_cli.mathematics.series.terms import (
     MOST_TERMS,
@@ -28,9 +28,6 @@ from fvi_cli.mathematics.series.terms import (
     merged_terms,
     power_rule,
 )
-
-Taylor = Callable[[float, int], list[float]]
-"""So many Taylor coefficients of a function at a point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -329,7 +326,9 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
         cutoff=series.cutoff - lead,
     )
     unit = _composition(
-        ratio, f"a power {exponent:g}", lambda value, count: taylor.power(value, exponent, count)
+        ratio,
+        f"a power {exponent:g}",
+        lambda value, count: power_coefficients(value, exponent, count),
     )
     return PowerSeries(
         exponents=unit.exponents + lead * exponent,
@@ -373,14 +372,10 @@ def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], Pow
     return lambda series: _composition(series, name, coefficients_at)
 
 
-_exp, _log = _composed("exp", taylor.exp), _composed("log", taylor.log)
-_COMPOSED = (
-    *("exp", "expm1", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh"),
-    *("arcsin", "arccos", "arctan", "arcsinh", "arccosh", "arctanh"),
-)
+_exp, _log = _composed("exp", TAYLOR["exp"]), _composed("log", TAYLOR["log"])
 SERIES_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = MappingProxyType(
     {
-        **{name: _composed(name, getattr(taylor, name)) for name in _COMPOSED},
+        **{name: _composed(name, coefficients) for name, coefficients in TAYLOR.items()},
         "sqrt": lambda series: series**0.5,
         "cbrt": _cbrt,
         "log1p": lambda series: SERIES_FUNCTIONS["log"](1.0 + series),

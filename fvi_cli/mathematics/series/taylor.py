@@ -1,7 +1,6 @@
 """Taylor coefficients of the elementary functions at a point of the real line.
 
-Every public function takes a point and a number n and returns the first n Taylor coefficients
-there. Those of tan and tanh come from their Riccati equation, those of the inverse functions from
+Those of tan and tanh come from their Riccati equation, those of the inverse functions from
 integrating a power of a quadratic polynomial by J.C.P. Miller's recurrence (Henrici, *Applied and
 Computational Complex Analysis* 1, Wiley 1974, section 1.6).
 """
@@ -9,14 +8,19 @@ Computational Complex Analysis* 1, Wiley 1974, section 1.6).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
+
+Taylor = Callable[[float, int], list[float]]
+"""From a point and a number n to the first n Taylor coefficients of a function there."""
 
 
 class SeriesError(ValueError):
     """Something that has no expansion in powers of t, or one with too many terms."""
 
 
-def power(value: float, exponent: float, count: int) -> list[float]:
+def power_coefficients(value: float, exponent: float, count: int) -> list[float]:
     """Taylor coefficients of x**exponent at `value` > 0."""
     result = [value**exponent]
     for k in range(1, count):
@@ -24,96 +28,31 @@ def power(value: float, exponent: float, count: int) -> list[float]:
     return result
 
 
-def exp(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of exp at `value`."""
-    return _divided_by_factorials([_overflowing(math.exp, value)], count)
-
-
-def expm1(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of expm1 at `value`."""
-    return [_overflowing(math.expm1, value), *exp(value, count)[1:]]
-
-
-def sin(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of sin at `value`."""
-    s, c = math.sin(value), math.cos(value)
-    return _divided_by_factorials([s, c, -s, -c], count)
-
-
-def cos(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of cos at `value`."""
-    s, c = math.sin(value), math.cos(value)
-    return _divided_by_factorials([c, -s, -c, s], count)
-
-
-def sinh(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of sinh at `value`."""
-    s, c = _overflowing(math.sinh, value), _overflowing(math.cosh, value)
-    return _divided_by_factorials([s, c], count)
-
-
-def cosh(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of cosh at `value`."""
-    s, c = _overflowing(math.sinh, value), _overflowing(math.cosh, value)
-    return _divided_by_factorials([c, s], count)
-
-
-def tan(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of tan at `value`."""
-    return _riccati(math.tan(value), 1.0, count)
-
-
-def tanh(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of tanh at `value`."""
-    return _riccati(math.tanh(value), -1.0, count)
-
-
-def log(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of log at `value`."""
+def _log(value: float, count: int) -> list[float]:
     if not value > 0:
         raise SeriesError("log at or below 0 has no expansion in powers of t")
     return [math.log(value), *(-((-1 / value) ** k) / k for k in range(1, count))]
 
 
-def arctan(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of arctan at `value`."""
-    return _integrated_power(math.atan(value), [1 + value**2, 2 * value, 1.0], -1.0, count)
-
-
-def arcsin(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of arcsin at `value`."""
-    quadratic = [1 - value**2, -2 * value, -1.0]
+def _arcsin(value: float, count: int) -> list[float]:
     first = math.asin(value) if abs(value) < 1 else 0.0
-    return _integrated_power(first, quadratic, -0.5, count)
+    return _integrated_power(first, [1 - value**2, -2 * value, -1.0], -0.5, count)
 
 
-def arccos(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of arccos at `value`."""
-    first, *rest = arcsin(value, count)
-    return [math.pi / 2 - first, *(-r for r in rest)]
+def _arccos(value: float, count: int) -> list[float]:
+    first, *rest = _arcsin(value, count)
+    return [math.pi / 2 - first, *(-one for one in rest)]
 
 
-def arcsinh(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of arcsinh at `value`."""
-    quadratic = [1 + value**2, 2 * value, 1.0]
-    return _integrated_power(math.asinh(value), quadratic, -0.5, count)
-
-
-def arccosh(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of arccosh at `value`."""
+def _arccosh(value: float, count: int) -> list[float]:
     first = math.acosh(value) if value > 1 else 0.0
     quadratic = [value**2 - 1 if value > 1 else 0.0, 2 * value, 1.0]
     return _integrated_power(first, quadratic, -0.5, count)
 
 
-def arctanh(value: float, count: int) -> list[float]:
-    """First `count` Taylor coefficients of arctanh at `value`."""
+def _arctanh(value: float, count: int) -> list[float]:
     first = math.atanh(value) if abs(value) < 1 else 0.0
     return _integrated_power(first, [1 - value**2, -2 * value, -1.0], -1.0, count)
-
-
-def _divided_by_factorials(cycle: list[float], count: int) -> list[float]:
-    return [cycle[k % len(cycle)] / math.factorial(min(k, 170)) for k in range(count)]
 
 
 def _overflowing(function: Callable[[float], float], value: float) -> float:
@@ -149,3 +88,37 @@ def _integrated_power(
             total += (power * 2 - (k - 2)) * q2 * derivative[k - 2]
         derivative.append(total / (k * q0))
     return [first, *(d / (k + 1) for k, d in enumerate(derivative[: count - 1]))]
+
+
+def _cycle(*functions: Callable[[float], float]) -> Taylor:
+    """A function whose derivatives come round: the first of these, its derivative, and so on."""
+
+    def coefficients(value: float, count: int) -> list[float]:
+        sizes = [_overflowing(one, value) for one in functions]
+        return [sizes[k % len(sizes)] / math.factorial(min(k, 170)) for k in range(count)]
+
+    return coefficients
+
+
+_exp = _cycle(math.exp)
+
+TAYLOR: Final[Mapping[str, Taylor]] = MappingProxyType(
+    {
+        "exp": _exp,
+        "expm1": lambda x, n: [_overflowing(math.expm1, x), *_exp(x, n)[1:]],
+        "sin": _cycle(math.sin, math.cos, lambda x: -math.sin(x), lambda x: -math.cos(x)),
+        "cos": _cycle(math.cos, lambda x: -math.sin(x), lambda x: -math.cos(x), math.sin),
+        "sinh": _cycle(math.sinh, math.cosh),
+        "cosh": _cycle(math.cosh, math.sinh),
+        "tan": lambda x, n: _riccati(math.tan(x), 1.0, n),
+        "tanh": lambda x, n: _riccati(math.tanh(x), -1.0, n),
+        "log": _log,
+        "arctan": lambda x, n: _integrated_power(math.atan(x), [1 + x**2, 2 * x, 1.0], -1.0, n),
+        "arcsin": _arcsin,
+        "arccos": _arccos,
+        "arcsinh": lambda x, n: _integrated_power(math.asinh(x), [1 + x**2, 2 * x, 1.0], -0.5, n),
+        "arccosh": _arccosh,
+        "arctanh": _arctanh,
+    }
+)
+"""The first n Taylor coefficients of functions at x."""

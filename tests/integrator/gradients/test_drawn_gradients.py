@@ -9,6 +9,7 @@ import pytest
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.gradients import linearised
 from fvi_cli.integrator.gradients.entries import entries_of
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
@@ -167,3 +168,24 @@ def test_without_the_past_it_would_fail(seed, monkeypatch):
     monkeypatch.setattr(Past, "_tables", forgetful)
     run = LinearisedRun(scene, method, run.steps)
     assert np.abs(run.adjoint(ones, nothing).position / found - 1.0).max() > 1e-5
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(("name", "value"), [("AT_ONCE", 300), ("LARGEST_BLOCK", 1), ("KEPT", 0)])
+def test_blocks_and_stretches_of_any_length(seed, name, value, monkeypatch):
+    """What steers time and memory does not steer results."""
+    scene, method, mesh = drawn(seed)
+    steps = run_steps(scene, method, mesh)
+    rng = np.random.default_rng(seed)
+    by_position = rng.normal(size=steps.position.shape)
+    by_unknowns, by_force = rng.normal(size=(2, *steps.velocity.shape))
+
+    def adjoint() -> list[np.ndarray]:
+        run = LinearisedRun(scene, method, steps)
+        found = run.adjoint(by_position, by_unknowns[:, : method.degree], by_force)
+        return [found.loads, found.position, found.velocity, found.momentum]
+
+    expected = adjoint()
+    monkeypatch.setattr(linearised, name, value)
+    for one, other in zip(adjoint(), expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())

@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run import on_mesh, regular
+from fvi_cli.integrator.run import regular, scenes_run
 from fvi_cli.integrator.run.parts import integrate_part
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def test_the_steps_stay_as_they_are_and_the_error_is_seen_without(order, monkeyp
     terms = ((order, 0.4),)
     scene = scene_of("riemann-liouville", *terms)
     run = fvi.integrate(scene, GRADED, 64)
-    monkeypatch.setattr(on_mesh, "has_rough_momenta", lambda *_: False)
+    monkeypatch.setattr(scenes_run, "has_rough_momenta", lambda *_: False)
     monkeypatch.setattr(regular, "has_rough_momenta", lambda *_: False)
     before = fvi.integrate(scene, GRADED, 64)
     assert np.array_equal(before.position, run.position)
@@ -89,7 +89,7 @@ def test_other_motions_keep_the_momenta_of_the_recursion(monkeypatch):
     rest = swing((1.75, 0.4), T=FINAL_TIME, derivative="riemann-liouville", forcing="sin(t)")
     several = [scene_of("caputo", (1.75, 0.4)), scene_of("riemann-liouville", (0.7, 0.4)), rest]
     runs = [fvi.integrate(scene, GRADED, 32) for scene in several]
-    monkeypatch.setattr(on_mesh, "has_rough_momenta", lambda *_: False)
+    monkeypatch.setattr(scenes_run, "has_rough_momenta", lambda *_: False)
     for scene, run in zip(several, runs, strict=True):
         assert np.array_equal(fvi.integrate(scene, GRADED, 32).momentum, run.momentum)
         assert not run.remarks

@@ -7,6 +7,7 @@ import pytest
 from letters import spring, swing
 
 import fvi_cli as fvi
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.loop.checkpoint import (
     OF_ANOTHER_RUN,
@@ -14,7 +15,6 @@ from fvi_cli.integrator.loop.checkpoint import (
     digest_of,
     fingerprint,
 )
-from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
 from fvi_cli.integrator.run.parts import integrate_part

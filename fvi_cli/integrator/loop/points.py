@@ -1,0 +1,157 @@
+"""Steps that wait to be kept: their points in the coordinates of the scenes, and why they end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
+from fvi_cli.integrator.loop.source import Proposal
+from fvi_cli.mathematics.arrays import Array
+
+Stops = dict[int, tuple[int, Failure]]
+"""For some scenes how many of successive steps are kept, and why they stop there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Points:
+    """Successive steps of all scenes.
+
+    Parameters
+    ----------
+    done
+        Steps of the run before them.
+    times, sizes
+        Ends of the steps and their lengths, shape ``(n,)``.
+    position, momentum
+        At the ends, shape ``(scenes, n, d)``.
+    before
+        Position where they begin, shape ``(scenes, d)``.
+    unknowns
+        Polynomials of scenes that are not linear, ``(scenes, n, s, d)``.
+    """
+
+    done: int
+    times: Array
+    sizes: Array
+    position: Array
+    momentum: Array
+    before: Array
+    unknowns: Array | None
+
+
+class Check(Protocol):
+    """What tells that runs cannot be right from some step on."""
+
+    def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
+        """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
+
+
+class Solved(NamedTuple):
+    """Equal steps of the members of an engine.
+
+    Parameters
+    ----------
+    asked, end
+        Where they begin, and the time at the end of the last.
+    position, momentum
+        At their ends, shape ``(q, n, e)``.
+    inputs, unknowns
+        What drives the memory, ``(q, n, i, e)``, where polynomials are kept, and U,
+        ``(q, n, s, e)``, where scenes are not linear.
+    """
+
+    asked: Proposal
+    end: float
+    position: Array
+    momentum: Array
+    inputs: Array | None
+    unknowns: Array | None = None
+
+    @property
+    def n_steps(self) -> int:
+        """Number of steps."""
+        return int(self.position.shape[1])
+
+    @property
+    def n_reported(self) -> int:
+        """Number of reported points at their ends."""
+        first, every = self.asked.first, self.asked.reported_every
+        return (first + self.n_steps) // every - first // every if every else 0
+
+
+def points_of(
+    engine: Engine, solved: Sequence[Solved], done: int, before: Array
+) -> tuple[Points, NDArray[np.bool_]]:
+    """Successive steps in the coordinates of the scenes, and which of their ends are reported."""
+    asked, ends, position, momentum, _, unknowns = zip(*solved, strict=True)
+    counts = [one.n_steps for one in solved]
+    block = np.repeat(np.arange(len(counts)), counts)
+    last = np.cumsum(counts) - 1
+    number = np.arange(block.size) - np.append(0, last[:-1] + 1)[block] + 1
+    number += np.array([one.first for one in asked])[block]
+    sizes = np.array([one.h for one in asked])[block]
+    times = np.array([one.origin for one in asked])[block] + sizes * number
+    times[last] = ends
+    every = np.array([one.reported_every for one in asked])[block]
+    x, p = engine.to_scene(np.concatenate(position, axis=1), np.concatenate(momentum, axis=1))
+    found = Points(
+        done=done,
+        times=times,
+        sizes=sizes,
+        position=x,
+        momentum=p,
+        before=before,
+        unknowns=None if engine.law.is_linear else np.concatenate(unknowns, axis=1),
+    )
+    return found, (every > 0) & (number % np.maximum(every, 1) == 0)
+
+
+def velocities_of(engine: Engine, solved: Sequence[Solved]) -> Array:
+    """Velocities at the stages of successive steps, shape ``(scenes, n, r, d)``."""
+    r, d = engine.tables.points.size, engine.scenes[0].dimension
+    inputs = [one.inputs for one in solved if one.inputs is not None]
+    velocity = np.concatenate(inputs, axis=1)
+    if not engine.method.is_runge_kutta:
+        velocity = np.matmul(engine.tables.slopes[1:].T, velocity)
+    q, n = velocity.shape[:2]
+    found = engine.scene_positions(velocity.reshape(q, n * r, -1))
+    return found.reshape(len(engine.scenes), n, r, d)
+
+
+def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFailedError]:
+    """Which of successive steps has no solution for a member, and why."""
+    attempt, place = next(
+        (one, int(places[0]))
+        for one in reversed(steps.attempts)
+        if (places := np.flatnonzero((one.members == member) & (one.iterations > 0))).size
+    )
+    changes, position = attempt.of_member(place), state.x[member]
+    if attempt.first:
+        position = position + steps.dx[member, attempt.first - 1]
+    near = "[" + ", ".join(f"{value:.4g}" for value in position) + "]"
+    if not np.isfinite(changes[-1]):
+        words = (
+            "the force is not finite (no real number, or a division by zero) near "
+            f"q = {near}; take a smaller step if the motion itself stays away from there"
+        )
+    else:
+        words = (
+            f"Newton's iteration did not converge in {len(changes)} iterations (changes "
+            f"{changes[0]:.1e} .. {changes[-1]:.1e}); take a smaller step, or see whether the "
+            f"mass matrix is singular near q = {near}"
+        )
+    return attempt.first, StepFailedError(words, changes)
+
+
+def why_unsolved(steps: Steps, state: State) -> StepFailedError:
+    """Why a step of one scene that begins at `state` has no solution."""
+    if not steps.attempts:
+        return no_unique_solution(steps.h)
+    return step_failure(steps, int(np.flatnonzero(steps.failed)[0]), state)[1]
