@@ -118,9 +118,8 @@ class Newton:
         """
         state, q = self.state, self.q
         points, rest = self._first()
-        live, failed = state.live, np.zeros(q, dtype=bool)
-        iterations = np.zeros(q, dtype=np.int64)
-        everyone, done = bool(live.all()), ~live
+        live, done, failed = state.live, ~state.live, np.zeros(q, dtype=bool)
+        everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
         floor: Array | None = None
         renewed: Places | None = None
         changes: list[Array] = []
@@ -137,7 +136,7 @@ class Newton:
             else:
                 rest = np.where(live[:, None, None], fresh, rest)
                 points = np.where(live[:, None], moved, points)
-            iterations += live
+                iterations += live
             if iteration == 0:
                 size, before = self._largest(moved), change
                 limit = NEGLIGIBLE * size
@@ -145,11 +144,13 @@ class Newton:
             if renewed is None and everyone:
                 has_ended = self._has_ended(change, before, limit)
                 if has_ended:
-                    done = np.ones(q, dtype=bool)
-                    break
+                    return self._solution(points, rest, iterations + len(changes), failed, changes)
                 if has_ended is not None:
                     before = change
                     continue
+                # from here on members end one by one
+                everyone = False
+                iterations += len(changes)
             good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
             if renewed is not None:
@@ -173,23 +174,31 @@ class Newton:
                     self._renew(renewed, points)
                 failed |= hopeless
                 live = live & ~hopeless
-                everyone = False
-            if done.any():
-                live = live & ~done
-                everyone = False
-            if not (everyone or live.any()):
+            live = live & ~done
+            if not live.any():
                 break
             before = change
-        failed |= live & ~done
+        if everyone:
+            iterations += len(changes)
+        return self._solution(points, rest, iterations, failed | (live & ~done), changes)
+
+    def _solution(
+        self,
+        points: Array,
+        rest: Array,
+        iterations: Integers,
+        failed: Mask,
+        changes: list[Array],
+    ) -> Solution:
         # blocks that do not contract are taken again in shorter pieces, which count
         counted = iterations if self.guess is not None else np.where(failed, 0, iterations)
         return Solution(
-            unknowns=self.fixed + apply(self.by_rest, rest.reshape(q, -1)),
-            points=points.reshape(q, self.n, self.width),
+            unknowns=self.fixed + apply(self.by_rest, rest.reshape(self.q, -1)),
+            points=points.reshape(self.q, self.n, self.width),
             rest=rest,
             iterations=iterations,
             failed=failed,
-            attempt=Attempt(0, np.arange(q), counted, changes),
+            attempt=Attempt(0, np.arange(self.q), counted, changes),
         )
 
     def _floor(self, rest: Array, points: Array) -> Array:
