@@ -68,22 +68,26 @@ class Newton:
         points = op.frame.tables.points
         r = points.size
         self.n, self.width = count * r, op.fold.shape[-1] // (op.frame.count * r)
-        self.fixed, self.known = fixed, known.reshape(self.q, -1)
+        self.fixed, self.known, self.count = fixed, known.reshape(self.q, -1), count
         h = op.frame.h
         self.times = state.t + h * (np.arange(count)[:, None] + points).ravel()
         self._take(op)
 
     def _take(self, op: Operator) -> None:
-        k, size = self.n * self.width, self.fixed.shape[1]
-        self.fold, self.by_rest = op.fold[:, :k, :k], op.by_rest[:, :size, :k]
-        self.to_points = op.points[:, :k, :size]
-        self.begin = apply_to_each(self.to_points, self.fixed)
+        k = self.n * self.width
+        self.fold = op.fold[:, :k, :k]
+        self.by_load = op.by_load[:, : self.fixed.shape[1], : self.known.shape[1]]
+        self.begin = self._points_of(self.fixed)
+
+    def _points_of(self, unknowns: Array) -> Array:
+        frame, s = self.op.frame, self.op.frame.tables.degree
+        return frame.points_of(unknowns.reshape(self.q, -1, s, self.e))
 
     def _first(self) -> tuple[Array, Array]:
         """Points to begin with, and the remainders they belong to."""
         rest = np.zeros((self.q, self.n, self.width))
         if self.guess is not None:
-            return apply_to_each(self.to_points, self.guess.reshape(self.q, -1)), rest
+            return self._points_of(self.guess), rest
         if self.state.rest is not None:
             rest += self.state.rest[:, None]
         return self.begin + apply(self.fold, rest.reshape(self.q, -1)), rest
@@ -118,9 +122,8 @@ class Newton:
         """
         state, q = self.state, self.q
         points, rest = self._first()
-        live, failed = state.live, np.zeros(q, dtype=bool)
-        iterations = np.zeros(q, dtype=np.int64)
-        everyone, done = bool(live.all()), ~live
+        live, done, failed = state.live, ~state.live, np.zeros(q, dtype=bool)
+        everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
         floor: Array | None = None
         renewed: Places | None = None
         changes: list[Array] = []
@@ -137,7 +140,7 @@ class Newton:
             else:
                 rest = np.where(live[:, None, None], fresh, rest)
                 points = np.where(live[:, None], moved, points)
-            iterations += live
+                iterations += live
             if iteration == 0:
                 size, before = self._largest(moved), change
                 limit = NEGLIGIBLE * size
@@ -145,11 +148,13 @@ class Newton:
             if renewed is None and everyone:
                 has_ended = self._has_ended(change, before, limit)
                 if has_ended:
-                    done = np.ones(q, dtype=bool)
-                    break
+                    return self._solution(points, rest, iterations + len(changes), failed, changes)
                 if has_ended is not None:
                     before = change
                     continue
+                # from here on members end one by one
+                everyone = False
+                iterations += len(changes)
             good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
             if renewed is not None:
@@ -173,23 +178,31 @@ class Newton:
                     self._renew(renewed, points)
                 failed |= hopeless
                 live = live & ~hopeless
-                everyone = False
-            if done.any():
-                live = live & ~done
-                everyone = False
-            if not (everyone or live.any()):
+            live = live & ~done
+            if not live.any():
                 break
             before = change
-        failed |= live & ~done
+        if everyone:
+            iterations += len(changes)
+        return self._solution(points, rest, iterations, failed | (live & ~done), changes)
+
+    def _solution(
+        self,
+        points: Array,
+        rest: Array,
+        iterations: Integers,
+        failed: Mask,
+        changes: list[Array],
+    ) -> Solution:
         # blocks that do not contract are taken again in shorter pieces, which count
         counted = iterations if self.guess is not None else np.where(failed, 0, iterations)
         return Solution(
-            unknowns=self.fixed + apply(self.by_rest, rest.reshape(q, -1)),
-            points=points.reshape(q, self.n, self.width),
+            unknowns=self.fixed + apply(self.by_load, self.op.frame.loads_of(rest, self.count)),
+            points=points.reshape(self.q, self.n, self.width),
             rest=rest,
             iterations=iterations,
             failed=failed,
-            attempt=Attempt(0, np.arange(q), counted, changes),
+            attempt=Attempt(0, np.arange(self.q), counted, changes),
         )
 
     def _floor(self, rest: Array, points: Array) -> Array:
@@ -197,11 +210,12 @@ class Newton:
 
         Components that are not coupled do not feel each other: their entries are exact zeros.
         """
-        op, known, size = self.op, np.abs(self.known), self.to_points.shape[2]
+        op, known, size = self.op, np.abs(self.known), self.fixed.shape[1]
         begin = np.concatenate([self.state.x, self.state.p], axis=1)
-        terms = apply(np.abs(op.by_load[:, :size, : known.shape[1]]), known)
+        terms = apply(np.abs(self.by_load), known)
         terms += apply(np.abs(op.start[:, :size]), np.abs(begin))
-        total = apply_to_each(np.abs(self.to_points), terms)
+        to_points = op.frame.points[:, : self.n * self.width, :size]
+        total = apply_to_each(np.abs(to_points), terms)
         total += apply(np.abs(self.fold), np.abs(rest).reshape(self.q, -1))
         return UNIT * self._largest(total + np.abs(points))
 

@@ -190,15 +190,15 @@ def are_regular(sizes: Array) -> bool:
 def _blocks(sizes: Array, longest: int, together: int) -> Iterator[tuple[int, int, int]]:
     """First step, number of blocks and B, one behind the other.
 
-    Of N equal steps B are taken at once, a power of 2 with B^2 <= N: tables cost as much as the
-    blocks that they save.
+    Of N equal steps B are taken at once, a power of 2 with 4 B^2 <= N: tables of a block are made
+    step by step.
     """
     ends = [0, *(1 + np.flatnonzero(np.diff(sizes))).tolist(), sizes.size]
     if longest == 1:
         ends = [0, sizes.size]
     for begin, end in itertools.pairwise(ends):
         done, count = begin, 1
-        while 2 * count <= longest and 4 * count * count <= end - begin:
+        while 2 * count <= longest and 16 * count * count <= end - begin:
             count *= 2
         while done < end:
             count = min(count, end - done)

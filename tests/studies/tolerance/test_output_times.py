@@ -138,7 +138,7 @@ def test_a_wrong_motion_between_points_is_not_met(monkeypatch, mesh):
 
 
 def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
-    data = HARD | {"exact": ""}
+    data = HARD | {"exact": "", "tolerance": 1e-6}
     spoil(monkeypatch)
     (experiment,) = parse_config(
         TEXT.format(**data).replace("  exact: none\n", ""), "a"
