@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -46,7 +47,9 @@ class LagKernels(Kernels):
     n_lags: int
     rates: Array
     decay: Array
-    _combined: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False)
+    _combined: WeakKeyDictionary[Combination, Array] = field(
+        default_factory=WeakKeyDictionary, init=False
+    )
 
     def past(
         self,
@@ -66,17 +69,12 @@ class LagKernels(Kernels):
         return total
 
     def _response_of(self, one: Combination) -> Array:
-        """Force of unit states on the block; kept where it is the same for all members."""
+        """Force of unit states on the block, ``(q or 1, B m, J)``."""
         if len(one.places) > 1:
             raise ValueError("combinations: members of backward differences have the same orders")
-        if len(one.factors) > 1:
-            return one.combine(self.response)
-        # the factors are kept as well, so that no others have their place in memory
-        _, found = self._combined.get(id(one.factors), (one.factors, None))
-        if found is None:
-            found = one.combine(self.response)
-            self._combined[id(one.factors)] = one.factors, found
-        return found
+        if one not in self._combined:
+            self._combined[one] = one.combine(self.response)
+        return self._combined[one]
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States behind the first `count` steps."""
