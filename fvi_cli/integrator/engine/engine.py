@@ -8,7 +8,6 @@ members with one component.
 from __future__ import annotations
 
 import copy
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
@@ -17,14 +16,14 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.block_lengths import longest_block
-from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
-from fvi_cli.integrator.engine.kinds import law_of, modes_of
-from fvi_cli.integrator.engine.law import Law, Linearisation, force_of
+from fvi_cli.integrator.engine.frame import Frame, sampling_of
+from fvi_cli.integrator.engine.law import Law, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator
+from fvi_cli.integrator.engine.operators import Operators
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.engine.structures import GROUP, StructureLaw, is_structure, solve_one_by_one
-from fvi_cli.integrator.engine.tables import apply, apply_to_each, on_steps
+from fvi_cli.integrator.engine.tables import apply, on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
@@ -32,9 +31,6 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
-KEPT_TABLES = 128
-OFTEN = 5
-"""After a single step of more iterations its second derivatives are made anew."""
 LONGEST_GUESS = 1.5
 """The polynomial of a step is continued over a step up to so many times as long."""
 NEVER_SHORTER = 1 << 30
@@ -97,10 +93,7 @@ class Engine:
             reach=reach,
         )
         self.n_states = 0 if self.damping is None else self.damping.n_states
-        self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
-        self._operators: OrderedDict[tuple[float, int], Operator] = OrderedDict()
-        self._of_step: Operator | None = None
-        self._of_block: Operator | None = None
+        self._operators = Operators(self.law, self.damping, method, self.e)
         self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
         if n_steps is not None:
             self._leave_out_jump(scene.final_time / n_steps)
@@ -170,68 +163,7 @@ class Engine:
 
     def frame(self, h: float, count: int) -> Frame:
         """Tables of `count` steps of length h."""
-        key = (h, count)
-        if key not in self._frames:
-            unit = unit_tables(self.method, count, self.e, self.law.has_rates)
-            self._frames[key] = Frame(self.sampling, unit, self.damping, h, count)
-            if len(self._frames) > KEPT_TABLES:
-                self._frames.popitem(last=False)
-        return self._frames[key]
-
-    def operator(self, state: State, h: float, count: int, guess: Array | None) -> Operator:
-        """For blocks by the second derivatives of the state; for single steps at the guess."""
-        key = (h, count)
-        if self.law.is_linear:
-            if key not in self._operators:
-                at = self.law.linearise(state.x[:, None], None, 0.0)
-                self._operators[key] = Operator(
-                    self.frame(h, count), at, self.damping, is_linear=True
-                )
-                if len(self._operators) > KEPT_TABLES:
-                    self._operators.popitem(last=False)
-            return self._operators[key]
-        return self._single(state, h, guess) if count == 1 else self._block(state, key)
-
-    def _single(self, state: State, h: float, guess: Array | None) -> Operator:
-        if state.single is None or state.single_h != h:
-            state.single, state.single_h = self._at_guess(state, h, guess), h
-        elif guess is not None and (slow := np.flatnonzero(state.taken > OFTEN)).size:
-            state.single = state.single.copy()
-            state.single.put(slow, self.of(slow)._at_guess(state.of(slow), h, guess[slow]))
-        known = self._of_step
-        if known is None or known.frame.h != h or known.at is not state.single:
-            known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
-            self._of_step = known
-        return known
-
-    def _at_guess(self, state: State, h: float, guess: Array | None) -> Linearisation:
-        if guess is None:
-            raise ValueError("guess: it is needed for single steps")
-        points = apply_to_each(self.frame(h, 1).points, guess.reshape(self.q, -1))
-        points = points.reshape(self.q, self.tables.points.size, -1)
-        v = points[..., self.e :] if self.law.has_rates else None
-        x, t = state.x[:, None] + points[..., : self.e], state.t + h * self.tables.points
-        return self.law.linearise(x, v, t, per_point=True)
-
-    def _block(self, state: State, key: tuple[float, int]) -> Operator:
-        if state.block is None or state.stale.any():
-            x, v = state.x[:, None], None
-            if self.law.has_rates:
-                v = self.law.velocity(state.x, state.p, state.t)[:, None]
-            fresh = self.law.linearise(x, v, state.t).copy()
-            if state.block is not None:
-                kept = np.flatnonzero(~state.stale)
-                fresh.put(kept, state.block.of(kept))
-            state.block, state.stale = fresh, np.zeros_like(state.stale)
-        known = self._of_block
-        if known is None or (known.frame.h, known.frame.count) != key:
-            known = Operator(self.frame(*key), state.block.copy(), self.damping, is_linear=False)
-            self._of_block = known
-        elif (places := known.at.differing(state.block)).size:
-            fresh, part = state.block.of(places), self.of(places)
-            frame = known.frame.of(places)
-            known.put(places, Operator(frame, fresh, part.damping, is_linear=False))
-        return known
+        return self._operators.frame(h, count)
 
     def guess(self, state: State, h: float) -> Array:
         """U of a step by the polynomial of the last one; uniform motion without one."""
@@ -271,7 +203,7 @@ class Engine:
         most = max(count, most or count)
         is_linear = self.law.is_linear
         guess = self.guess(state, h) if most == 1 and not is_linear else None
-        op = self.operator(state, h, most, guess)
+        op = self._operators.at(state, h, most, guess)
         frame, e, s = op.frame, self.e, self.tables.degree
         q = state.x.shape[0]
         damping = self.damping
@@ -386,27 +318,19 @@ class Engine:
 
     def pushed_column(self, column: Array, h: float, count: int) -> Array:
         """States of the start velocity behind `count` steps."""
-        tables = self._kept_frame(h, count).damping
+        tables = self._operators.frame_of_at_least(h, count, self.most).damping
         if self.damping is None or tables is None:
             return column
         return self.damping.push_column(tables, column, count)
-
-    def _kept_frame(self, h: float, count: int) -> Frame:
-        whole = self._frames.get((h, self.most))
-        return self.frame(h, count) if whole is None or self.most < count else whole
 
     def of(self, places: Places) -> Engine:
         """The engine of some members; tables of step sizes are shared."""
         if len(places) == self.q:
             return self
         part = copy.copy(self)
-        part.law = self.law.of(places)
-        part.damping = None if self.damping is None else self.damping.of(places)
+        part._operators = self._operators.of(places)
+        part.law, part.damping = part._operators.law, part._operators.damping
         part.q = len(places)
-        if self.damping is not None and not self.damping.is_shared:
-            part._frames = OrderedDict()
-        part._of_step = None
-        part._of_block = None if self._of_block is None else self._of_block.of(places)
         return part
 
     def loads(self, begin: float, h: float, count: int, *, is_fresh: bool) -> Array | None:

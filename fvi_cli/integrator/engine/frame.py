@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
-from fvi_cli.integrator.engine.tables import on_every_component
+from fvi_cli.integrator.engine.tables import apply_to_each, on_every_component, on_steps
 from fvi_cli.integrator.memory.lag_sequences import constant_lags, expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
@@ -238,3 +238,19 @@ class Frame:
         """Remainders to load vectors of their step, ``((s + 1) e, r w)``."""
         one = self.unit.tests
         return self.h * one[0] if len(one) == 1 else one[0] + self.h * one[1]
+
+    def points_of(self, u: Array) -> Array:
+        """What remainders depend on by U ``(q, n, s, e)``, ``(q, n r w)``."""
+        q, count = u.shape[:2]
+        if count == 1:
+            return apply_to_each(self.points, u.reshape(q, -1))
+        found = on_steps(self.displacement[0], u)
+        found[:, 1:] += self.h * np.cumsum(u[:, :-1, -1:], axis=1)
+        if self.unit.has_rates:
+            found = np.concatenate([found, on_steps(self.unit.velocity[0], u)], axis=-1)
+        return found.reshape(q, -1)
+
+    def loads_of(self, rest: Array, count: int) -> Array:
+        """Load vectors of remainders ``(q, n r, w)`` of `count` steps, ``(q, n (s + 1) e)``."""
+        by_step = rest.reshape(len(rest), count, -1)
+        return np.asarray(np.matmul(by_step, self.tests.T).reshape(len(rest), -1))

@@ -68,22 +68,26 @@ class Newton:
         points = op.frame.tables.points
         r = points.size
         self.n, self.width = count * r, op.fold.shape[-1] // (op.frame.count * r)
-        self.fixed, self.known = fixed, known.reshape(self.q, -1)
+        self.fixed, self.known, self.count = fixed, known.reshape(self.q, -1), count
         h = op.frame.h
         self.times = state.t + h * (np.arange(count)[:, None] + points).ravel()
         self._take(op)
 
     def _take(self, op: Operator) -> None:
-        k, size = self.n * self.width, self.fixed.shape[1]
-        self.fold, self.by_rest = op.fold[:, :k, :k], op.by_rest[:, :size, :k]
-        self.to_points = op.points[:, :k, :size]
-        self.begin = apply_to_each(self.to_points, self.fixed)
+        k = self.n * self.width
+        self.fold = op.fold[:, :k, :k]
+        self.by_load = op.by_load[:, : self.fixed.shape[1], : self.known.shape[1]]
+        self.begin = self._points_of(self.fixed)
+
+    def _points_of(self, unknowns: Array) -> Array:
+        frame, s = self.op.frame, self.op.frame.tables.degree
+        return frame.points_of(unknowns.reshape(self.q, -1, s, self.e))
 
     def _first(self) -> tuple[Array, Array]:
         """Points to begin with, and the remainders they belong to."""
         rest = np.zeros((self.q, self.n, self.width))
         if self.guess is not None:
-            return apply_to_each(self.to_points, self.guess.reshape(self.q, -1)), rest
+            return self._points_of(self.guess), rest
         if self.state.rest is not None:
             rest += self.state.rest[:, None]
         return self.begin + apply(self.fold, rest.reshape(self.q, -1)), rest
@@ -193,7 +197,7 @@ class Newton:
         # blocks that do not contract are taken again in shorter pieces, which count
         counted = iterations if self.guess is not None else np.where(failed, 0, iterations)
         return Solution(
-            unknowns=self.fixed + apply(self.by_rest, rest.reshape(self.q, -1)),
+            unknowns=self.fixed + apply(self.by_load, self.op.frame.loads_of(rest, self.count)),
             points=points.reshape(self.q, self.n, self.width),
             rest=rest,
             iterations=iterations,
@@ -206,11 +210,12 @@ class Newton:
 
         Components that are not coupled do not feel each other: their entries are exact zeros.
         """
-        op, known, size = self.op, np.abs(self.known), self.to_points.shape[2]
+        op, known, size = self.op, np.abs(self.known), self.fixed.shape[1]
         begin = np.concatenate([self.state.x, self.state.p], axis=1)
-        terms = apply(np.abs(op.by_load[:, :size, : known.shape[1]]), known)
+        terms = apply(np.abs(self.by_load), known)
         terms += apply(np.abs(op.start[:, :size]), np.abs(begin))
-        total = apply_to_each(np.abs(self.to_points), terms)
+        to_points = op.frame.points[:, : self.n * self.width, :size]
+        total = apply_to_each(np.abs(to_points), terms)
         total += apply(np.abs(self.fold), np.abs(rest).reshape(self.q, -1))
         return UNIT * self._largest(total + np.abs(points))
 

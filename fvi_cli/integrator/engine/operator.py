@@ -21,12 +21,12 @@ class Operator:
 
     With load vectors g of a block, position x and momentum p at its beginning,
 
-    .. math:: U = \text{start}\,(x, p) + \text{by\_load}\, g + \text{by\_rest}\, \rho,
+    .. math:: U = \text{start}\,(x, p) + \text{by\_load}\, g,
 
-    where :math:`\rho` are remainders of the law at the points, ``points`` U are these points, and
-    ``fold`` is the product of ``points`` and ``by_rest``. Where there is a law with remainders,
-    displacements are from the beginning of the block, so that x itself has no part. The equations
-    of a member without a unique solution give nan.
+    and g contains those of the remainders of a law, which ``fold`` maps to the points that the
+    remainders depend on. Where there is a law with remainders, displacements are from the beginning
+    of the block, so that x itself has no part. The equations of a member without a unique solution
+    give nan.
 
     Parameters
     ----------
@@ -39,13 +39,12 @@ class Operator:
     ----------
     by_load, start
         Shapes ``(q, B s e, B (s + 1) e)`` and ``(q, B s e, 2 e)``.
-    by_rest, fold, points
-        Shapes ``(q, B s e, B r w)``, ``(q, B r w, B r w)`` and ``(1, B r w, B s e)``.
+    fold
+        Shape ``(q, B r w, B r w)``.
     singular
         Members whose equations have no unique solution, ``(q,)``.
     """
 
-    by_rest: Array
     fold: Array
     by_load: Array
     start: Array
@@ -64,9 +63,10 @@ class Operator:
         loads = self._by_impulses(inverse) if frame.count > 1 else self._of_one_step(inverse)
         self.by_load = expand(loads)
         if not is_linear:
-            self.points = frame.points
-            self.by_rest = expand(np.matmul(loads, frame.tests))
-            self.fold = np.matmul(self.points, self.by_rest)
+            by_rest = np.matmul(loads, frame.tests)
+            q, count, _, width = by_rest.shape
+            folded = np.matmul(frame.points, by_rest.reshape(q, -1, width))
+            self.fold = expand(folded.reshape(q, count, -1, width))
 
     def _of_one_step(self, inverse: Array) -> Array:
         """Responses to unit loads ``(q, 1, s e, (s + 1) e)``; sets `start`."""
@@ -89,49 +89,69 @@ class Operator:
         of the whole block loses digits like (B omega h)^3 where modes are stiff; here position and
         momentum go along, and K acts on where the position is.
         """
-        f, k = self.frame, self.at.stiffness
-        h, count, s = f.h, f.count, f.tables.degree
-        q, e = len(inverse), k.shape[-1]
+        f, count, s = self.frame, self.frame.count, self.frame.tables.degree
+        q, e = len(inverse), self.at.stiffness.shape[-1]
         width = (s + 3) * e
         unit = np.eye(width)
         given = unit[: (s + 1) * e].reshape(-1, e, width)
         x = np.broadcast_to(unit[(s + 1) * e : -e] * self.is_linear, (q, e, width)).copy()
         p = np.broadcast_to(unit[-e:], (q, e, width)).copy()
-        weights, m = f.weights, f.weights.size
-        to_mean = (h * f.tables.weights)[None] @ f.displacement[0]
-        to_inputs = f.sampling.to_inputs
-        i = len(to_inputs)
-        every = np.empty((q, count, s * e, width))
+        m, i, size = f.weights.size, len(f.sampling.to_inputs), s * e
+        every = np.empty((q, count, size, width))
         inputs = np.empty((q, count * i, e * width))
-        local = [one[:, 0] for one in f.sequences]
+        force = np.zeros((q, m, e, width))
+        first = self._one_step(inverse, x, p, force, given)
+        held = (2 + m) * e
+        units = np.broadcast_to(np.eye(held), (q, held, held))
+        pasts = units[:, 2 * e :].reshape(q, m, e, held)
+        advance = self._one_step(inverse, units[:, :e], units[:, e : 2 * e], pasts, None)
         for n in range(count):
-            pulled = np.matmul(k, x)
-            right = f.test_sum[:-1, None, None] * pulled[:, None]
-            force = np.zeros((q, m, e, width))
+            found = first
             if n:
+                force = np.zeros((q, m, e, width))
                 for lags, matrix in zip(f.lags, self._matrices, strict=True):
                     own = np.matmul(lags[:, :, (count - 1 - n) * i :], inputs[:, : n * i])
                     force += np.matmul(matrix[:, None], own.reshape(q, m, e, width))
-                carried = np.matmul(f.to_loads[:-1], force.reshape(q, m, e * width))
-                right = right + carried.reshape(right.shape)
-            else:
-                right = right - given[:-1]
-            right[:, 0] -= p
-            every[:, n] = np.matmul(inverse, right.reshape(q, s * e, width))
-            u = every[:, n].reshape(q, s, e * width)
-            own = inputs[:, n * i : (n + 1) * i] = np.matmul(to_inputs, u)
-            for first, matrix in zip(local, self._matrices, strict=True):
-                part = np.matmul(first, own).reshape(q, m, e, width)
-                force += np.matmul(matrix[:, None], part)
-            bent = np.matmul(k, np.matmul(to_mean, u).reshape(q, e, width))
-            lost = np.matmul(weights, force.reshape(q, m, e * width)).reshape(p.shape)
-            p = p - (lost + (h * pulled + bent))
-            if n == 0:
-                p = p + given.sum(axis=0)
-            x = x + h * u[:, -1].reshape(x.shape)
+                carried = np.concatenate([x, p, force.reshape(q, m * e, width)], axis=1)
+                found = np.matmul(advance, carried)
+            x, p = found[:, :e], found[:, e : 2 * e]
+            every[:, n] = found[:, 2 * e : 2 * e + size]
+            inputs[:, n * i : (n + 1) * i] = found[:, 2 * e + size :].reshape(q, i, -1)
         loads = (s + 1) * e
         self.start = np.ascontiguousarray(every[..., loads:]).reshape(q, -1, 2 * e)
         return np.ascontiguousarray(every[..., :loads])
+
+    def _one_step(
+        self, inverse: Array, x: Array, p: Array, force: Array, given: Array | None
+    ) -> Array:
+        """Position and momentum behind a step, its unknowns and inputs, by columns.
+
+        From position and momentum ``(q, e, w)``, the force of the past ``(q, m, e, w)`` and, where
+        they are given, load vectors ``(s + 1, e, w)``; stacked, ``(q, (2 + s + i) e, w)``.
+        """
+        f, k = self.frame, self.at.stiffness
+        h, s = f.h, f.tables.degree
+        q, m, e, width = force.shape
+        pulled = np.matmul(k, x)
+        tested = np.matmul(f.to_loads[:-1], force.reshape(q, m, e * width))
+        right = f.test_sum[:-1, None, None] * pulled[:, None] + tested.reshape(q, s, e, width)
+        right[:, 0] -= p
+        if given is not None:
+            right -= given[:-1]
+        u = np.matmul(inverse, right.reshape(q, s * e, width)).reshape(q, s, e * width)
+        inputs = np.matmul(f.sampling.to_inputs, u)
+        for sequence, matrix in zip(f.sequences, self._matrices, strict=True):
+            own = np.matmul(sequence[:, 0], inputs).reshape(q, m, e, width)
+            force = force + np.matmul(matrix[:, None], own)
+        mean = np.matmul((h * f.tables.weights)[None] @ f.displacement[0], u)
+        bent = np.matmul(k, mean.reshape(q, e, width))
+        lost = np.matmul(f.weights, force.reshape(q, m, e * width)).reshape(q, e, width)
+        p = p - (lost + (h * pulled + bent))
+        if given is not None:
+            p = p + given.sum(axis=0)
+        x = x + h * u[:, -1].reshape(q, e, width)
+        rows = (u.reshape(q, s * e, width), inputs.reshape(q, -1, width))
+        return np.concatenate([x, p, *rows], axis=1)
 
     @cached_property
     def outputs(self) -> Array:
@@ -167,13 +187,13 @@ class Operator:
         """That of some members, with arrays of its own."""
         part = copy.copy(self)
         part.at, part.frame = self.at.of(places), self.frame.of(places)
-        for name in ("by_load", "start", "by_rest", "fold", "singular"):
+        for name in ("by_load", "start", "fold", "singular"):
             setattr(part, name, getattr(self, name)[places])
         return part
 
     def put(self, places: Places, other: Operator) -> None:
         """Take the tables of `other` for some members."""
-        for name in ("by_load", "start", "by_rest", "fold", "singular"):
+        for name in ("by_load", "start", "fold", "singular"):
             getattr(self, name)[places] = getattr(other, name)
         self.at.put(places, other.at)
 

@@ -142,7 +142,7 @@ class Recurrence:
             path[index] = value
             change = self._change @ value
             if kicks is not None:
-                change += kicks[index]
+                change += kicks[index if len(kicks) > 1 else 0]
             change -= lost
             total = value + change
             lost = (total - value) - change
@@ -167,15 +167,18 @@ class Recurrence:
         is_relative = damping is not None and any(one.is_relative for one in damping.directions)
         if loads is None and not is_relative:
             return None
-        flat = np.zeros((blocks, count, engine.tables.degree + 1, engine.e))
+        # a constant force of the past is the same in all blocks
+        is_constant = loads is None and damping is not None and not damping.has_column
+        rows = 1 if is_constant else blocks
+        flat = np.zeros((rows, count, engine.tables.degree + 1, engine.e))
         if loads is not None:
             flat += loads[0].reshape(flat.shape)
         if damping is not None and tables is not None and is_relative:
             nothing = np.zeros((1, engine.n_states, engine.e))
             force = damping.past(tables, nothing, state.column, count)
-            for index in range(blocks):
+            for index in range(rows):
                 if damping.has_column and index:
                     force = damping.past(tables, nothing, state.column, count)
                 flat[index] -= self.frame.to_loads @ force.reshape(count, -1, engine.e)
                 state.column = damping.push_column(tables, state.column, count)
-        return flat.reshape(blocks, -1)
+        return flat.reshape(rows, -1)

@@ -12,7 +12,7 @@ from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
-from fvi_cli.integrator.engine.kinds import law_of
+from fvi_cli.integrator.engine.law import law_of
 from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components
 from fvi_cli.integrator.gradients.past import Stretch
