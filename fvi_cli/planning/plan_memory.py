@@ -67,7 +67,10 @@ def _recurrence(run: Machinery, together: int, chunk: int) -> float:
     unknowns = block * run.method.degree * e
     loads = unknowns + block * e
     outputs = block * (run.inputs + 2) * e
-    found = 2.0 * size * size + size * (loads + 2 * unknowns + block * run.samples * e + outputs)
+    # states of lags are shifted by matrices
+    found = (5.0 if plan.n_lags else 2.0) * size * size + size * (
+        loads + 2 * unknowns + block * run.samples * e + outputs
+    )
     return found if run.scene.forcing is None else found + 2 * outputs * loads
 
 
@@ -80,4 +83,4 @@ def _per_step(run: Machinery) -> float:
     if run.scene.forcing is not None and run.method.forcing_quadrature != "galerkin":
         points, _ = tested_rule(run.method.degree, is_graded=False)
         forcing = (1 + 2 * run.scene.dimension) * points.size
-    return d * (9 + rows + unknowns) + forcing
+    return d * (6 + rows + unknowns) + forcing

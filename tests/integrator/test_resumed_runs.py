@@ -17,6 +17,8 @@ from fvi_cli.integrator.loop.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.asked import observations
 from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
+from fvi_cli.scenes.nonlinear import duffing
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.search import solve
 
@@ -322,3 +324,42 @@ def test_no_flipped_bit_and_no_cut_of_a_checkpoint_is_believed():
         assert found.checkpoint.to_bytes() == whole.checkpoint.to_bytes()
         assert all(np.array_equal(found.kept[name], whole.kept[name]) for name in whole.kept)
     assert seen > 100
+
+
+def test_a_batch_goes_on_with_members_that_have_stopped():
+    """Some of the motions run away in a finite time, before and behind the checkpoints."""
+    scenes = [
+        duffing(
+            cubic_stiffness=-0.4,
+            final_time=8.0,
+            damping=[fvi.FractionalDamping(order=0.5, coefficient=0.1)],
+            initial_position=0.1 + 0.3 * place,
+        )
+        for place in range(9)
+    ]
+    mesh = mesh_for(scenes[0], NONE, N)
+
+    def batch(_, method, steps, **options):
+        return integrate_scenes(scenes, method, steps, every=7, **options)
+
+    straight = batch(None, NONE, mesh)
+    assert {one.status for one in straight} > {"ok"}
+    resumed = stopped_twice(None, NONE, run=batch, steps=mesh)
+    for one, other in zip(resumed, straight, strict=True):
+        assert_same(one, other)
+        assert one.failure == other.failure
+
+
+@pytest.mark.parametrize("steps", [20, AdaptiveSteps(tolerance=1e-6)], ids=["mesh", "adaptive"])
+def test_a_run_that_fails_at_once_keeps_its_start_and_says_why(steps):
+    scene = fvi.lagrangian_scene(
+        final_time=1.0,
+        coordinates=("x",),
+        lagrangian="vx**2/2 - 1e200*exp(x)",
+        initial_position=1.0,
+    )
+    found = integrate(scene, GAUSS4, steps)
+    assert found.status != "ok"
+    assert found.failure is not None
+    assert found.failure.step == 0
+    assert found.time.tolist() == [0.0]

@@ -365,3 +365,40 @@ def test_too_many_coupled_components_are_left_alone():
     prediction = predict_stability(scene, nodes(1), 10)
     assert prediction.verdict == "unknown"
     assert "at most" in prediction.reason
+
+
+def test_growing_frequencies_are_eigenvalues():
+    """Of a polynomial in the square root of s, where all orders are multiples of 1/2."""
+    counted, damping_of = 0, [(0.5, 1), (1.0, 2), (1.5, 3)]
+    for seed in range(40):
+        random = np.random.default_rng(seed)
+        d, unit = int(random.integers(1, 4)), 10.0 ** random.uniform(-6, 6)
+
+        def form(d=d, random=random):
+            root = random.standard_normal((d, d))
+            # of any sign and size
+            return 10.0 ** random.uniform(-1, 1) * random.choice([-1, 1]) * (root @ root.T)
+
+        damping = tuple((order, form() * unit ** (2 - order)) for order, _ in damping_of)
+        stiffness = form() * unit**2
+        system = MatrixPencil(mass=np.eye(d), stiffness=stiffness, damping=damping)
+        # the companion matrix for the root of s in its own unit
+        parts = [stiffness / unit**2] + [m / unit ** (2 - order) for order, m in damping]
+        companion = np.eye(4 * d, k=d)
+        companion[3 * d :] = -np.hstack(parts)
+        roots = np.linalg.eigvals(companion)
+        exact = unit * roots[np.abs(np.angle(roots)) < 0.25 * math.pi] ** 2
+        step = 1e-3 / np.abs(unit * roots**2).max()
+        final_time = 1.0 / unit
+        growth = exact.real * final_time / 0.05
+        if np.any((growth > 0.3) & (growth < 4)):
+            # at the border of what counts as growth
+            continue
+        expected = exact[growth > 1]
+        found = growing_frequencies(system, final_time, step)
+        assert found is not None, seed
+        assert found.size == expected.size, seed
+        counted += found.size
+        distances = np.abs(found[:, None] - expected).min(axis=1, initial=math.inf)
+        assert np.all(distances <= 1e-7 * np.abs(found)), seed
+    assert counted > 40

@@ -155,13 +155,9 @@ class Recorder:
     def _take(self, stops: Stops) -> None:
         """Keep the points of the steps that wait, of every scene up to where it stops."""
         points, reported = points_of(self._engine, self._waiting, self.done, self._last[1])
-        every = np.concatenate([points.position, points.momentum], axis=2)
-        finite = np.asarray(np.isfinite(every).all(axis=2))
-        for scene in np.flatnonzero(self.live & ~finite.all(axis=1)).tolist():
-            at = int(finite[scene].argmin())
-            if scene not in stops or at < stops[scene][0]:
-                failure = Failure.not_finite(points.done + at, float(points.times[at]))
-                stops[scene] = (at + 1, failure)
+        # a sum that is finite tells that all are
+        if not np.isfinite(points.position.sum() + points.momentum.sum()):
+            self._stop_at_infinity(points, stops)
         if self._check is not None:
             self._check(points, np.flatnonzero(self.live).tolist(), stops)
         numbers = self.reported + 1 + np.arange(np.count_nonzero(reported))
@@ -182,6 +178,16 @@ class Recorder:
         self._last = _last(points, points.times.size)
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
         self._waiting, self._count, self._on_the_way = [], 0, 0
+
+    def _stop_at_infinity(self, points: Points, stops: Stops) -> None:
+        """Stop scenes behind their first step to numbers that are not finite."""
+        every = np.concatenate([points.position, points.momentum], axis=2)
+        finite = np.asarray(np.isfinite(every).all(axis=2))
+        for scene in np.flatnonzero(self.live & ~finite.all(axis=1)).tolist():
+            at = int(finite[scene].argmin())
+            if scene not in stops or at < stops[scene][0]:
+                failure = Failure.not_finite(points.done + at, float(points.times[at]))
+                stops[scene] = (at + 1, failure)
 
     def _end(
         self, scene: int, failure: Failure, count: int, rows: int, last: tuple[float, Array, Array]

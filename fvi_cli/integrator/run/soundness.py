@@ -37,7 +37,8 @@ class Soundness:
         n = points.times.size
         if points.unknowns is not None:
             self._check_domain(points, live, stops)
-        largest = np.abs(points.position).max(axis=(1, 2))
+        position = points.position
+        largest = np.maximum(position.max(axis=(1, 2)), -position.min(axis=(1, 2)))
         forces = np.array([one.largest_force for one in self._loads])
         least, per_force = self._least
         least = least + per_force * forces

@@ -124,10 +124,9 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
             linearised_verdict=linearised.verdict,
             reason=f"nonlinear; linearised at the start: {linearised.reason}",
         )
-    has_determinants = not (scene.is_sparse or scene.active_laws)
-    systems = independent_systems(scene) if has_determinants else ()
     if gains_no_energy(method) and scene.is_dissipative:
         return NO_GAIN
+    systems = () if scene.is_sparse or scene.active_laws else independent_systems(scene)
     if reason := _why_not(scene, systems):
         return StabilityPrediction(verdict="unknown", reason=reason)
     h = scene.final_time / n_steps

@@ -116,13 +116,13 @@ HARD = {
 
 def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the motion between points go wrong by a cubic that the momenta of a run would ask for."""
-    gaps = motion.DenseMotion._gaps
+    position = motion.DenseMotion.position
 
-    def wrong(self, member):
-        mean, left, right = gaps(self, member)
-        return mean, left + 1e-3, right + 1e-3
+    def wrong(self, steps, tau):
+        bump = 1e-3 * self.step_size[steps] * tau * (1.0 - tau) * (1.0 - 2.0 * tau)
+        return position(self, steps, tau) + bump[:, None]
 
-    monkeypatch.setattr(motion.DenseMotion, "_gaps", wrong)
+    monkeypatch.setattr(motion.DenseMotion, "position", wrong)
 
 
 @pytest.mark.parametrize("mesh", ["", ", mesh: uniform"])

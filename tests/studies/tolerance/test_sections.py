@@ -9,8 +9,7 @@ import pytest
 from oracles.volterra import solve_volterra
 
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.observations import isolation
-from fvi_cli.integrator.observations.pieces import pieces_of
+from fvi_cli.integrator.observations import criteria, events
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -103,12 +102,7 @@ def test_more_drawn_sections(seed):
 
 def test_by_values_alone_sections_are_not_complete(monkeypatch):
     """The control: pieces of which only values are looked at, as if the formula were a motion."""
-
-    def by_values(along: isolation.FormulaAlong, n_steps: int):
-        for one in pieces_of(along, n_steps):
-            yield one, math.inf
-
-    monkeypatch.setattr(isolation, "isolating_pieces_of", by_values)
+    monkeypatch.setattr(events, "Isolated", criteria.Resolved)
     lost = 0
     for seed in range(4):
         data = draw(seed) | {"more": "", "rate": 6e3 * math.pi / draw(seed)["final_time"]}
