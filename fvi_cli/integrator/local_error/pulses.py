@@ -168,11 +168,10 @@ class _Search:
                 is_rough = ~(missed * length <= self._negligible)
                 matters = ~(box.width * length <= self._negligible)
             halved = matters & (doubtful | is_rough)
-            too_short = length <= SHORTEST * (self._end - self._begin) or (
-                halved.sum() > MOST_PARTS
-            )
-            if too_short:
-                self._give_up(begin[halved])
+            shortest = length <= SHORTEST * (self._end - self._begin)
+            if shortest or halved.sum() > MOST_PARTS:
+                # beside a singular power no polynomial is close, but nothing can hide
+                self._give_up(begin[halved & doubtful] if shortest else begin[halved])
                 halved = np.zeros_like(halved)
             children = np.where(halved, 2 * (np.cumsum(halved) - 1), -1)
             self._levels.append(

@@ -66,6 +66,20 @@ def test_a_force_without_pulses_asks_for_no_points(text):
     assert find_pulses(Forcing.from_text(text), 8.0, 1e-10) == pulses.Pulses()
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_beside_a_singular_power_nothing_hides_however_little_matters(seed):
+    random = np.random.default_rng([25, seed])
+    for power in (-0.7, -0.5, -0.3, 0.25, float(random.uniform(-0.7, 1.5))):
+        final_time = float(10 ** random.uniform(-6, 6))
+        digits = random.uniform(12, 13) if power == -0.7 else random.uniform(6, 13)
+        negligible = final_time ** (1 + power) * 10.0**-digits
+        forcing = Forcing.from_text(f"t**({power!r})")
+        assert find_pulses(forcing, final_time, negligible) == pulses.Pulses(), power
+    # far from 0 the time itself is rounded
+    behind = in_pieces("1", 3.0, f"(t - 3)**({0.5 * power!r})", 6.0, "0")
+    assert find_pulses(behind, 8.0, 1e-10) == pulses.Pulses()
+
+
 def test_pulses_behind_break_points_and_their_trains():
     forcing = in_pieces("1", 3.0, "exp(-((t - 5)/1e-4)**2)", 6.0, "0")
     points = find_pulses(forcing, 8.0, 1e-9).points
