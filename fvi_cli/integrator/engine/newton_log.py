@@ -55,11 +55,15 @@ class NewtonLog:
         for one in attempts:
             self._total[one.members] += one.iterations
             longer = one.iterations > self._largest[one.members]
-            for place in np.flatnonzero(longer).tolist():
-                member = int(one.members[place])
-                self._largest[member] = one.iterations[place]
-                self._step[member] = first + one.first
-                self._changes[member] = one.of_member(place)
+            if not longer.any():
+                continue
+            members = one.members[longer]
+            self._largest[members] = one.iterations[longer]
+            self._step[members] = first + one.first
+            sizes = np.max(one.changes, axis=2)[:, longer].T.tolist()
+            counts = one.iterations[longer].tolist()
+            for member, own, count in zip(members.tolist(), sizes, counts, strict=True):
+                self._changes[member] = tuple(own[:count])
 
     def of(self, member: int) -> NewtonRecord:
         """The record of a member."""
