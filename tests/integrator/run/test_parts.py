@@ -206,10 +206,10 @@ def test_memory_does_not_grow_with_the_number_of_steps():
         return most
 
     peak(GAUSS2, 1024)
-    # from there on blocks have their full length
-    assert peak(GAUSS2, 2**14) < 1.1 * peak(GAUSS2, 2**12)
+    # blocks have their full length; the states grow like the logarithm
+    assert peak(GAUSS2, 2**14) < 1.2 * peak(GAUSS2, 2**12)
     usual = Method(cq="bdf2", degree=2)
-    assert peak(usual, 2**14) < 1.1 * peak(usual, 2**12)
+    assert peak(usual, 2**14) < 1.2 * peak(usual, 2**12)
     # control: every sum over the past is written out
     written_out = replace(usual, history="direct")
     assert peak(written_out, 2**10) > 2.0 * peak(written_out, 2**8)
