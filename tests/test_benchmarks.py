@@ -72,8 +72,8 @@ class TestMany:
             assert measured.alone_seconds > 0 < measured.together_seconds
             assert measured.difference <= 1e-12
         members, swings, *_, uncoupled, dampers, _ = (r.history_operations for r in rows)
-        # matrices of whole blocks hold what their steps do to each other
-        assert members < swings < 1.2 * members
+        # the past of a step is the same work, whatever pulls
+        assert members == swings
         assert uncoupled == dampers
         assert columns(many_table(rows))["components"] == ["16"] * len(rows)
 

@@ -14,7 +14,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from oracles.runge_kutta_symbol import symbol_power
+from runge_kutta_symbol import symbol_power
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points

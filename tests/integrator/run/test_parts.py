@@ -233,7 +233,10 @@ def same_end(scene: Scene, method: Method, n_steps: int) -> tuple[Trajectory, Tr
 
 @pytest.mark.parametrize("n_steps", [300, 4500])
 def test_a_run_that_leaves_its_bound_stops(n_steps):
-    """A repelling potential: the motion is infinite at t = 2.16, no step behind that is true."""
+    """A repelling potential: the motion is infinite at t = 2.1586, no step behind that is true.
+
+    `oracles.volterra` has x = 49.4 at t = 2.13, where x (2.1586 - t) is the square root of 2.
+    """
     scene = duffing(
         stiffness=-1.0,
         cubic_stiffness=-1.0,
