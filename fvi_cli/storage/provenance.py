@@ -24,7 +24,7 @@ from fvi_cli.studies.experiment import Run
 FORMAT = 2
 """Number of the file format; a program reads files of its own number."""
 
-SOLVER_VERSION = 10
+SOLVER_VERSION = 11
 """To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
 
 CHECKSUM = "checksum"

@@ -51,6 +51,25 @@ class Linearisation(NamedTuple):
                 found |= (own != new).reshape(len(own), -1).any(axis=1)
         return np.flatnonzero(found)
 
+    def terms_of(self, origin: Array, points: Array) -> Array:
+        r"""Sizes of what cancels in remainders at points, ``(q, n, e)`` or ``(q, n, 2 e)``.
+
+        They are :math:`|M||v| + |C|(|x| + |\Delta|)` and :math:`|K|(|x| + |\Delta|) + |C|^T|v|`:
+        positions are rounded before any formula sees them.
+        """
+        e = origin.shape[-1]
+        sizes = np.abs(points)
+        reach = np.abs(origin)[:, None] + sizes[..., :e]
+        forces = force_of(np.abs(self.stiffness), reach)
+        if sizes.shape[-1] == e:
+            return forces
+        momenta = force_of(np.abs(self.mass), sizes[..., e:])
+        if self.mixed is not None:
+            mixed = np.abs(self.mixed)
+            momenta += force_of(mixed, reach)
+            forces += force_of(mixed.swapaxes(-1, -2), sizes[..., e:])
+        return np.concatenate([momenta, forces], axis=-1)
+
     def put(self, places: Places, other: Linearisation) -> None:
         """Take those of `other` for some members."""
         for own, new in zip(self, other, strict=True):

@@ -216,7 +216,9 @@ class Newton:
         terms += apply(np.abs(op.start[:, :size]), np.abs(begin))
         to_points = op.frame.points[:, : self.n * self.width, :size]
         total = apply_to_each(np.abs(to_points), terms)
-        total += apply(np.abs(self.fold), np.abs(rest).reshape(self.q, -1))
+        at = points.reshape(self.q, self.n, self.width)
+        rounded = np.abs(rest) + op.at.terms_of(self.state.x, at)
+        total += apply(np.abs(self.fold), rounded.reshape(self.q, -1))
         return UNIT * self._largest(total + np.abs(points))
 
     def _renew(self, places: Places, points: Array) -> None:
