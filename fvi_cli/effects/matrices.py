@@ -228,6 +228,8 @@ def is_zero(matrix: Form) -> bool:
 
 def is_diagonal(matrix: Form) -> bool:
     """Whether every entry off the diagonal is zero."""
+    if matrix.shape[0] == 1:
+        return True
     return bool(np.count_nonzero(entries(matrix)) == np.count_nonzero(diagonal(matrix)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,7 +71,7 @@ class MatrixForce(MatrixEffect):
         """The matrix with all its zeros, shape ``(d, d)``."""
         return dense(self.form)
 
-    @property
+    @cached_property
     def is_active(self) -> bool:
         """Whether the force does anything: its matrix is not zero."""
         return not is_zero(self.form)

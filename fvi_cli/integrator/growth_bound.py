@@ -292,6 +292,8 @@ def energy_remarks(
     )
     if scene.lagrangian is not None or not starts_free or not energy.size:
         return ()
+    if energy.max() <= energy[0]:
+        return ()
     with np.errstate(all="ignore"):
         least = 0.0 if scene.potential is None else float(scene.potential.energy(position).min())
         push = largest_force * scene.final_time * math.sqrt(0.5 * scene.dimension)

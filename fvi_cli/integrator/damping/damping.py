@@ -270,6 +270,19 @@ class Damping:
             inputs[0, :, 0] = np.tile(self.memory.column, count)
         return tables.kernels.push(column, inputs, count)
 
+    def columns(self, tables: DampingTables, column: Array, blocks: int) -> tuple[Array, Array]:
+        """States of a start velocity of 1 before each block, ``(blocks, J, 1)``, and behind all."""
+        if not self.has_column:
+            return np.broadcast_to(column, (blocks, *column.shape[1:])), column
+        count = tables.kernels.count
+        matrix = tables.kernels.change_of_all(count)
+        driven = self.push_column(tables, np.zeros_like(column), count)[0]
+        path, value = np.empty((blocks, *column.shape[1:])), column[0]
+        for index in range(blocks):
+            path[index] = value
+            value = value + (matrix @ value + driven)
+        return path, value[None]
+
     def at_rest(self) -> Damping:
         """The same without a start velocity."""
         part = copy.copy(self)

@@ -209,15 +209,17 @@ class Engine:
         damping = self.damping
         if starts_at_rest and damping is not None:
             damping = damping.at_rest()
+        past = np.zeros((q, 0, e))
         if damping is not None and frame.damping is not None:
             past = damping.past(frame.damping, state.z, state.column, count)
+        if is_linear and self.is_batch and 1 < count == frame.count:
+            return self._linear(op, state, past, loads, damping)
+        if past.size:
             known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
         else:
             known = np.zeros((q, count, s + 1, e))
         if loads is not None:
             known = known - loads
-        if is_linear and self.is_batch and 1 < count == frame.count:
-            return self._linear(op, state, known, damping)
         n, c = count * s * e, count * (s + 1) * e
         begin = np.concatenate([state.x, state.p], axis=1)
         unknowns = apply(op.start[:, :n], begin) - apply(op.by_load[:, :n, :c], known.reshape(q, c))
@@ -259,15 +261,21 @@ class Engine:
             rest=None if solution is None else solution.rest,
         )
 
-    def _linear(self, op: Operator, state: State, known: Array, damping: Damping | None) -> Steps:
-        """A block of linear members, by one matrix for each."""
-        frame, (q, count, _, e) = op.frame, known.shape
-        given = np.concatenate([state.x, state.p, known.reshape(q, -1)], axis=1)
+    def _linear(
+        self, op: Operator, state: State, past: Array, loads: Array | None, damping: Damping | None
+    ) -> Steps:
+        """A block of linear members, by one matrix for each, and one for load vectors."""
+        frame, (q, e), count = op.frame, state.x.shape, op.frame.count
+        given = np.concatenate([state.x, state.p, past.reshape(q, -1)], axis=1)
         found = np.matmul(op.outputs, given[..., None])[..., 0]
+        if loads is not None:
+            # added, so that those of others change no bits of a member without
+            found += np.matmul(op.outputs_of_loads, loads.reshape(q, -1, 1))[..., 0]
         n = count * len(self.sampling.to_inputs) * e
         inputs = found[:, :n].reshape(q, -1, e)
         dx, dp = found[:, n:].reshape(q, 2, count, e).swapaxes(0, 1)
-        unknowns = inputs.reshape(q, count, -1, e)
+        # steps to come ask for those of the last step alone
+        unknowns = inputs.reshape(q, count, -1, e)[:, -1:]
         if self.method.is_runge_kutta:
             unknowns = on_steps(self.tables.to_unknowns, unknowns)
         z = state.z

@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, UnitTables
 from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.tables import on_components, on_points
+from fvi_cli.integrator.engine.tables import by_columns, on_components, on_points, on_steps
 from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array, Places
 
@@ -155,10 +155,28 @@ class Operator:
 
     @cached_property
     def outputs(self) -> Array:
-        """Position, momentum and known loads to inputs, dx and dp, of a linear scene.
+        """Position, momentum and force of the past to inputs, dx and dp, of a linear scene.
 
-        One matrix for every member, ``(q, B (i + 2) e, (2 + B (s + 1)) e)``; loads have the sign of
-        the left side.
+        One matrix for every member, ``(q, B (i + 2) e, (2 + B m) e)``.
+        """
+        f, e = self.frame, self.at.stiffness.shape[-1]
+        q, rows, _ = self._outputs.shape
+        if f.damping is None:
+            return by_columns(self._outputs[..., : 2 * e])
+        loads = self._outputs[..., 2 * e :].reshape(q, rows * f.count, -1, e)
+        by_force = on_steps(f.to_loads.T, loads).reshape(q, rows, -1)
+        return by_columns(np.concatenate([self._outputs[..., : 2 * e], by_force], axis=2))
+
+    @cached_property
+    def outputs_of_loads(self) -> Array:
+        """Load vectors to the same, ``(q, B (i + 2) e, B (s + 1) e)``."""
+        return by_columns(-self._outputs[..., 2 * self.at.stiffness.shape[-1] :])
+
+    @cached_property
+    def _outputs(self) -> Array:
+        """Position, momentum and load vectors to inputs, dx and dp.
+
+        Loads have the sign of the left side.
         """
         f, k = self.frame, self.at.stiffness
         q, c = len(self.by_load), self.by_load.shape[2]

@@ -9,6 +9,7 @@ import numpy as np
 
 from fvi_cli.integrator.engine.law import Linear
 from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.engine.tables import on_steps
 from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array
 
@@ -174,11 +175,8 @@ class Recurrence:
         if loads is not None:
             flat += loads[0].reshape(flat.shape)
         if damping is not None and tables is not None and is_relative:
-            nothing = np.zeros((1, engine.n_states, engine.e))
-            force = damping.past(tables, nothing, state.column, count)
-            for index in range(rows):
-                if damping.has_column and index:
-                    force = damping.past(tables, nothing, state.column, count)
-                flat[index] -= self.frame.to_loads @ force.reshape(count, -1, engine.e)
-                state.column = damping.push_column(tables, state.column, count)
+            columns, state.column = damping.columns(tables, state.column, rows)
+            nothing = np.zeros((rows, engine.n_states, engine.e))
+            force = damping.past(tables, nothing, columns, count)
+            flat -= on_steps(self.frame.to_loads, force.reshape(rows, count, -1, engine.e))
         return flat.reshape(rows, -1)

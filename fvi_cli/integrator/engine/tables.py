@@ -43,6 +43,11 @@ def apply_to_each(matrix: Array, vectors: Array) -> Array:
     return np.asarray(np.matmul(matrix, vectors[..., None])[..., 0])
 
 
+def by_columns(matrices: Array) -> Array:
+    """The same matrices, stored column by column: quicker to apply where they have many rows."""
+    return np.ascontiguousarray(matrices.swapaxes(-2, -1)).swapaxes(-2, -1)
+
+
 def on_steps(table: Array, values: Array) -> Array:
     """A small matrix ``(a, b)`` on the third axis of ``(q, B, b, e)``."""
     if values.shape[-1] == 1:

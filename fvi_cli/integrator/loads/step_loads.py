@@ -3,6 +3,7 @@ r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of k
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -55,12 +56,15 @@ class StepLoads:
                 for term in scene.active_damping
                 if term.order < 1
             ]
-        r = tables.points.size
-        at_points = np.ones((1, method.degree + 1))
-        if r > 1:
+
+    @cached_property
+    def _projection(self) -> Array:
+        """From exact load vectors to those of the values of the L2 projection at the points."""
+        tables = self._tables
+        at_points = np.ones((1, tables.degree + 1))
+        if tables.points.size > 1:
             at_points = tables.stage_basis.values(self._basis.control_points)
-        # from exact load vectors to those of the values of the L2 projection at the points
-        self._projection = tables.test_weights @ (at_points / tables.weights[:, None])
+        return np.asarray(tables.test_weights @ (at_points / tables.weights[:, None]))
 
     @property
     def is_empty(self) -> bool:

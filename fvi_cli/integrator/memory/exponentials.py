@@ -174,6 +174,8 @@ class Exponentials:
             lags = np.matmul(before, self.weights[:, :, None] * step.intake)
             lags = lags.reshape(len(self.terms), count - 1, m, m)
             intake = (powers[::-1].T[:, :, None] * step.intake[:, None]).reshape(-1, count * m)
+            # by columns, of which there are fewer
+            intake = np.asfortranarray(intake)
         return ExponentialKernels(
             count=count,
             local=local,
