@@ -7,8 +7,6 @@ With the momentum :math:`P = \partial L / \partial v` and the force
 beside these. A linear scene has no remainder. Shapes: q members, n points, e components.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
@@ -35,15 +33,15 @@ class Linearisation(NamedTuple):
     mixed: Array | None
     stiffness: Array
 
-    def of(self, places: Places) -> Linearisation:
+    def of(self, places: Places) -> "Linearisation":
         """Those of some members, copied."""
         return Linearisation(*(None if one is None else one[places] for one in self))  # type: ignore[arg-type]
 
-    def copy(self) -> Linearisation:
+    def copy(self) -> "Linearisation":
         """Arrays of its own."""
         return Linearisation(*(None if one is None else one.copy() for one in self))  # type: ignore[arg-type]
 
-    def differing(self, other: Linearisation) -> Places:
+    def differing(self, other: "Linearisation") -> Places:
         """Members whose second derivatives are others."""
         found = np.zeros(len(self.mass), dtype=bool)
         for own, new in zip(self, other, strict=True):
@@ -70,7 +68,7 @@ class Linearisation(NamedTuple):
             forces += force_of(mixed.swapaxes(-1, -2), sizes[..., e:])
         return np.concatenate([momenta, forces], axis=-1)
 
-    def put(self, places: Places, other: Linearisation) -> None:
+    def put(self, places: Places, other: "Linearisation") -> None:
         """Take those of `other` for some members."""
         for own, new in zip(self, other, strict=True):
             if own is not None and new is not None:
@@ -93,7 +91,7 @@ class Law(Protocol):
     is_linear: bool
     has_rates: bool
 
-    def of(self, places: Places) -> Law:
+    def of(self, places: Places) -> "Law":
         """That of some members."""
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
@@ -134,7 +132,7 @@ class Linear:
     is_linear: bool = field(default=True, init=False)
     has_rates: bool = field(default=False, init=False)
 
-    def of(self, places: Places) -> Linear:
+    def of(self, places: Places) -> "Linear":
         """That of some members."""
         return Linear(mass=self.mass[places], stiffness=self.stiffness[places])
 
@@ -189,7 +187,7 @@ class Potential:
         self._gradient = PointFormulas(own.gradient_system, own.coordinates, self.parameters)
         self._hessian = PointFormulas(own.hessian_system, own.coordinates, self.parameters)
 
-    def of(self, places: Places) -> Potential:
+    def of(self, places: Places) -> "Potential":
         """That of some members."""
         return Potential(
             mass=self.mass[places],
@@ -258,7 +256,7 @@ class General:
         self._first = PointFormulas(own.first, own.variables, self.parameters)
         self._second = PointFormulas(own.second, own.variables, self.parameters)
 
-    def of(self, places: Places) -> General:
+    def of(self, places: Places) -> "General":
         """That of some members."""
         return General(
             lagrangian=self.lagrangian,

@@ -1,7 +1,5 @@
 """How Newton's iteration went, for every member."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -31,7 +29,7 @@ class Attempt(NamedTuple):
     iterations: Integers
     changes: Sequence[Array]
 
-    def among(self, places: Places) -> Attempt:
+    def among(self, places: Places) -> "Attempt":
         """The same where the members have other numbers, `places` of theirs."""
         return self._replace(members=places[self.members])
 

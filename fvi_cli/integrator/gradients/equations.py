@@ -1,7 +1,5 @@
 """The linearised equations of blocks of steps, solved: one matrix for each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

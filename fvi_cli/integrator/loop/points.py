@@ -1,7 +1,5 @@
 """Steps that wait to be kept: their points in the coordinates of the scenes, and why they end."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol

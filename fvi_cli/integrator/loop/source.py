@@ -1,7 +1,5 @@
 """Where the steps of a run come from: a mesh that is given, or sizes that are found on the way."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
