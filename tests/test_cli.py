@@ -620,9 +620,9 @@ def test_on_80_columns_the_bar_is_whole_with_many_runs_of_long_names(folder):
 @pytest.mark.processes
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_within_a_long_run_the_bar_says_how_far_it_is(folder, workers):
-    (folder / "quick.yaml").write_text(SLOW.replace("400000", "22000"))
+    (folder / "quick.yaml").write_text(SLOW.replace("400000", "66000"))
     drawn, _ = on_a_terminal("run", "quick.yaml", "--workers", workers)
-    shares = [int(share) for share in re.findall(r"N=22000: +(\d+) %", drawn)]
+    shares = [int(share) for share in re.findall(r"N=66000: +(\d+) %", drawn)]
     assert len(set(shares)) > 3
     assert shares == sorted(shares)
     assert "3/3" in drawn
