@@ -125,9 +125,6 @@ class GrowthBound:
             return np.asarray(self.size * np.exp(self.rate * time))
 
 
-NO_BOUND = GrowthBound(size=math.inf, rate=0.0)
-
-
 def bound_at_end(scene: Scene, n_steps: int) -> GrowthBound:
     """The bound at the end of a run that starts from the scene's own data, for any method."""
     h = scene.final_time / n_steps

@@ -80,6 +80,7 @@ def test_compiled_potentials_can_be_sent_to_another_process():
     every = potential(("x", "y"), "a*x**2*y + cos(b*y)", a=1.5, b=2.0)
     at = np.array([0.3, 0.4])
     before = every.gradient(at)
+    # its own bytes, as processes of a pool pass them on
     again = pickle.loads(pickle.dumps(every))
     assert np.array_equal(again.gradient(at), before)
 
