@@ -56,7 +56,7 @@ def holds_truth(kind: Kind, found: ModelFit) -> tuple[bool, ...]:
 @cache
 def _derivatives(kind: Kind) -> Array:
     """Of all values, over the true noise, by the numbers themselves at the truth."""
-    model = MotionModel(kind.model, kind.data, [[1.0] * len(one.series) for one in kind.data])
+    model = MotionModel(kind.model, kind.data, [1.0] * len(kind.series))
     # where a number is 0, its logarithm has no derivative
     point = np.array([one.inner(v or 1e-6) for one, v in zip(model.free, kind.truth, strict=True)])
     model.remesh(point, 1e-9)

@@ -24,16 +24,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import h5py
-
 from benchmarks.hostile_files import KINDS, try_kind
 from benchmarks.measuring import table
 from fvi_cli.__main__ import INTERRUPTED, main
 from fvi_cli.config import parse_config
 from fvi_cli.errors import FviError
-from fvi_cli.storage import list_runs
+from fvi_cli.storage import list_runs, read_results
 from fvi_cli.storage.code import own_code
-from fvi_cli.storage.groups import run_groups
 from fvi_cli.storage.provenance import origin
 
 LADDER = """\
@@ -201,21 +198,18 @@ def stored(folder: Path) -> set[str]:
         If one is not.
     """
     found: set[str] = set()
-    for path in sorted(folder.rglob("*.h5")):
-        if path.name.startswith("."):
-            continue
+    files = [*folder.rglob("[!.]*.h5"), *folder.rglob("[!.]*.journal")]
+    for path in sorted({one.with_suffix(".h5") for one in files}):
         found |= complete_in(path)
-        # a part has no configuration and so no listing
-        if path.parent == folder / "results":
+        if path.exists():
             list_runs(path)
     return found
 
 
 def complete_in(path: Path) -> set[str]:
-    """Identities of the complete runs of a file, or of a part of one."""
-    with h5py.File(path, "r") as file:
-        complete = [group for _, _, group in run_groups(file) if group.is_complete]
-        return {str(one) for group in complete for one in group.columns["identity"]}
+    """Identities of the runs of a file and of the journal beside it, each verified."""
+    with read_results(path, may_be_missing=True) as store:
+        return {entry.identity for entry in store.entries() if store.read(entry.identity)}
 
 
 def files_of(folder: Path) -> set[str]:
@@ -388,8 +382,8 @@ def try_interrupts(folder: Path, times: int, seed: int) -> Tally:
         os.kill(process, signal.SIGINT)
         codes.append(end(process))
         tally.count += 1
-        # one in the midst of joining leaves the parts to the next command
-        odd = sorted(name for name in files_of(own) ^ names if ".parts/" not in name)
+        # one in the midst of writing leaves the journal to the next command
+        odd = sorted(name for name in files_of(own) ^ names if not name.endswith(".journal"))
         if not expected <= stored(own) or odd:
             lost = len(expected - stored(own))
             tally.wrong.append(f"{lost} runs lost; other files: {', '.join(odd) or 'none'}")

@@ -7,27 +7,35 @@ from __future__ import annotations
 
 
 class ArgumentError(ValueError):
-    """An argument that is not allowed.
+    """An argument, or a value of a configuration, that is not allowed.
 
     Parameters
     ----------
     key
-        Its key path, such as ``damping.0.order``.
+        Its key path, such as ``damping.0.order``; empty: all that was given.
     message
         What is wrong with it.
+    at_key
+        The key itself should not be there: complaints point at it, not at what stands under it.
     """
 
-    def __init__(self, key: str, message: str) -> None:
+    def __init__(self, key: str, message: str, *, at_key: bool = False) -> None:
         super().__init__(key, message)
         self.key = key
         self.message = message
+        self.at_key = at_key
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """The parts of the key path."""
+        return tuple(self.key.split(".")) if self.key else ()
 
     def below(self, key: str) -> ArgumentError:
         """The same error of an argument that belongs to another."""
-        return ArgumentError(f"{key}.{self.key}", self.message)
+        return ArgumentError(".".join((key, *self.path)), self.message, at_key=self.at_key)
 
     def __str__(self) -> str:
-        return f"{self.key}: {self.message}"
+        return f"{self.key}: {self.message}" if self.key else self.message
 
 
 class FviError(Exception):

@@ -3,8 +3,8 @@
 import csv
 from pathlib import Path
 
+from fvi_cli.config.hard_cases import hard_cases
 from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport
-from fvi_cli.studies.hard_cases.suite import hard_cases
 
 RESULTS = Path(__file__).parents[1] / "results"
 

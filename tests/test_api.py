@@ -206,7 +206,7 @@ def test_hard_cases_are_measured_by_name():
 
 def test_every_command_has_a_call():
     named = set(re.findall(r"``fvi ([a-z-]+)``", api.__doc__ or ""))
-    assert named == {command.__name__.replace("_", "-") for command in COMMANDS_OF_THE_LINE}
+    assert named == {command.name for command in COMMANDS_OF_THE_LINE}
     called = set(re.findall(r":(?:func|class):`(\w+)`", api.__doc__ or ""))
     assert called <= set(api.__all__)
 

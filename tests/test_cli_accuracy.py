@@ -9,7 +9,7 @@ import pytest
 
 from fvi_cli.config import load_config, parse_config
 from fvi_cli.storage import read_results
-from fvi_cli.storage.snapshot import Location, Snapshot
+from fvi_cli.storage.result_file import ResultFile
 from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 
 CONFIG = """\
@@ -39,7 +39,7 @@ def fvi(tmp_path, monkeypatch):
 def stored(tmp_path, name="tuned"):
     """Attributes of the only run."""
     with h5py.File(tmp_path / "results" / f"{name}.h5") as file:
-        ((_, cases),) = file.items()
+        cases = file[name]
         return [
             dict(group.attrs)
             for runs in cases.values()
@@ -87,12 +87,12 @@ def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
 
 def test_result_files_are_read_without_their_configuration(fvi):
     said = fvi("run", "tuned.yaml")
-    case, n_steps = said.splitlines()[1].split()[1:3]
+    method, n_steps = said.splitlines()[1].split()[1:3]
     table = fvi("convergence", "results/tuned.h5", "--output", "elsewhere")
     assert n_steps in table
     rows = Path("elsewhere/tables/tuned.csv").read_text().splitlines()
     assert len(rows) == 2
-    assert rows[1].startswith(f"tuned,{case},")
+    assert rows[1].startswith(f"tuned,{method.lower().replace('gauss', 'gauss-s')}-")
     assert "for a tolerance of 1e-07" in Path("elsewhere/tables/tuned.md").read_text()
     assert "tuned-trajectory" in fvi("plot", "results/tuned.h5", "--output", "elsewhere")
 
@@ -251,11 +251,8 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
 
 def test_the_work_of_recalling_grows_as_the_members(fvi, tmp_path, monkeypatch):
     reads = []
-    place, attributes = Location.place.fget, Snapshot.attributes
-    monkeypatch.setattr(Location, "place", property(lambda o: reads.append(o) or place(o)))
-    monkeypatch.setattr(
-        Snapshot, "attributes", lambda o, one: reads.append(one) or attributes(o, one)
-    )
+    read = ResultFile.read
+    monkeypatch.setattr(ResultFile, "read", lambda o, one: reads.append(one) or read(o, one))
 
     def looked_at(members):
         values = [1.0 + k for k in range(members)]
@@ -266,10 +263,10 @@ def test_the_work_of_recalling_grows_as_the_members(fvi, tmp_path, monkeypatch):
         (experiment,) = load_config(path).experiments
         with read_results(tmp_path / f"results/swept{members}.h5") as store:
             reads.clear()
-            assert None not in [store.chosen(search) for search in experiment.searches()]
+            assert None not in [store.finished(search) for search in experiment.searches()]
         return len(reads)
 
-    assert 2 <= looked_at(2) == looked_at(8) / 4
+    assert looked_at(2) == looked_at(8) / 4 == 2
 
 
 @pytest.mark.processes
@@ -282,3 +279,15 @@ def test_workers_choose_what_this_process_would(fvi, tmp_path):
         one.pop("seconds")
         other.pop("seconds")
         assert one == other
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-11])
+def test_a_search_whose_tolerance_is_met_is_used_again(tolerance, tmp_path):
+    """Whatever number of stages it came to."""
+    change = f"experiments.0.accuracy.tolerance={tolerance}"
+    arguments = ("run", "accuracy", "--set", change, "-o", tmp_path)
+    first = command_line.fvi(*arguments)
+    assert "accuracy: 3 runs, 0 of them stored" in first.stderr
+    again = command_line.fvi(*arguments)
+    assert "accuracy: 3 runs, 3 of them stored" in again.stderr
+    assert again.stdout == first.stdout

@@ -7,7 +7,7 @@ import json
 import pytest
 from command_line import fvi
 
-from fvi_cli.runner.stability import ranges
+from fvi_cli.runner.request import ranges
 from fvi_cli.studies import stability_study
 
 CONFIG = """

@@ -45,6 +45,9 @@ def command(
         result = CliRunner().invoke(app(arguments), arguments)
         if result.exit_code == 2:
             raise RefusedError(" ".join(result.stderr.split())[:300])
+        for said in ("may pass over the pulse", "failed, error nan"):
+            if said in result.stderr:
+                raise RefusedError(" ".join(result.stderr.split())[:300])
         tables = {
             file.stem.removeprefix("made").lstrip("-"): list(
                 csv.DictReader(io.StringIO(file.read_text(encoding="utf-8")))

@@ -1,38 +1,35 @@
-"""What each command does, as one call."""
+"""What each command does, as one call; what it needs is imported when it is called."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fvi_cli.config import (
-    LoadedConfig,
-    find_config,
-    load_config,
-    parse_config,
-)
+from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.outcome import Outcome
-from fvi_cli.runner.plan import PlannedRun, plan_runs
-from fvi_cli.runner.request import Request, allowing_unstable, gather
-from fvi_cli.runner.run import run_request
-from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import StoredConfiguration, StoredFile, list_runs, read_configuration
-from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.fits.result import FitResult
-from fvi_cli.studies.hard_cases.case import HardCaseReport
-from fvi_cli.studies.stability_study import StabilityTable
-from fvi_cli.studies.vibration.modes import ModeTable
-from fvi_cli.studies.vibration.response import ResponseTable
+from fvi_cli.runner.request import Request, allowing_unstable, gather, ranges
 
-Source = str | Path | Mapping[str, Any] | LoadedConfig
+if TYPE_CHECKING:
+    from fvi_cli.runner.outcome import Outcome
+    from fvi_cli.runner.plan import PlannedRun
+    from fvi_cli.storage import StoredConfiguration, StoredFile
+    from fvi_cli.studies.cost import CostTable
+    from fvi_cli.studies.fits.result import FitResult
+    from fvi_cli.studies.hard_cases.case import HardCaseReport
+    from fvi_cli.studies.stability_study import StabilityTable
+    from fvi_cli.studies.vibration.modes import ModeTable
+    from fvi_cli.studies.vibration.response import ResponseTable
+
+Source = str | Path | Mapping[str, Any] | LoadedConfig | Request
 
 
-def load(source: Source, *, overrides: Sequence[str] = ()) -> LoadedConfig:
+def load(
+    source: str | Path | Mapping[str, Any] | LoadedConfig, *, overrides: Sequence[str] = ()
+) -> LoadedConfig:
     """Read and check a configuration.
 
     Parameters
@@ -91,6 +88,12 @@ def run(
     fresh: bool = False,
     fail_fast: bool = False,
     allow_unstable: bool = False,
+    keep: bool = True,
+    wait: bool = False,
+    shard: str = "1/1",
+    checkpoint_every: float = 60.0,
+    progress: bool = False,
+    keeps_motions: bool = True,
 ) -> list[Outcome]:
     """Compute every run of a configuration, as ``fvi run`` does; one that fails says so, no more.
 
@@ -104,29 +107,53 @@ def run(
         Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
         Address of a Dask scheduler, whose workers compute in their place.
-    fresh, fail_fast, allow_unstable
+    fresh, fail_fast, allow_unstable, wait, shard, checkpoint_every
         As the options of the command line.
+    keep
+        Store what is computed in `output`.
+    progress
+        Show a progress bar where there is a terminal.
+    keeps_motions
+        Give the points of members of a sweep; a summary does without them.
 
     One outcome for every experiment; a run that failed is among its finished ones with its status.
     """
+    from fvi_cli.runner.parts.shard import shard_named
+    from fvi_cli.runner.run import run_request
+    from fvi_cli.runner.settings import Settings
+
     settings = Settings(
         output=Path(output or "."),
         workers=workers,
         dask=dask,
         fresh=fresh or output is None,
         fail_fast=fail_fast,
-        show_progress=False,
-        keep=output is not None,
+        show_progress=progress,
+        keep=keep and output is not None,
+        checkpoint_seconds=checkpoint_every,
+        waits=wait,
+        keeps_motions=keeps_motions,
+        shard=shard_named(shard),
     )
     return run_request(_request(source, allow_unstable=allow_unstable), settings)
 
 
 def plan(
-    source: Source, *, output: Path | str = "results", allow_unstable: bool = False
+    source: Source,
+    *,
+    output: Path | str = "results",
+    workers: int = 1,
+    fresh: bool = False,
+    allow_unstable: bool = False,
+    shard: str = "1/1",
 ) -> list[PlannedRun]:
     """What :func:`run` would do with every run, why, and what is predicted; nothing is written."""
-    settings = Settings(output=Path(output))
-    return plan_runs([_request(source, allow_unstable=allow_unstable)], settings)
+    from fvi_cli.runner.parts.shard import shard_named
+    from fvi_cli.runner.plan import plan_request
+    from fvi_cli.runner.settings import Settings
+
+    settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
+    return plan_request(_request(source, allow_unstable=allow_unstable), settings)
 
 
 def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
@@ -145,7 +172,7 @@ def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
         If it cannot be read.
     """
     (request,) = gather([str(path)], overrides)
-    return run_request(request, Settings(output=Path(path).parent))
+    return run(request, output=Path(path).parent)
 
 
 def forget(
@@ -175,16 +202,20 @@ def forget(
 
 def contents(path: Path | str) -> StoredFile:
     """What a result file holds and where it comes from, without the numbers of the runs."""
+    from fvi_cli.storage import list_runs
+
     return list_runs(Path(path))
 
 
 def configuration(path: Path | str) -> StoredConfiguration:
     """The configuration that made a result file, word for word, with its overrides."""
+    from fvi_cli.storage import read_configuration
+
     return read_configuration(Path(path))
 
 
 def stability(
-    source: Source, *, over: Sequence[str] = (), observe: bool | None = None
+    source: Source, *, over: Sequence[str] = (), observe: bool | None = None, progress: bool = False
 ) -> list[StabilityTable]:
     """What is stable, predicted and observed, as ``fvi stability`` studies it.
 
@@ -197,16 +228,20 @@ def stability(
         configuration that is loaded already.
     observe
         Compare with runs from random data; default as configured.
+    progress
+        Show a progress bar where there is a terminal.
 
-    A :class:`RequestError` tells of an experiment in which nothing is integrated.
+    A :class:`RequestError` reports an experiment in which nothing is integrated.
     """
-    from fvi_cli.runner.stability import ranges, study_stability
+    from fvi_cli.runner.stability import study_stability
 
-    request = _request(load(source, overrides=ranges(over)))
-    return study_stability(request, is_observed=observe, show_progress=False)
+    request = _request(source, overrides=ranges(over))
+    return study_stability(request, is_observed=observe, show_progress=progress)
 
 
-def fit(source: Source, *, overrides: Sequence[str] = ()) -> list[FitResult]:
+def fit(
+    source: Source, *, overrides: Sequence[str] = (), progress: bool = False
+) -> list[FitResult]:
     """Numbers of a problem from measurements, as ``fvi fit`` finds them.
 
     Parameters
@@ -215,6 +250,8 @@ def fit(source: Source, *, overrides: Sequence[str] = ()) -> list[FitResult]:
         As for :func:`load`.
     overrides
         Changes ``key.path=value``, for a configuration that is not loaded yet.
+    progress
+        As for :func:`stability`.
 
     Returns
     -------
@@ -228,7 +265,7 @@ def fit(source: Source, *, overrides: Sequence[str] = ()) -> list[FitResult]:
     """
     from fvi_cli.runner.fits.fit import fit_request
 
-    return fit_request(_request(load(source, overrides=overrides)), show_progress=False)
+    return fit_request(_request(source, overrides=overrides), show_progress=progress)
 
 
 def modes(
@@ -270,7 +307,7 @@ def response(
         Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
         ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
     at
-        What is told of; default: the coordinate that moves most.
+        Outputs to report; default: the coordinate that moves most.
 
     Raises
     ------
@@ -282,7 +319,7 @@ def response(
     return request_responses(_request(source), frequencies(over), force, at)
 
 
-def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
+def cost(source: Source, *, peers: bool = False, progress: bool = False) -> list[CostTable]:
     """Error, time, memory and work of every method, as ``fvi cost`` measures them.
 
     Parameters
@@ -291,29 +328,31 @@ def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
         As for :func:`load`.
     peers
         Measure pycaputo beside the methods, if it is installed.
+    progress
+        As for :func:`stability`.
 
     Raises
     ------
     RequestError
         For a sweep, and where nothing is integrated.
     """
-    from fvi_cli.runner.cost import measure_request, refuse_what_has_no_price, with_peers
+    from fvi_cli.runner.cost import measurable, measure_request
 
-    requests = [_request(source)]
-    refuse_what_has_no_price(requests)
-    if peers:
-        requests = with_peers(requests)
-    settings = Settings(output=Path(), fresh=True, show_progress=False, keep=False)
-    return measure_request(requests[0], settings)
+    (request,) = measurable([_request(source)], peers=peers)
+    return measure_request(request, show_progress=progress)
 
 
-def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> HardCaseReport:
+def hard_cases(
+    *, cases: Sequence[str] = (), methods: Sequence[str] = (), progress: bool = False
+) -> HardCaseReport:
     """What holds in the hard cases with every method, as ``fvi hard-cases`` measures it.
 
     Parameters
     ----------
     cases, methods
         Names, as they stand in the report; none: all of them.
+    progress
+        As for :func:`stability`.
 
     Raises
     ------
@@ -322,7 +361,7 @@ def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> Har
     """
     from fvi_cli.runner.hard_cases import examine_named
 
-    return examine_named(cases, methods, show_progress=False)
+    return examine_named(cases, methods, show_progress=progress)
 
 
 def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
@@ -332,9 +371,13 @@ def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
     return export_file(Path(path), form, Path(directory))
 
 
-def _request(source: Source, *, allow_unstable: bool = False) -> Request:
+def _request(
+    source: Source, *, overrides: Sequence[str] = (), allow_unstable: bool = False
+) -> Request:
     """What a command would be asked for."""
-    loaded = load(source)
+    if isinstance(source, Request):
+        return source
+    loaded = load(source, overrides=overrides)
     if allow_unstable:
         loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded)

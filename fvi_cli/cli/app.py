@@ -6,59 +6,65 @@ The rest of the project is imported inside the commands, so that ``--help`` is q
 from __future__ import annotations
 
 import _thread
+import inspect
+import itertools
 import os
 import signal
 import sys
+import textwrap
 import threading
 import warnings
-from collections.abc import Callable, Sequence
-from typing import Annotated, NoReturn
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 import fvi_cli
-from fvi_cli.cli.check import check
-from fvi_cli.cli.convergence import convergence
-from fvi_cli.cli.cost import cost
+from fvi_cli.cli import compute, configurations, files, linear, report
+from fvi_cli.cli.command import Command
 from fvi_cli.cli.exits import DONE
-from fvi_cli.cli.export import export
-from fvi_cli.cli.fit import fit
-from fvi_cli.cli.forget import forget
-from fvi_cli.cli.guide import guide
-from fvi_cli.cli.hard_cases import hard_cases
-from fvi_cli.cli.list import list  # noqa: A004 - the command's name
-from fvi_cli.cli.merge import merge
-from fvi_cli.cli.modes import modes
-from fvi_cli.cli.new import new
-from fvi_cli.cli.plot import plot
-from fvi_cli.cli.quantities import quantities
-from fvi_cli.cli.response import response
-from fvi_cli.cli.run import run
-from fvi_cli.cli.schema import schema
-from fvi_cli.cli.show import show
-from fvi_cli.cli.stability import stability
+from fvi_cli.cli.options import CLUSTERS
 
-COMMANDS = (
-    run,
-    convergence,
-    plot,
-    quantities,
-    cost,
-    stability,
-    fit,
-    modes,
-    response,
-    check,
-    list,
-    show,
-    export,
-    merge,
-    forget,
-    hard_cases,
-    schema,
-    new,
-    guide,
-)
+GROUPS: Mapping[str, tuple[Command, ...]] = {
+    "Compute": (compute.run, compute.cost, compute.stability, compute.fit, compute.hard_cases),
+    "Report": (report.convergence, report.plot, report.quantities),
+    "Linear structures": (linear.modes, linear.response),
+    "Result files": (files.show, files.export, files.merge, files.forget),
+    "Configurations": (
+        configurations.new,
+        configurations.check,
+        configurations.list_,
+        configurations.schema,
+    ),
+    "Help": (configurations.guide,),
+}
+COMMANDS = tuple(itertools.chain.from_iterable(GROUPS.values()))
+
+
+class _Groups(TyperGroup):
+    """Lists the commands group by group."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        for title, commands in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(one.name, one.summary) for one in commands])
+
+
+class _Options(TyperCommand):
+    """Lists options that have a section of their own below the others."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for one in self.get_params(ctx):
+            usual = "Arguments" if one.param_type_name == "argument" else "Options"
+            title = getattr(one, "rich_help_panel", None) or usual
+            if (record := one.get_help_record(ctx)) is not None:
+                sections.setdefault(title, []).append(record)
+        # what every command has stands before what few need
+        for title in sorted(sections, key=["Arguments", "Options", CLUSTERS].index):
+            with formatter.section(title):
+                formatter.write_dl(sections[title])
 
 
 def app(arguments: Sequence[str] = ()) -> typer.Typer:
@@ -68,17 +74,19 @@ def app(arguments: Sequence[str] = ()) -> typer.Typer:
     """
     made = typer.Typer(
         name="fvi",
+        cls=_Groups,
         help="Experiments with fractional variational integrators.",
         no_args_is_help=True,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
-        context_settings={"max_content_width": 120},
+        context_settings={"max_content_width": 120, "help_option_names": ["-h", "--help"]},
     )
     made.callback(invoke_without_command=True)(_root)
-    named = [one for one in COMMANDS if one.__name__.replace("_", "-") in arguments[:1]]
+    named = [one for one in COMMANDS if one.name in arguments[:1]]
     for command in named or COMMANDS:
-        # given by itself it is not cut where the screen is narrow
-        made.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
+        lines = inspect.cleandoc(command.examples)
+        epilog = f"Examples:\n\n\b\n{textwrap.indent(lines, '  ')}" if lines else None
+        made.command(command.name, cls=_Options, epilog=epilog)(command.callback())
     return made
 
 

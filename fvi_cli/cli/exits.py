@@ -1,7 +1,7 @@
 """How a command ends: exit codes, and what is said on standard error.
 
-Exit codes: 0 done; 1 a run failed and its configuration did not expect it; 2 a request or
-configuration that cannot be carried out; 3 a check did not hold; 130 interrupted. Standard output
+Exit codes: 0 done; 1 a run failed unexpectedly; 2 a request or configuration that cannot be carried
+out; 3 a check did not hold; 130 interrupted. Standard output
 carries results, standard error everything else.
 """
 
@@ -13,21 +13,16 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, ParamSpec
+from collections.abc import Callable, Mapping
+from typing import ParamSpec
 
 import typer
 
 from fvi_cli.errors import FviError, RequestError
 
-if TYPE_CHECKING:
-    from fvi_cli.runner.outcome import Outcome
-
 DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 3, 141, 130
 
 P = ParamSpec("P")
-
-_logger = logging.getLogger("fvi_cli")
 
 
 def guarded(command: Callable[P, int]) -> Callable[P, None]:
@@ -51,7 +46,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             _say(f"fvi: {error}")
             code = WRONG_REQUEST
         except KeyboardInterrupt:
-            stored = "; finished runs are stored, the same command goes on from there"
+            stored = "; finished runs are stored; rerun the command to resume"
             _say(f"fvi: interrupted{stored if _keeps_runs(kwargs) else ''}")
             code = INTERRUPTED
         except MemoryError as error:
@@ -90,22 +85,3 @@ def _say(*lines: str) -> None:
     for line in lines:
         with contextlib.suppress(OSError):
             print(line, file=sys.stderr)
-
-
-def verdict(differences: Sequence[str]) -> int:
-    """Exit code of a check; prints what differs."""
-    for difference in differences:
-        print(difference)
-    if differences:
-        _logger.error("stale: %d differences", len(differences))
-        return CHECK_FAILED
-    print("up to date")
-    return DONE
-
-
-def exit_code(outcomes: Sequence[Outcome]) -> int:
-    """Exit code of runs; says on standard error what went wrong."""
-    failed = [finished for outcome in outcomes for finished in outcome.unexpected]
-    if failed:
-        _logger.error("%d runs failed and their configuration did not expect it", len(failed))
-    return RUN_FAILED if failed else DONE

@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from fvi_cli.cli.completion import shipped_names
+
+CLUSTERS = "Options for clusters"
 
 _configs = typer.Argument(
     metavar="CONFIG",
@@ -23,7 +25,7 @@ _sources = typer.Argument(
 )
 Sources = Annotated[list[str], _sources]
 UsualSources = Annotated[list[str] | None, _sources]
-"""The same for commands that do something usual where nothing is named."""
+"""The same for commands with a default where nothing is named."""
 Output = Annotated[
     Path,
     typer.Option(
@@ -37,15 +39,21 @@ Output = Annotated[
 Check = Annotated[
     bool, typer.Option("--check", help="Compare with what is stored and write nothing.")
 ]
+Formats = Annotated[
+    list[str] | None,
+    typer.Option("--format", help="pdf, png or svg for figures; several times for several."),
+]
+Style = Annotated[
+    Path | None,
+    typer.Option("--style", metavar="FILE", help="Matplotlib style file: fonts, sizes, lines."),
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
         "--set", metavar="KEY.PATH=VALUE", help="Change an entry of the configuration; repeatable."
     ),
 ]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="List every run and what would be done with it; no more.")
-]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and do nothing.")]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
 ]
@@ -63,12 +71,17 @@ Dask = Annotated[
     typer.Option(
         "--dask",
         metavar="ADDRESS",
+        rich_help_panel=CLUSTERS,
         help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
     ),
 ]
 Wait = Annotated[
     bool,
-    typer.Option("--wait", help="Wait until another command that writes the same file has ended."),
+    typer.Option(
+        "--wait",
+        rich_help_panel=CLUSTERS,
+        help="Wait until another command that writes the same file has ended.",
+    ),
 ]
 CheckpointEvery = Annotated[
     float,
@@ -76,7 +89,17 @@ CheckpointEvery = Annotated[
         "--checkpoint-every",
         metavar="SECONDS",
         envvar="FVI_CHECKPOINT_EVERY",
-        help="Keep a checkpoint of a long run or search so often; the same command goes on.",
+        rich_help_panel=CLUSTERS,
+        help="Seconds between checkpoints; rerun the command to resume.",
+    ),
+]
+Shard = Annotated[
+    str,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        rich_help_panel=CLUSTERS,
+        help="Compute only the I-th of N parts, into a file of its own; see `fvi merge`.",
     ),
 ]
 Quiet = Annotated[
@@ -91,4 +114,5 @@ Verbose = Annotated[
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document in place of text, nothing else.")
 ]
+ResultFile = Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")]
 RESULTS = Path("results")

@@ -12,23 +12,18 @@ from typing import Any, Final
 import numpy as np
 
 from fvi_cli.config.fits.settings import fit_settings
-from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, adaptive_methods, check_accuracy
-from fvi_cli.config.keys.ladder import (
-    MOST_STEPS,
-    check_grading,
-    grading_of,
-    refuse_step,
-    steps_of,
-)
+from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy, usual_methods
+from fvi_cli.config.keys.experiment import ExperimentKeys
+from fvi_cli.config.keys.fit import Fit
+from fvi_cli.config.keys.ladder import MOST_STEPS, Ladder, check_grading, refuse_step
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
-from fvi_cli.config.keys.observations import check_units, read_observations
-from fvi_cli.config.keys.stability import stability_settings
-from fvi_cli.config.keys.store import read_diagnostics
+from fvi_cli.config.keys.store import Store
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
-from fvi_cli.config.problem import break_points, make_problem
-from fvi_cli.effects.diagnostics_request import NOTHING
+from fvi_cli.config.observations import check_units, read_observations
+from fvi_cli.config.problem import break_points, make_problem, problem_keys
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import Baseline, Method
@@ -36,6 +31,7 @@ from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.scenes.kinds import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form
 from fvi_cli.studies.accuracy_settings import Accuracy
@@ -54,61 +50,58 @@ ReadExperiment = tuple[Mapping[str, Any], Experiment | None]
 
 
 def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExperiment:
-    """The experiment that a mapping read by EXPERIMENT or SINGLE describes.
+    """The experiment that a mapping read by EXPERIMENT or SINGLE at `at` describes.
 
-    Parameters
-    ----------
-    values
-        What was read; may hold INVALID.
-    name
-        Its name.
-    at
-        Where it stands; receives what is wrong between the keys.
+    `values` may hold INVALID; `at` receives what is wrong between the keys.
     """
     before = len(at.complaints)
-    described, store = values["problem"], values["store"]
+    asked, described = ExperimentKeys.of(values), values["problem"]
     is_described = isinstance(described, Mapping)
-    problem = make_problem(described, at.under("problem")) if is_described else None
-    steps, grading = steps_of(values.get("ladder")), grading_of(values.get("ladder"))
+    keys = problem_keys(described, asked.problem) if is_described else None
+    problem = None if keys is None else make_problem(keys, at.under("problem"))
+    ladder = asked.ladder if isinstance(asked.ladder, Ladder) else None
+    steps, grading = (ladder.steps, ladder.grading or 1.0) if ladder else ((), 1.0)
     methods = read_methods(
         values.get("method"),
         at,
-        adaptive_methods(values.get("accuracy")) or USUAL if "accuracy" in values else {},
+        usual_methods(asked.accuracy),
         start="graded" if grading == 1.0 else "none",
     )
     check_accuracy(at)
-    ends = () if problem is None else (*break_points(described), problem.final_time)
+    ends = () if problem is None or keys is None else (*break_points(keys), problem.final_time)
     check_grading(grading, steps, methods, ends, at)
-    if is_described and grading == 1.0:
-        _check_break_points(described, problem, methods, steps, at)
+    if keys is not None and grading == 1.0:
+        _check_break_points(keys, problem, methods, steps, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
-    if is_described and not values["allow_unstable"]:
+    if is_described and asked.allow_unstable is False:
         _warn_of_negative_damping(described, at.under("problem"))
-    accuracy, diagnostics, members = None, NOTHING, None
+    accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
     observed = Observations()
     if problem is not None:
         _check_meeting(problem, methods)
-        every = store["every"] if isinstance(store, Mapping) else None
+        every = asked.store.every if isinstance(asked.store, Store) else None
         if isinstance(every, int):
             _check_memory(problem, methods, steps, every, at)
-        accuracy = accuracy_of(values.get("accuracy"), problem, methods, at)
-        diagnostics = read_diagnostics(store, problem, at)
-        observed = read_observations(values, described, problem, methods, at)
-        check_units(values, problem, at)
+        if isinstance(asked.accuracy, Accuracy):
+            accuracy = accuracy_of(asked.accuracy, problem, methods, at)
+        if isinstance(asked.store, Store) and is_complete(asked.store):
+            diagnostics = asked.store.request(problem, at)
+        observed = read_observations(asked, described.get("parameters", {}), problem, methods, at)
+        check_units(asked, problem, at)
         if at.has(SWEEP):
             members = _make_members(described, methods, steps, grading, at)
-            if members is not None and not values["allow_unstable"]:
+            if members is not None and not asked.allow_unstable:
                 _warn_of_negative_members(members[0], at.under(SWEEP))
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
                 check_total_memory(len(members[0]), dimension, points, len(methods), at)
     fit = None
-    if problem is not None and isinstance(values.get("fit"), Mapping):
+    if problem is not None and isinstance(asked.fit, Fit):
         quantities = observed.quantities or {}
         fit = fit_settings(
-            values["fit"], described, problem, quantities, at.under("fit"), at.under("problem")
+            asked.fit, described, problem, quantities, at.under("fit"), at.under("problem")
         )
     resolved = {
         # runs do not depend on what was measured
@@ -128,19 +121,19 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         else accuracy.candidates,
         steps=steps,
         grading=grading,
-        norm=values["report"]["norm"],
-        expect=values["expect"],
-        allow_unstable=values["allow_unstable"],
-        store_every=store["every"],
-        claims=values["claims"],
-        figures=tuple(values["figures"]),
+        norm=asked.report.norm,
+        expect=asked.expect,
+        allow_unstable=asked.allow_unstable,
+        store_every=asked.store.every,
+        claims=asked.claims,
+        figures=asked.figures,
         diagnostics=diagnostics,
         observations=observed,
-        stability=stability_settings(values["stability"]),
+        stability=asked.stability,
         members=() if members is None else members[0],
         accuracy=accuracy,
         fit=fit,
-        units=values.get("units", {}),
+        units=asked.units or {},
     )
     return resolved, experiment
 
@@ -211,10 +204,10 @@ def _make_members(
 ) -> ReadMembers | None:
     """The members of the sweep, checked like the experiment without one."""
 
-    def check(specification: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
+    def check(keys: Kind, problem: AnyProblem, at: Cursor) -> None:
         if grading == 1.0:
-            _check_break_points(specification, problem, methods, steps, at)
-        ends = (*break_points(specification), problem.final_time)
+            _check_break_points(keys, problem, methods, steps, at)
+        ends = (*break_points(keys), problem.final_time)
         check_grading(grading, steps, methods, ends, at)
         _check_meeting(problem, methods, at)
 
@@ -222,7 +215,7 @@ def _make_members(
 
 
 def _check_break_points(
-    described: Mapping[str, Any],
+    keys: Kind,
     problem: AnyProblem | None,
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
@@ -234,7 +227,7 @@ def _check_break_points(
     a refined run, which is what errors are measured against where no exact solution is known, has
     equal steps.
     """
-    ends = break_points(described)
+    ends = break_points(keys)
     if not ends:
         return
     if _have_own_points(problem, methods):
@@ -246,7 +239,7 @@ def _check_break_points(
                     f"{n_steps} steps are too few for {len(ends) + 1} parts between break points",
                 )
         return
-    parts = [until / described["final_time"] for until in ends]
+    parts = [until / keys.final_time for until in ends]
     divisor = math.lcm(
         *(Fraction(part).limit_denominator(_LARGEST_DENOMINATOR).denominator for part in parts)
     )
@@ -305,13 +298,7 @@ def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> 
 def _check_meeting(
     problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor | None = None
 ) -> None:
-    """Methods that cannot do this problem.
-
-    Parameters
-    ----------
-    at
-        Receives the complaints; None: where the methods stand.
-    """
+    """Methods that cannot do this problem."""
     for found in methods:
         message = _objection(problem, found)
         if message:
@@ -359,9 +346,10 @@ def _check_memory(
         if available is not None and max(generous, default=0) <= available:
             return 0
         # plans know the whole engine, which takes long to import
-        from fvi_cli.planning.plan import planned_bytes
+        from fvi_cli.planning.plan import plan_run
 
-        return max((planned_bytes(scene, one, n_steps, every=every) for one in found), default=0)
+        plans = [plan_run(scene, one, n_steps, every=every) for one in found]
+        return max((plan.memory_bytes for plan in plans), default=0)
 
     # memory grows with the number of steps
     for index in sorted(range(len(steps)), key=lambda index: -steps[index]):

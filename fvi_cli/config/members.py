@@ -10,10 +10,11 @@ from typing import Any, Final
 
 from fvi_cli.config.keys.sweep import BYTES_PER_RUN, PROBLEM, SWEEP, Sweep, read_sweep, tree_of
 from fvi_cli.config.memory import in_gigabytes, machine_bytes
-from fvi_cli.config.problem import make_problem
+from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, with_node
+from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes import kinds
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.scenes.registry import build_problem
@@ -27,7 +28,7 @@ MANY: Final = 5000
 
 _logger = logging.getLogger(__name__)
 
-CheckMember = Callable[[Mapping[str, Any], AnyProblem, Cursor], None]
+CheckMember = Callable[[kinds.Kind, AnyProblem, Cursor], None]
 
 
 ReadMembers = tuple[tuple[Member, ...], Any]
@@ -38,15 +39,6 @@ def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) ->
     """The members of an experiment; None, with complaints, where something is wrong.
 
     Every value of every key is read like the file; then every member's problem is checked.
-
-    Parameters
-    ----------
-    template
-        The complete ``problem`` mapping of the first member.
-    at
-        The experiment; receives what is wrong, with the values of the member it is wrong with.
-    check
-        What else must hold for a member's mapping and problem, in a tree that has its values.
     """
     # the same mistake may have been noted before
     own = at.complaints.apart()
@@ -93,7 +85,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
     # keys beside the outermost one are read alike for all values
     outermost = key.split(".")[1]
     kind = kinds.KINDS[template["kind"]]
-    shape = next(one.shape for one in kind.record.keys if one.name == outermost)
+    shape = next(one.shape for one in keys_of(kind) if one.name == outermost)
     shared = with_values({outermost: template[outermost]}, {key: None})
     for value in sweep.values[key]:
         tree = replace(
@@ -151,11 +143,12 @@ def _check_members(
 def _check_member(
     specification: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
 ) -> None:
-    problem = make_problem(specification, at.under(PROBLEM), search=False)
+    keys = problem_keys(specification)
+    problem = make_problem(keys, at.under(PROBLEM), search=False)
     if problem is None:
         return
     if _dimension(problem) == _dimension(first):
-        check(specification, problem, at)
+        check(keys, problem, at)
         return
     at.refuse(
         f"has {_dimension(problem)} degrees of freedom, the first member "
@@ -171,19 +164,7 @@ def _dimension(problem: AnyProblem) -> int:
 def check_total_memory(
     count: int, dimension: int, points: Sequence[int], n_methods: int, at: Cursor
 ) -> None:
-    """All finished runs of a sweep must have room in memory, for tables and figures.
-
-    Parameters
-    ----------
-    count, dimension
-        Numbers of members and of degrees of freedom.
-    points
-        Number of points that are kept in memory for every number of steps.
-    n_methods
-        Number of methods.
-    at
-        The experiment.
-    """
+    """All finished runs of a sweep must have room in memory, for tables and figures."""
     each = sum(8 * (1 + 3 * dimension) * size + BYTES_PER_RUN for size in points)
     needed, available = count * n_methods * each, machine_bytes()
     if available is not None and needed > available:

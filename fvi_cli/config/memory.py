@@ -45,11 +45,6 @@ def machine_bytes(root: Path = ROOT) -> int | None:
     These are what the machine has available, what control groups of both versions leave, from that
     of this process up to the outermost (systemd, SLURM and containers nest them), and the limit of
     the address space (``ulimit -v``).
-
-    Parameters
-    ----------
-    root
-        Where ``proc`` and ``sys`` are.
     """
     limits = [*_of_machine(root), *_of_groups(root), *_of_address_space(root)]
     return max(min(limits), 0) if limits else None

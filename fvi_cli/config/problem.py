@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -12,14 +12,16 @@ import numpy as np
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
+from fvi_cli.keys.settings import Setting
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import with_parameters
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.kinds import PROBLEM, Kind
+from fvi_cli.scenes.kinds.oscillators import DampedOscillator
+from fvi_cli.scenes.kinds.shared_keys import Initial
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.records.samples import end_of_samples
-from fvi_cli.scenes.registry import build_problem
 from fvi_cli.scenes.structures.matrix_keys import rows_of
 
 # Where an expression is tried: inside of the steps of any grid that people use. On their points,
@@ -27,47 +29,57 @@ from fvi_cli.scenes.structures.matrix_keys import rows_of
 _TRIALS: Final = 97
 _GRID: Final = 720
 _EXPANDED_TO: Final = 4.0  # above the power of t itself, which a quotient would lose
+_NO_TIME: Final[dict[str, Any]] = {"final_time": INVALID}
 _OTHER_NAMES: Final = {
     "initial_position": ("initial", "position"),
     "initial_velocity": ("initial", "velocity"),
 }
 
 
-def force_key(problem: Mapping[str, Any]) -> str:
+def problem_keys(problem: Mapping[str, Any], built: object = None) -> Kind:
+    """The keys of a problem that was read; of one of no known kind those of a linear equation."""
+    found = PROBLEM.build(problem) if built is None else built
+    if isinstance(found, Kind):
+        return found
+    return DampedOscillator.of(_NO_TIME | dict(problem)).replaced(kind=INVALID)
+
+
+def _force_key(problem: Kind) -> str:
     """The key under which the force of a problem stands."""
-    kind = KINDS.get(problem["kind"]) if isinstance(problem["kind"], str) else None
-    known = ("forcing",) if kind is None else kind.forces
-    given = [key for key in known if problem.get(key, "0") != "0"]
-    return given[0] if given else known[0]
+    forces = problem.forces
+    given = [name for name in forces[1:] if getattr(problem, name, "0") != "0"]
+    return given[0] if given and getattr(problem, forces[0], "0") == "0" else forces[0]
 
 
-def _pieces(problem: Mapping[str, Any]) -> list[Any]:
+def _force(problem: Kind) -> Any:
+    return getattr(problem, _force_key(problem), None)
+
+
+def _pieces(problem: Kind) -> Sequence[Any]:
     """What was read of the pieces of the forcing; none where it has none."""
-    forcing = problem.get(force_key(problem))
+    forcing = _force(problem)
     pieces = forcing.get("pieces") if isinstance(forcing, Mapping) else None
-    return pieces if isinstance(pieces, list) else []
+    return pieces if isinstance(pieces, list | tuple) else ()
 
 
-def break_points(problem: Mapping[str, Any]) -> list[float]:
+def break_points(problem: Kind) -> list[float]:
     """Ends of the pieces of the forcing, as far as they are valid and inside of (0, T)."""
-    final_time = problem.get("final_time")
-    ends = [piece.get("until") for piece in _pieces(problem) if isinstance(piece, Mapping)]
-    ends += _ends_of_samples(problem)
-    valid = [end for end in ends if isinstance(end, float)]
-    return [end for end in valid if isinstance(final_time, float) and end < final_time]
-
-
-def _ends_of_samples(problem: Mapping[str, Any]) -> list[float]:
-    """Where samples of the forcing end with nothing behind them, in order."""
-    final_time, forcing = problem.get("final_time"), problem.get(force_key(problem))
-    inner = forcing.get("at") if isinstance(forcing, Mapping) else None
-    entries: list[Any] = [forcing]
-    if isinstance(inner, Mapping):
-        entries = list(inner.values())
-    elif isinstance(forcing, list):
-        entries = forcing
+    final_time = getattr(problem, "final_time", None)
     if not isinstance(final_time, float):
         return []
+    ends = [piece.get("until") for piece in _pieces(problem) if isinstance(piece, Mapping)]
+    every = (*ends, *_ends_of_samples(_force(problem), final_time))
+    return [end for end in every if isinstance(end, float) and end < final_time]
+
+
+def _ends_of_samples(forcing: object, final_time: float) -> list[float]:
+    """Where samples of the forcing end with nothing behind them, in order."""
+    inner = forcing.get("at") if isinstance(forcing, Mapping) else None
+    entries: Iterable[Any] = (forcing,)
+    if isinstance(inner, Mapping):
+        entries = inner.values()
+    elif isinstance(forcing, tuple):
+        entries = forcing
     found = {
         end_of_samples(one, final_time)
         for one in entries
@@ -76,33 +88,25 @@ def _ends_of_samples(problem: Mapping[str, Any]) -> list[float]:
     return sorted(end for end in found if end is not None)
 
 
-def make_problem(
-    problem: Mapping[str, Any], at: Cursor, *, search: bool = True
-) -> AnyProblem | None:
-    """The problem that a mapping read by PROBLEM describes; None when something is wrong.
+def make_problem(problem: Kind, at: Cursor, *, search: bool = True) -> AnyProblem | None:
+    """The problem that keys describe; None when something is wrong.
 
-    Parameters
-    ----------
-    problem
-        What was read; may hold INVALID.
-    at
-        Where it stands; receives what is wrong between the keys.
-    search
-        Look for the exact solution, which takes long and finds no mistake.
+    `problem` may hold INVALID and stands at `at`, which receives what is wrong between the keys.
+    Looking for the exact solution (`search`) takes long and finds no mistake.
     """
     before = len(at.complaints)
     _check_sizes(problem, at)
     _check_pieces(problem, at)
-    _check_values(with_parameters(problem), at)
+    _check_values(problem, at)
     if not is_complete(problem) or len(at.complaints) > before:
         return None
     try:
-        return build_problem(problem, search=search)
+        return problem.build_problem(search=search)
     except ArgumentError as error:
-        first, *rest = error.key.split(".")
-        key: KeyPath = (*_OTHER_NAMES.get(first, (first,)), *rest)
-        if key[0] in problem:
-            at.refuse(error.message, *key)
+        first, *rest = error.path or ("",)
+        path: KeyPath = (*_OTHER_NAMES.get(first, (first,)), *rest)
+        if hasattr(problem, str(path[0])):
+            at.refuse(error.message, *path)
         else:
             at.refuse(str(error))
     except ValueError as error:
@@ -110,45 +114,47 @@ def make_problem(
     return None
 
 
-def _check_sizes(problem: Mapping[str, Any], at: Cursor) -> None:
+def _check_sizes(problem: Kind, at: Cursor) -> None:
     """Everything that is given per coordinate must have the same number of coordinates."""
-    kind = KINDS.get(problem["kind"]) if isinstance(problem["kind"], str) else None
-    stated = None if kind is None else kind.stated_size(problem)
+    stated = problem.stated_size()
     sized = [] if stated is None else [stated]
-    for key, value in _sized(problem):
-        size = len(value) if isinstance(value, list) else rows_of(value)
+    for path, value in _sized(problem):
+        size = len(value) if isinstance(value, list | tuple) else rows_of(value)
         if size is not None:
-            sized.append((key, size))
-    for key, size in sized[1:]:
+            sized.append((path, size))
+    for path, size in sized[1:]:
         if size != sized[0][1]:
-            first = ".".join(map(str, sized[0][0])) or f"kind {problem['kind']}"
-            at.refuse(f"is for {_coordinates(size)}, but {first} for {sized[0][1]}", *key)
+            first = ".".join(map(str, sized[0][0])) or f"kind {problem.kind}"
+            at.refuse(f"is for {_coordinates(size)}, but {first} for {sized[0][1]}", *path)
 
 
-def _sized(problem: Mapping[str, Any]) -> Iterator[tuple[KeyPath, object]]:
+def _sized(problem: Kind) -> Iterator[tuple[KeyPath, object]]:
     """What may be given per coordinate."""
-    yield from (((key,), problem.get(key)) for key in ("mass", "stiffness"))
-    initial = problem.get("initial")
-    if isinstance(initial, Mapping):
-        yield from ((("initial", key), value) for key, value in initial.items())
-    yield from (((key,), problem.get(key)) for key in ("forcing", "exact"))
-    damping = problem.get("damping")
-    for index, term in enumerate(damping if isinstance(damping, list) else []):
-        if isinstance(term, Mapping) and "acts_on" not in term:
-            for key in ("coefficient", "matrix"):
-                yield ("damping", index, key), term.get(key)
+    for name in ("mass", "stiffness"):
+        yield (name,), getattr(problem, name, None)
+    initial = getattr(problem, "initial", None)
+    if isinstance(initial, Initial):
+        yield from ((("initial", name), value) for name, value in vars(initial).items())
+    for name in ("forcing", "exact"):
+        yield (name,), getattr(problem, name, None)
+    damping = getattr(problem, "damping", None)
+    for index, term in enumerate(damping if isinstance(damping, tuple) else ()):
+        given = vars(term) if isinstance(term, Setting) else term
+        if isinstance(given, Mapping) and given.get("acts_on") is None:
+            for name in ("coefficient", "matrix"):
+                yield ("damping", index, name), given.get(name)
     for index, piece in enumerate(_pieces(problem)):
         if isinstance(piece, Mapping):
-            yield (force_key(problem), "pieces", index, "value"), piece.get("value")
+            yield (_force_key(problem), "pieces", index, "value"), piece.get("value")
 
 
 def _coordinates(size: int) -> str:
     return f"{size} coordinate" if size == 1 else f"{size} coordinates"
 
 
-def _check_pieces(problem: Mapping[str, Any], at: Cursor) -> None:
+def _check_pieces(problem: Kind, at: Cursor) -> None:
     """Every piece but the last has an end; the ends increase and lie inside of (0, T)."""
-    pieces, final_time = _pieces(problem), problem.get("final_time")
+    pieces, final_time = _pieces(problem), getattr(problem, "final_time", None)
     earlier = 0.0
     for index, piece in enumerate(pieces):
         until: Any = piece.get("until") if isinstance(piece, Mapping) else INVALID
@@ -165,25 +171,27 @@ def _check_pieces(problem: Mapping[str, Any], at: Cursor) -> None:
         elif isinstance(final_time, float) and not until < final_time:
             wrong = f"{until:g} is not before final_time = {final_time:g}; later pieces never act"
         if wrong:
-            at.refuse(wrong, force_key(problem), "pieces", index, "until")
+            at.refuse(wrong, _force_key(problem), "pieces", index, "until")
         earlier = earlier if until is None else max(earlier, until)
 
 
-def _check_values(problem: Mapping[str, Any], at: Cursor) -> None:
+def _check_values(problem: Kind, at: Cursor) -> None:
     """Expressions must be finite: forces inside of the interval, known functions at 0 as well."""
-    final_time = problem.get("final_time")
+    final_time = getattr(problem, "final_time", None)
     if not isinstance(final_time, float):
         return
-    for key in ("exact", "function"):
-        _try(problem.get(key), at, (key,), (0.0, final_time), is_force=False)
-    force, begin = force_key(problem), 0.0
-    given = problem.get(force)
+    values = with_parameters(vars(problem))
+    for name in ("exact", "function"):
+        _try(values.get(name), at, (name,), (0.0, final_time), is_force=False)
+    force, begin = _force_key(problem), 0.0
+    given = values.get(force)
     if not isinstance(given, Mapping):
         _try(given, at, (force,), (0.0, final_time))
     elif isinstance(given.get("at"), Mapping):
         for name, value in given["at"].items():
             _try(value, at, (force, "at", name), (0.0, final_time))
-    for index, piece in enumerate(_pieces(problem)):
+    pieces = given.get("pieces") if isinstance(given, Mapping) else None
+    for index, piece in enumerate(pieces if isinstance(pieces, list | tuple) else ()):
         end = piece.get("until", final_time) if isinstance(piece, Mapping) else INVALID
         if not isinstance(end, float) or not begin < end <= final_time:
             return
@@ -200,7 +208,7 @@ def _try(
     is_force: bool = True,
 ) -> None:
     """Complain of every expression that has no use on an interval."""
-    for index, entry in enumerate(value) if isinstance(value, list) else ():
+    for index, entry in enumerate(value) if isinstance(value, list | tuple) else ():
         _try(entry, at, (*key, index), interval, is_force=is_force)
     if isinstance(value, str) and value not in ("auto", "none"):
         wrong = _objection(value, *interval, is_force=is_force)

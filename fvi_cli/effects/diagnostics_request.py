@@ -8,7 +8,7 @@ from fvi_cli.effects.symmetry import Symmetry
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Asked:
+class DiagnosticsRequest:
     """Which diagnostics are computed beside a trajectory; by default none.
 
     Parameters
@@ -28,4 +28,4 @@ class Asked:
         return not (self.energy_balance or self.symmetries)
 
 
-NOTHING = Asked()
+NO_DIAGNOSTICS = DiagnosticsRequest()

@@ -24,10 +24,9 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.algebra.builder import joined
-from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.expressions import Expression, slopes_system
 
 T = TypeVar("T")
 
@@ -115,17 +114,15 @@ class ExpressionPotential:
         """The formulas of dV/dq, without the stiffness."""
         if self.gradient_expressions is not None:
             return joined(*(one.system for one in self.gradient_expressions))
-        along = [{name: 1.0} for name in self.coordinates]
-        return derivatives(self.energy_expression.system, along)[1:]
+        return slopes_system(self.energy_expression.system, self.coordinates)[1:]
 
     @cached_property
     def hessian_system(self) -> FormulaSystem:
         """The formulas of the second derivatives row by row, without the stiffness."""
         if self.hessian_expressions is not None:
             return joined(*(one.system for row in self.hessian_expressions for one in row))
-        along = [{name: 1.0} for name in self.coordinates]
         # they stand direction by direction, and are symmetric
-        return derivatives(self.gradient_system, along)[self.dimension :]
+        return slopes_system(self.gradient_system, self.coordinates)[self.dimension :]
 
     def __getstate__(self) -> dict[str, object]:
         """What is pickled: all but compiled programs."""

@@ -11,9 +11,9 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse
+from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse, times
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, set_arrays
@@ -181,20 +181,58 @@ class Scene:
             return ()
         return tuple(t for t in self.forcing.break_points if 0 < t < self.final_time)
 
-    def energy(self, position: Array, momentum: Array) -> Array:
+    def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
+        """The derivative of L by v; M v where energies separate."""
+        if self.lagrangian is not None:
+            return self.lagrangian.momentum(position, velocity, time)
+        return np.asarray(times(velocity, self.inertia.form))
+
+    def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
+        """The velocity to a momentum."""
+        if self.lagrangian is not None:
+            return self.lagrangian.velocity(position, momentum, time)
+        return self.inertia.velocity(momentum)
+
+    def energy(self, position: Array, momentum: Array, time: Array | float | None = None) -> Array:
         """Hamiltonian p M^-1 p / 2 + V(q) without forcing, shapes ``(..., d)`` to ``(...)``.
 
         Raises
         ------
         ValueError
-            For a Lagrangian that depends on time, whose energy is not a function of these two.
+            For a Lagrangian that depends on time, where no time is given.
         """
         if self.lagrangian is not None:
-            if self.lagrangian.depends_on_time:
+            if time is None and self.lagrangian.depends_on_time:
                 raise ArgumentError("energy", "the Lagrangian depends on t; give the time as well")
-            rate = self.lagrangian.velocity(position, momentum, 0.0)
-            return self.lagrangian.energy(position, rate, 0.0)
+            at = 0.0 if time is None else time
+            return self.lagrangian.energy(position, self.velocity(position, momentum, at), at)
         kinetic = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
         if self.potential is None:
             return np.asarray(kinetic)
         return np.asarray(kinetic + self.potential.energy(position))
+
+    def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
+        """The derivatives of L by v and q; M v and minus the gradient of V."""
+        if self.lagrangian is not None:
+            at = self.lagrangian.derivatives(position, velocity, time)
+            return at.momentum, at.force
+        pull = np.zeros_like(position)
+        if self.potential is not None:
+            pull = -self.potential.gradient(position)
+        return self.momentum(position, velocity, time), pull
+
+    def derivatives(self, position: Array, velocity: Array, time: Array) -> Derivatives:
+        """All first and second derivatives of L in q and v."""
+        if self.lagrangian is not None:
+            return self.lagrangian.derivatives(position, velocity, time)
+        momentum, force = self.forces(position, velocity, time)
+        shape = (*position.shape, self.dimension)
+        return Derivatives(
+            momentum=momentum,
+            force=force,
+            mass=np.broadcast_to(self.inertia.mass, shape),
+            mixed=np.zeros(shape),
+            stiffness=(
+                np.zeros(shape) if self.potential is None else -self.potential.hessian(position)
+            ),
+        )

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_semidefinite, is_sparse
 from fvi_cli.effects.potential import QuadraticPotential
@@ -91,25 +90,25 @@ class GrowthBound:
 
         with the length :math:`c = 10^{-8} C` and V over the points and the straight ways to them.
         """
-        dynamics, start = dynamics_of(scene), scene.initial_position
+        start = scene.initial_position
         rest = np.zeros_like(start)
 
         def potential(x: Array, t: Array | float) -> Array:
-            if isinstance(dynamics, General):
-                return -dynamics.lagrangian.lagrangian(x, np.zeros_like(x), t)
+            if scene.lagrangian is not None:
+                return -scene.lagrangian.lagrangian(x, np.zeros_like(x), t)
             return (
                 np.zeros(x.shape[:-1]) if scene.potential is None else (scene.potential.energy(x))
             )
 
         level = float(potential(start, 0.0))
-        impulse = dynamics.momentum(start, scene.initial_velocity, 0.0)
-        begun = float(dynamics.energy(start, impulse, 0.0))
-        pull = np.abs(dynamics.forces(start, rest, np.asarray(0.0))[1]).max() + self.force
+        impulse = scene.momentum(start, scene.initial_velocity, 0.0)
+        begun = float(scene.energy(start, impulse, 0.0))
+        pull = np.abs(scene.forces(start, rest, np.asarray(0.0))[1]).max() + self.force
         given = begun - level + pull * self.size / TOLERATED_FACTOR
         here = potential(position, times)
         given = abs(given) + np.maximum(level - np.fmin.accumulate(here), 0.0)
         given = given + np.abs(here - potential(position, 0.0))
-        gain = dynamics.energy(position, momentum, times) - begun
+        gain = scene.energy(position, momentum, times) - begun
         too_much: Mask = gain > TOLERATED_ENERGY * given
         for index in np.flatnonzero(too_much):
             between = start + ON_THE_WAY[:, None] * (position[index] - start)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import dynamics_of
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.failure import no_unique_solution
@@ -26,7 +25,7 @@ def integrate(
     n_steps: AnySteps,
     *,
     every: int = 1,
-    diagnostics: Asked = NOTHING,
+    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
@@ -113,13 +112,13 @@ def integrate(
 def _unsolved(scene: Scene, n_steps: int) -> Trajectory:
     """The start of a motion whose steps have singular equations, as with negative stiffness."""
     h = scene.final_time / n_steps
-    position, dynamics = scene.initial_position[None], dynamics_of(scene)
-    momentum = dynamics.momentum(position, scene.initial_velocity[None], np.zeros(1))
+    position = scene.initial_position[None]
+    momentum = scene.momentum(position, scene.initial_velocity[None], np.zeros(1))
     return Trajectory(
         time=np.zeros(1),
         position=position,
         momentum=momentum,
-        energy=dynamics.energy(position, momentum, np.zeros(1)),
+        energy=scene.energy(position, momentum, np.zeros(1)),
         n_steps=n_steps,
         step_size=h,
         status="failed",

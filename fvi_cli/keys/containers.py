@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from abc import abstractmethod
+from collections.abc import Container, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from fvi_cli.keys.complaints import excerpt, listed
-from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import ListNode, MappingNode, ScalarNode
-from fvi_cli.keys.scalars import Schema, Shape
+from fvi_cli.keys.scalars import Schema, Shape, referred
 
 
 @dataclass(frozen=True, kw_only=True)
-class ListOf:
+class ListOf(Shape):
     """A list of equal things."""
 
     shape: Shape
@@ -35,18 +36,25 @@ class ListOf:
             return at.refuse(f"{len(items)} entries; there must be {self.least} to {self.most}")
         return [self.shape.read(item) for item in items]
 
+    def build(self, value: Any) -> Any:
+        """A tuple."""
+        if not isinstance(value, list | tuple):
+            return value
+        is_plain = type(self.shape).build is Shape.build
+        return tuple(value if is_plain else (self.shape.build(one) for one in value))
+
     def _meant(self, at: Cursor) -> str:
         """How something that would do as an entry is written; else nothing."""
         word = at.word_for(self.shape)
         return f"; write [{word}]" if word and f"[{word}]" != self.example else ""
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
-        return {"type": "array", "items": self.shape.schema(), "minItems": self.least}
+        return {"type": "array", "items": self.shape.schema(defs), "minItems": self.least}
 
 
 @dataclass(frozen=True, kw_only=True)
-class OneOrMany:
+class OneOrMany(Shape):
     """One thing or a list of them; read as a list."""
 
     shape: Shape
@@ -63,13 +71,17 @@ class OneOrMany:
             return ListOf(shape=self.shape, most=self.most).read(at)
         return [self.shape.read(at)]
 
-    def schema(self) -> Schema:
+    def build(self, value: Any) -> Any:
+        """A tuple."""
+        return ListOf(shape=self.shape).build(value)
+
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
-        return {"anyOf": [self.shape.schema(), ListOf(shape=self.shape).schema()]}
+        return {"anyOf": [self.shape.schema(defs), ListOf(shape=self.shape).schema(defs)]}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Named:
+class Named(Shape):
     """A mapping from names that the user chooses to equal things.
 
     Parameters
@@ -98,66 +110,33 @@ class Named:
             return at.needs(self.expected)
         return {name: self.shape.read(under) for name, under in at.entries()}
 
-    def schema(self) -> Schema:
+    def build(self, value: Any) -> Any:
+        """A mapping."""
+        is_mapping = isinstance(value, Mapping)
+        return {k: self.shape.build(one) for k, one in value.items()} if is_mapping else value
+
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
-        return {"type": "object", "additionalProperties": self.shape.schema()}
+        return {"type": "object", "additionalProperties": self.shape.schema(defs)}
 
 
-class MappingShape(Shape, Protocol):
+class MappingShape(Shape):
     """What may stand under a key as a mapping."""
 
-    def is_meant(self, node: MappingNode) -> bool:
-        """Whether a mapping has any key of this shape."""
+    @abstractmethod
+    def has_any(self, names: Container[str]) -> bool:
+        """Whether any key of this shape is among the keys of a mapping."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Checked:
-    """A mapping whose values must fit together.
-
-    Parameters
-    ----------
-    shape
-        The mapping.
-    check
-        Gets what was read, complete, and where it stands; gives what shall stand in its place.
-    words
-        What is allowed, in words; empty: what the shape says.
-    """
-
-    shape: MappingShape
-    check: Callable[[Any, Cursor], Any] = field(hash=False)
-    words: str = ""
-    described: Schema | None = field(default=None, hash=False)
-
-    @property
-    def expected(self) -> str:
-        """What is allowed."""
-        return self.words or self.shape.expected
-
-    def is_meant(self, node: MappingNode) -> bool:
-        """Whether a mapping has any key of this shape."""
-        return self.shape.is_meant(node)
-
-    def read(self, at: Cursor) -> Any:
-        """What the check makes of what is read."""
-        if not isinstance(at.node, MappingNode):
-            return at.needs(self.expected)
-        values = self.shape.read(at)
-        return self.check(values, at) if is_complete(values) else INVALID
-
-    def schema(self) -> Schema:
-        """The shape in JSON schema."""
-        return self.shape.schema() if self.described is None else self.described
-
-
-@dataclass(frozen=True, kw_only=True)
-class ByForm:
+class ByForm(Shape):
     """Different shapes for a single value, a list and mappings, which their keys tell apart."""
 
     single: Shape | None = None
     several: Shape | None = None
     mappings: tuple[MappingShape, ...] = ()
     example: str = ""
+    name: str = ""
 
     @property
     def expected(self) -> str:
@@ -170,7 +149,7 @@ class ByForm:
 
     def means(self, node: MappingNode) -> MappingShape | None:
         """The mapping of which a key stands there."""
-        return next((shape for shape in self.mappings if shape.is_meant(node)), None)
+        return next((shape for shape in self.mappings if shape.has_any(node.entries)), None)
 
     def _astray(self, at: Cursor) -> tuple[Cursor, str] | None:
         """A mapping of which the example says more than complaints about what is inside of it."""
@@ -203,6 +182,19 @@ class ByForm:
         keys = f" with {excerpt(names)}" if names else ""
         return found.refuse(f"a mapping{keys} is not allowed{where} must be {self.expected}")
 
-    def schema(self) -> Schema:
-        """The shape in JSON schema."""
-        return {"anyOf": [shape.schema() for shape in self._shapes()]}
+    def build(self, value: Any) -> Any:
+        """What the shape for this form makes."""
+        shape: Shape | None = self.single
+        if isinstance(value, list | tuple):
+            shape = self.several
+        elif isinstance(value, Mapping):
+            shape = next((one for one in self.mappings if one.has_any(value)), None)
+        return value if shape is None else shape.build(value)
+
+    def schema(self, defs: Schema) -> Schema:
+        """A reference, where there is a name for it; else all of it."""
+
+        def whole(defs: Schema) -> Schema:
+            return {"anyOf": [shape.schema(defs) for shape in self._shapes()]}
+
+        return referred(self.name, defs, whole) if self.name else whole(defs)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final, Protocol
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import Complaints, KeyPath, excerpt
 from fvi_cli.keys.nodes import (
     ListNode,
@@ -34,11 +35,20 @@ REQUIRED: Final = Missing.REQUIRED
 OPTIONAL: Final = Missing.OPTIONAL
 
 
+class Built:
+    """A value that was made of a mapping."""
+
+
 def is_complete(value: object) -> bool:
     """Whether nothing in a value that was read is INVALID."""
+    # most values are these, and whether something is a mapping takes long to ask
+    if type(value) in (float, str, int, bool):
+        return True
+    if isinstance(value, Built):
+        value = vars(value)
     if isinstance(value, Mapping):
         return all(is_complete(entry) for entry in value.values())
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return all(is_complete(entry) for entry in value)
     return value is not INVALID
 
@@ -82,6 +92,12 @@ class Cursor:
         place = self.node.place if given is None else given.key_place
         self.complaints.add(place, (*self.path, name), message)
         return INVALID
+
+    def tell(self, error: ArgumentError) -> Missing:
+        """Complain of what a check found, where it says."""
+        if error.at_key:
+            return self.under(*error.path[:-1]).refuse_key(error.path[-1], error.message)
+        return self.refuse(error.message, *error.path)
 
     def needs(self, expected: str, hint: str = "") -> Missing:
         """Complain that something else is needed, and how what stands here would be written."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ from fvi_cli.keys.complaints import KeyPath, SourcePosition, excerpt, show_path
 
 ScalarValue = bool | int | float | str | None
 LONGEST_NUMBER: Final = 400
+NOWHERE: Final = SourcePosition(source="")
 
 _INTEGER: Final = re.compile(r"[-+]?[0-9]+")
 _OTHER_BASES: Final = ((re.compile(r"0o[0-7]+"), 8), (re.compile(r"0x[0-9a-fA-F]+"), 16))
@@ -96,6 +98,17 @@ def plain(node: Node) -> Any:
     if isinstance(node, MappingNode):
         return {key: plain(entry.node) for key, entry in node.entries.items()}
     return node.value
+
+
+def node_of(value: Any) -> Node:
+    """JSON values as a tree that stands nowhere."""
+    if isinstance(value, Mapping):
+        entries = {str(k): Entry(key_place=NOWHERE, node=node_of(v)) for k, v in value.items()}
+        return MappingNode(place=NOWHERE, entries=entries)
+    if isinstance(value, list | tuple):
+        return ListNode(place=NOWHERE, items=tuple(map(node_of, value)))
+    text = value if isinstance(value, str) else str(value).lower()
+    return ScalarNode(place=NOWHERE, value=value, text=text)
 
 
 def node_at(node: Node, path: KeyPath) -> tuple[Node, KeyPath]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from fvi_cli.keys.complaints import listed, suggestion
-from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Cursor, Missing
+from fvi_cli.keys.containers import MappingShape
+from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Cursor, Missing, is_complete
 from fvi_cli.keys.nodes import MappingNode, ScalarNode
-from fvi_cli.keys.scalars import Choice, Schema, Shape
+from fvi_cli.keys.scalars import Choice, Schema, Shape, referred
 from fvi_cli.mathematics.algebra.syntax import difference_of_sides
 
 Refusal = str | Callable[[Cursor], str]
@@ -18,22 +19,10 @@ Refusal = str | Callable[[Cursor], str]
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a record.
+    """A key of a record: what may stand under it, and for readers what that means.
 
-    Parameters
-    ----------
-    name
-        As it is written.
-    shape
-        What may stand under it.
-    meaning
-        For readers of the schema and of starter files.
-    unit
-        Of the numbers under it, in words, such as ``mass per time^2``; empty: said in `meaning`.
-    default
-        The plain value of an absent key, REQUIRED, or OPTIONAL for none.
-    build
-        What a builder gets in place of the plain value; None: that value.
+    `unit` is in words, such as ``mass per time^2``; `default` the plain value of an absent key,
+    REQUIRED, or OPTIONAL for none; `attribute` the field of the setting.
     """
 
     name: str
@@ -42,7 +31,7 @@ class Key:
     _: KW_ONLY
     unit: str = ""
     default: Any = field(default=REQUIRED, hash=False)
-    build: Callable[[Any], Any] | None = field(default=None, hash=False)
+    attribute: str = ""
 
     @property
     def description(self) -> str:
@@ -50,48 +39,53 @@ class Key:
         return f"{self.meaning.removesuffix('.')} ({self.unit})." if self.unit else self.meaning
 
 
-def optional(name: str, shape: Shape, meaning: str, *, unit: str = "") -> Key:
-    """A key that may be absent, and has no value then."""
-    return Key(name, shape, meaning, unit=unit, default=OPTIONAL)
+class Made(Protocol):
+    """A value that a mapping makes."""
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Made:
+        """The value of plain ones that were read."""
+
+    def value(self) -> Any:
+        """What stands where this is built."""
+
+    @classmethod
+    def check_presence(cls, at: Cursor) -> None:
+        """Complain of keys that must be there, or must not."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
-    """A mapping with known keys.
+class Record(MappingShape):
+    """A mapping with known keys, in the order in which they are filled in and shown.
 
-    Parameters
-    ----------
-    keys
-        The keys, in the order in which they are filled in and shown.
-    refused
-        Keys that deserve a reason, with it, or a function of what stands under the key.
-    alternatives
-        Keys of which one must be given and no other; the schema says so, who reads checks it.
-    declares
-        Key whose names the expressions under all keys may hold; empty: there is none.
-    of_word
-        What to write in place of a word where the mapping should stand; empty: nobody knows.
+    The fields are those of :class:`fvi_cli.keys.settings.Setting`, the value `of` which is made;
+    `variant` stands behind its name in the schema where its defaults are others, and `check` gives
+    the plain values that stand for what was read.
     """
 
     keys: tuple[Key, ...]
     refused: Mapping[str, Refusal] = field(default_factory=dict, hash=False)
-    alternatives: tuple[str, ...] = ()
+    forms: tuple[tuple[str, ...], ...] = ()
     declares: str = ""
     of_word: Callable[[str], str] = field(default=lambda word: "", hash=False)
+    words: str = ""
+    of: type[Made] | None = field(default=None, hash=False)
+    variant: str = ""
+    check: Callable[[Any, Cursor, dict[str, Any]], Any] | None = field(default=None, hash=False)
 
     @property
     def expected(self) -> str:
         """What is allowed."""
-        return f"a mapping with {listed(self.names)}"
+        return self.words or f"a mapping with {listed(self.names)}"
 
     @property
     def names(self) -> list[str]:
         """The keys as they are written."""
         return [key.name for key in self.keys]
 
-    def is_meant(self, node: MappingNode) -> bool:
-        """Whether a mapping has any of the keys."""
-        return any(name in node.entries for name in self.names)
+    def has_any(self, names: Container[str]) -> bool:
+        """Whether any of the keys is among those of a mapping."""
+        return any(name in names for name in self.names)
 
     def read(self, at: Cursor) -> Any:
         """A dict with every key that is given or has a default."""
@@ -111,7 +105,15 @@ class Record:
                 values[key.name] = at.refuse(message, key.name)
             elif key.default is not OPTIONAL:
                 values[key.name] = copied(key.default)
-        return values
+        if self.of is not None:
+            self.of.check_presence(at)
+        if self.of is None or self.check is None:
+            return values
+        return self.check(self.of.of(values), at, values) if is_complete(values) else INVALID
+
+    def build(self, value: Any) -> Any:
+        """The value that a mapping makes."""
+        return self.of.of(value).value() if self.of and isinstance(value, Mapping) else value
 
     def _meant(self, at: Cursor) -> str:
         """How a number or word is written where it fits under the first key; else nothing."""
@@ -123,20 +125,6 @@ class Record:
         word = difference_of_sides(word) or word
         return f"; write {{{first.name}: {word}}}" if word else ""
 
-    def filled(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Plain values with the defaults of absent keys, in mappings below as well."""
-        full = {
-            key.name: copied(key.default)
-            for key in self.keys
-            if key.name not in values and not isinstance(key.default, Missing)
-        }
-        for key in self.keys:
-            if key.name in values:
-                given, inner = values[key.name], key.shape
-                is_record = isinstance(inner, Record) and isinstance(given, Mapping)
-                full[key.name] = inner.filled(given) if is_record else given  # type: ignore[attr-defined]
-        return {**values, **full}
-
     def _unknown(self, name: str, under: Cursor, node: MappingNode) -> str:
         reason = self.refused.get(name)
         if reason is not None:
@@ -145,22 +133,34 @@ class Record:
             return f"not known; numbers have a decimal point, no comma: write {number}"
         return f"not known{suggestion(name, self.names)} (known here: {listed(self.names)})"
 
-    def schema(self) -> Schema:
-        """The shape in JSON schema."""
+    def schema(self, defs: Schema) -> Schema:
+        """A reference, where the mapping makes a value; else all of it."""
+        if self.of is None:
+            return self.whole(defs)
+        return referred(self.of.__name__ + self.variant, defs, self.whole)
+
+    def whole(self, defs: Schema) -> Schema:
+        """All of it."""
         properties = {}
         for key in self.keys:
-            described = {"description": key.description, **key.shape.schema()}
+            described = {"description": key.description, **key.shape.schema(defs)}
             if not isinstance(key.default, Missing):
                 described["default"] = copied(key.default)
             properties[key.name] = described
-        one_of = {"oneOf": [{"required": [name]} for name in self.alternatives]}
         return {
             "type": "object",
             "properties": properties,
             "required": [key.name for key in self.keys if key.default is REQUIRED],
-            **(one_of if self.alternatives else {}),
+            **({"allOf": [{"oneOf": list(self._one_form())}]} if self.forms else {}),
             "additionalProperties": False,
         }
+
+    def _one_form(self) -> Iterator[Schema]:
+        for form in self.forms:
+            needed = [name for name in form if not name.endswith("?")]
+            names = [one.rstrip("?") for one in form]
+            others = [n for n in (o.rstrip("?") for f in self.forms for o in f) if n not in names]
+            yield {"required": needed, "not": {"anyOf": [{"required": [n]} for n in others]}}
 
 
 def _with_comma(name: str, node: MappingNode) -> str:
@@ -182,22 +182,12 @@ def copied(value: Any) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ByKind:
+class ByKind(Shape):
     """Records that differ by the word under a key of theirs.
 
-    Parameters
-    ----------
-    kinds
-        The records by their words.
-    word
-        The key.
-    meaning
-        What the word says.
-    default
-        The word where none stands; what is read then is without the key, as it is where this word
-        stands.
-    meant
-        What to write in place of words that are not known here, in small letters.
+    Where the `default` stands, what is read is without the key, as where none stands. `meant` says
+    what to write in place of words that are not known here, in small letters; `name` is that in the
+    schema.
     """
 
     kinds: Mapping[str, Record] = field(hash=False)
@@ -205,6 +195,7 @@ class ByKind:
     meaning: str = "which equation"
     default: str = ""
     meant: Mapping[str, str] = field(default_factory=dict, hash=False)
+    name: str = ""
 
     @property
     def expected(self) -> str:
@@ -243,11 +234,21 @@ class ByKind:
                 keys.setdefault(key.name, Key(key.name, key.shape, key.meaning, default=OPTIONAL))
         return Record(keys=tuple(keys.values()), refused=refused)
 
-    def schema(self) -> Schema:
-        """The shape in JSON schema."""
+    def build(self, value: Any) -> Any:
+        """What the mapping of its kind makes."""
+        if not isinstance(value, Mapping):
+            return value
+        record = self.kinds.get(value.get(self.word, self.default))
+        return value if record is None else record.build(value)
+
+    def schema(self, defs: Schema) -> Schema:
+        """A reference, where there is a name for it; else all of it."""
+        return referred(self.name, defs, self._whole) if self.name else self._whole(defs)
+
+    def _whole(self, defs: Schema) -> Schema:
         variants = []
         for kind, record in self.kinds.items():
-            variant = record.schema()
+            variant = record.whole(defs)
             word: Schema = {"const": kind, "description": self.meaning}
             if self.default:
                 word["default"] = self.default

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -25,18 +26,33 @@ from fvi_cli.mathematics.matrices.definite import singular_words
 Schema = dict[str, Any]
 
 
-class Shape(Protocol):
+class Shape(ABC):
     """What may stand under a key."""
 
     @property
+    @abstractmethod
     def expected(self) -> str:
         """What is allowed, to be put after *it must be*."""
 
+    @abstractmethod
     def read(self, at: Cursor) -> Any:
         """Plain values, with INVALID where a complaint was noted."""
 
-    def schema(self) -> Schema:
-        """The shape in JSON schema."""
+    def build(self, value: Any) -> Any:
+        """What plain values that were read make."""
+        return value
+
+    @abstractmethod
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema; what it refers to is written into `defs`."""
+
+
+def referred(name: str, defs: Schema, schema: Callable[[Schema], Schema]) -> Schema:
+    """A reference to a schema that is written into `defs` once."""
+    if name not in defs:
+        defs[name] = {}
+        defs[name] = schema(defs)
+    return {"$ref": f"#/$defs/{name}"}
 
 
 def _number(at: Cursor) -> int | float | None:
@@ -46,7 +62,7 @@ def _number(at: Cursor) -> int | float | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Number:
+class Number(Shape):
     """A finite real number, possibly in an open interval or from a least value on."""
 
     above: float | None = None
@@ -79,7 +95,7 @@ class Number:
         )
         return number if allowed else at.needs(self.expected)
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         limits = {
             "exclusiveMinimum": self.above,
@@ -90,7 +106,7 @@ class Number:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Integer:
+class Integer(Shape):
     """An integer in a closed range."""
 
     least: int
@@ -111,13 +127,13 @@ class Integer:
             needed(at.node, self.expected) + (f"; write {int(value or 0)}" if is_whole else "")
         )
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {"type": "integer", "minimum": self.least, "maximum": self.most}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flag:
+class Flag(Shape):
     """True or false."""
 
     expected: str = "true or false"
@@ -126,13 +142,13 @@ class Flag:
         """A bool."""
         return at.scalar if isinstance(at.scalar, bool) else at.needs(self.expected)
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {"type": "boolean"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class Choice(Shape):
     """One word of several.
 
     Parameters
@@ -164,13 +180,13 @@ class Choice:
         hint = suggestion(text, self.words) if text and isinstance(at.scalar, str) else ""
         return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}{hint}")
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {"enum": list(self.words)}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Formula:
+class Formula(Shape):
     """An expression or a number, read as the text of the expression; or one of a few words."""
 
     variables: tuple[str, ...] = ("t",)
@@ -203,13 +219,13 @@ class Formula:
             at.complaints.add(exact.shifted(error.column - 1), at.path, error.message + hint)
             return INVALID
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {"type": ["number", "string"]}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Text:
+class Text(Shape):
     """A text that is read later, when the names in it are known.
 
     Parameters
@@ -248,7 +264,7 @@ class Text:
             return at.refuse(f"{len(text)} characters; at most {self.longest} are allowed")
         return at.needs(self.expected)
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         limits = {"pattern": self.pattern and f"^{self.pattern}$", "maxLength": self.longest}
         given = {name: value for name, value in limits.items() if value is not None}
@@ -267,7 +283,7 @@ def _diagonal(texts: list[str]) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Matrix:
+class Matrix(Shape):
     """A symmetric matrix as a list of rows, positive definite if asked for."""
 
     positive: bool = False
@@ -314,6 +330,6 @@ class Matrix:
         wrong = singular_words(matrix)
         return at.refuse(f"the {wrong}") if wrong else rows
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}

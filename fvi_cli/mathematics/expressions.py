@@ -196,7 +196,7 @@ def slopes_of(
         Names; those that do not occur in it are left out.
     """
     names = sorted(expression.names.intersection(wanted))
-    system = _slopes(expression.system, tuple(names))
+    system = slopes_system(expression.system, tuple(names))
     found = system.evaluate({**dict(expression.constants), **values}, NUMPY_FUNCTIONS)
     # where a formula has no value it has no slope either
     return {
@@ -206,7 +206,8 @@ def slopes_of(
 
 
 @lru_cache(maxsize=256)
-def _slopes(system: FormulaSystem, names: tuple[str, ...]) -> FormulaSystem:
+def slopes_system(system: FormulaSystem, names: tuple[str, ...]) -> FormulaSystem:
+    """A program with its derivatives by some variables behind it, each once for all scenes."""
     return derivatives(system, [{name: 1.0} for name in names])
 
 

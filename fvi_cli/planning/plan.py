@@ -1,91 +1,194 @@
-"""The plan of a run: which effects a scene calls for, which machinery is taken, and what it costs.
-
-It is made before the first step, by the functions that the engine itself asks, and without any
-weights or steps.
-"""
+"""How a run will be done and what that takes, asked of the engine before the first step."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_operations
+from fvi_cli.integrator.break_points import fits_break_points
+from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.loop.plan import MeshPlan
+from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.run.on_mesh import plan_on_mesh
 from fvi_cli.integrator.starts.interpolation_limit import interpolation_remarks
-from fvi_cli.planning.machinery import machinery_of
-from fvi_cli.planning.plan_memory import peak_bytes
-from fvi_cli.planning.plan_seconds import machine_speed, predicted_seconds
-from fvi_cli.planning.plan_words import (
-    effects_of_scene,
-    forcing_in_words,
-    history_in_words,
-    start_in_words,
-    steps_in_words,
-)
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.planning.memory import peak_bytes
+
+OPERATIONS_OF_A_CALL = 1000
+"""A call of a small NumPy function takes as long as so many multiply-adds (guessed)."""
+CALLS_OF_A_STEP, CALLS_OF_A_BLOCK = 60, 30
+"""Of a step with an iteration, and of a block of linear steps (guessed)."""
+
+FORCING_WORDS = {
+    "galerkin": "at the points of the rule",
+    "exact": "moments to round-off",
+    "projected": "exact moments of the projection",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What a run simulates, how, and what that will take.
+    """What a run simulates and how.
 
     Parameters
     ----------
-    effects
-        What is simulated, in words; what is absent costs nothing.
-    steps
-        How the steps are done, in words.
-    history
-        How the memory of the damping is summed up, in words.
-    start
-        What becomes of a singular start, in words.
-    forcing
-        How the forcing enters, in words.
-    history_operations
-        Multiply-adds that the memory will take if the run goes on to its end; None where nobody
-        can tell (programs of others).
-    memory_bytes
-        Largest memory of the run, without the program itself, estimated.
-    seconds
-        Time on this machine, roughly.
-    n_directions
-        Matrices along which the damping acts; terms of one share their sums.
-    systems, coupled
-        Number of systems that are stepped side by side, and of components of each.
+    scene, method, n_steps, every, is_diagnosed
+        The run, and whether diagnostics are asked for.
+    members
+        How many scenes of its kind are integrated as one batch with it; 1: individually.
+    mesh
+        What the engine will do.
     remarks
         What else the reader should know.
     """
 
-    effects: tuple[str, ...]
-    steps: str
-    history: str
-    start: str
-    forcing: str
-    history_operations: int | None
-    memory_bytes: int
-    seconds: float
-    n_directions: int
-    systems: int
-    coupled: int
+    scene: Scene
+    method: AnyMethod
+    n_steps: int
+    every: int
+    is_diagnosed: bool
+    members: int
+    mesh: MeshPlan
     remarks: tuple[str, ...] = ()
+
+    @property
+    def history_operations(self) -> int | None:
+        """Multiply-adds of the memory if the run reaches its end; None: not known."""
+        return self.mesh.operations
+
+    @property
+    def n_directions(self) -> int:
+        """Matrices along which the damping acts; terms of one share their sums."""
+        return len(pattern_of(self.scene))
+
+    @property
+    def systems(self) -> int:
+        """Systems that are stepped as one batch, those of all members."""
+        return self.members * self.mesh.systems
+
+    @property
+    def memory_bytes(self) -> int:
+        """Largest memory of the run, or of its batch, without the program itself."""
+        if isinstance(self.method, Baseline):
+            kept = 4 + 2 * len(self.scene.active_damping)
+            return 8 * kept * self.scene.dimension * self.n_steps
+        return peak_bytes(
+            self.scene,
+            self.method,
+            self.mesh,
+            n_kept=self.n_steps // self.every + 3,
+            members=self.members,
+            is_diagnosed=self.is_diagnosed,
+        )
+
+    @property
+    def work(self) -> float:
+        """What a run takes, in multiply-adds, roughly: a count, the same on every machine."""
+        mesh = self.mesh
+        blocks = (mesh.n_steps - mesh.single) / max(mesh.block, 1)
+        steps = float(mesh.single)
+        if not self.scene.is_linear:
+            steps, blocks = 4.0 * mesh.single + mesh.n_steps - mesh.single, 0.0
+        calls = CALLS_OF_A_STEP * steps + CALLS_OF_A_BLOCK * blocks
+        return (self.history_operations or 0) + OPERATIONS_OF_A_CALL * calls
+
+    @property
+    def steps(self) -> str:
+        """How the steps are done, and of what."""
+        mesh, is_linear = self.mesh, self.scene.is_linear
+        if isinstance(self.method, Baseline):
+            return f"{self.n_steps} single steps of {self.method.name}"
+        if self.members > 1:
+            together = f"{mesh.n_steps} steps of {self.members} members together"
+            newton = ", Newton's iteration for all at once with a linear response of each"
+            return f"{together}{'' if is_linear else newton}, {self._systems_in_words}"
+        words = []
+        if mesh.n_steps > mesh.single:
+            words += [
+                f"blocks of {mesh.block} steps as one matrix product"
+                if is_linear
+                else f"Newton's iteration on blocks of up to {mesh.block} steps with a frozen "
+                "linear response, single steps with the exact Jacobian where that does not contract"
+            ]
+        if mesh.single:
+            words += [
+                f"{mesh.single} single steps with one factorisation for each size"
+                if is_linear
+                else f"Newton's iteration with the exact Jacobian, {mesh.single} single steps"
+            ]
+        # where every sum is written out nobody looks for systems
+        is_written_out = is_linear and mesh.n_lags == mesh.single > 0
+        return ", ".join(words if is_written_out else [*words, self._systems_in_words])
+
+    @property
+    def _systems_in_words(self) -> str:
+        mesh = self.mesh
+        if mesh.systems == 1:
+            return "one system" if mesh.coupled == 1 else f"{mesh.coupled} coupled components"
+        kind = "modes" if mesh.has_modes else "components"
+        return f"{mesh.systems} uncoupled {kind} side by side"
+
+    @property
+    def history(self) -> str:
+        """How the memory is summed up."""
+        mesh = self.mesh
+        if not self.n_directions:
+            return "none: nothing is damped"
+        if isinstance(self.method, Baseline):
+            return "dot products"
+        if not mesh.n_states:
+            return "none: derivatives of order 1 need no past"
+        if not mesh.n_lags:
+            return f"{mesh.n_states} exponentials in place of the past"
+        if mesh.n_lags == mesh.n_steps:
+            return "every sum written out"
+        near = f"the last {mesh.n_lags} steps summed directly"
+        n_sums = mesh.n_states // step_tables(self.method).degree - mesh.n_lags
+        return f"{near}, {n_sums} exponentials in place of the others" if n_sums else near
+
+    @property
+    def start(self) -> str:
+        """What becomes of a singular start."""
+        start = "none" if isinstance(self.method, Baseline) else self.method.start
+        if start == "graded":
+            return (
+                "steps behind singular points are halved again and again, "
+                f"{self.mesh.n_steps} steps in all"
+            )
+        if start == "weights" and self.scene.active_damping:
+            return "starting weights"
+        return "nothing is done about the start"
+
+    @property
+    def forcing(self) -> str:
+        """How the forcing enters."""
+        if self.scene.forcing is None:
+            return "none"
+        if isinstance(self.method, Baseline):
+            return "at the grid points"
+        return FORCING_WORDS[self.method.forcing_quadrature]
 
     def lines(self) -> list[str]:
         """The plan in words, a line for each of its parts."""
-        operations = (
-            "not known" if self.history_operations is None else f"{self.history_operations:,}"
-        )
+        counted = self.history_operations
+        operations = "not known" if counted is None else f"{counted:,}"
         return [
-            f"effects: {', '.join(self.effects)}",
+            f"effects: {', '.join(effects_of_scene(self.scene))}",
             f"steps: {self.steps}",
             f"history: {self.history}",
             f"start: {self.start}",
             f"forcing: {self.forcing}",
             f"operations of the history: {operations}",
             f"memory: about {self.memory_bytes / 1e6:.3g} MB",
-            f"time: about {self.seconds:.2g} s",
             *(f"remark: {remark}" for remark in self.remarks),
         ]
 
 
+@functools.lru_cache(maxsize=256)
 def plan_run(
     scene: Scene,
     method: AnyMethod,
@@ -93,7 +196,7 @@ def plan_run(
     *,
     every: int = 1,
     members: int = 1,
-    diagnosed: bool = False,
+    is_diagnosed: bool = False,
     grading: float = 1.0,
 ) -> Plan:
     """Tell how `integrate` or `integrate_members` will do a run, without doing it.
@@ -103,81 +206,58 @@ def plan_run(
     scene, method, n_steps, every
         As for :func:`fvi_cli.integrator.integrate.integrate`.
     members
-        How many scenes of this kind are integrated together, see
+        How many scenes of this kind are given, see
         :func:`fvi_cli.integrator.members.companions`.
-    diagnosed
+    is_diagnosed
         Whether diagnostics are asked for.
     grading
         Of the mesh; 1: equal steps.
-
-    Returns
-    -------
-    Plan
-        Of one of the members, but `memory_bytes`, which all of them take together.
-        `history_operations` are those that a complete run counts. For nonlinear scenes they do
-        not depend on Newton's iteration: attempts that fail are work of the iteration.
     """
+    mesh: int | Mesh = n_steps
+    most, is_batch = None, False
     if isinstance(method, Baseline):
-        return _baseline_plan(scene, method, n_steps)
-    machinery = machinery_of(
-        scene, method, n_steps, every, members, diagnosed=diagnosed, grading=grading
-    )
+        plan = MeshPlan(
+            n_steps=n_steps,
+            single=n_steps,
+            n_sizes=1,
+            block=0,
+            systems=1,
+            coupled=scene.dimension,
+            has_modes=False,
+            n_states=0,
+            operations=baseline_operations(method.name, scene, n_steps),
+            n_lags=n_steps,
+        )
+    else:
+        # a run with a break point between two equal steps is refused when it begins, not here
+        fits = method.is_runge_kutta or fits_break_points(scene, n_steps)
+        if not fits:
+            mesh = uniform_mesh(scene.final_time, n_steps)
+        elif grading != 1.0:
+            mesh = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
+        elif members >= max(2, fewest(scene, n_steps)) and goes_together(scene, method, n_steps):
+            most, is_batch = block_in_batch(scene, method), True
+        plan = plan_on_mesh(scene, method, mesh, most=most)
     return Plan(
-        effects=effects_of_scene(scene),
-        steps=steps_in_words(machinery),
-        history=history_in_words(machinery),
-        start=start_in_words(scene, method, machinery.plan.n_steps),
-        forcing=forcing_in_words(scene, method),
-        history_operations=machinery.plan.operations,
-        memory_bytes=peak_bytes(machinery),
-        seconds=predicted_seconds(machinery),
-        n_directions=machinery.n_directions,
-        systems=machinery.systems,
-        coupled=machinery.coupled,
+        scene=scene,
+        method=method,
+        n_steps=n_steps,
+        every=every,
+        is_diagnosed=is_diagnosed,
+        members=members if is_batch else 1,
+        mesh=plan,
         remarks=interpolation_remarks(scene, n_steps, grading=grading),
     )
 
 
-def planned_bytes(
-    scene: Scene,
-    method: AnyMethod,
-    n_steps: int,
-    *,
-    every: int = 1,
-    members: int = 1,
-    diagnosed: bool = False,
-) -> int:
-    """The plan's memory alone."""
-    if isinstance(method, Baseline):
-        return _baseline_bytes(scene, n_steps)
-    return peak_bytes(machinery_of(scene, method, n_steps, every, members, diagnosed=diagnosed))
-
-
-def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
-    """The plan's time alone."""
-    if isinstance(method, Baseline):
-        return _baseline_plan(scene, method, n_steps).seconds
-    return predicted_seconds(machinery_of(scene, method, n_steps))
-
-
-def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
-    operations = baseline_operations(method.name, scene, n_steps)
-    per_operation, per_call = machine_speed()
-    return Plan(
-        effects=effects_of_scene(scene),
-        steps=f"{n_steps} single steps of {method.name}",
-        history="dot products" if scene.active_damping else "none: nothing is damped",
-        start="nothing is done about the start",
-        forcing="none" if scene.forcing is None else "at the grid points",
-        history_operations=operations,
-        memory_bytes=_baseline_bytes(scene, n_steps),
-        seconds=per_operation * (operations or 0) + 60 * per_call * n_steps,
-        n_directions=len(scene.active_damping),
-        systems=1,
-        coupled=scene.dimension,
-        remarks=interpolation_remarks(scene, n_steps),
-    )
-
-
-def _baseline_bytes(scene: Scene, n_steps: int) -> int:
-    return 8 * (4 + 2 * len(scene.active_damping)) * scene.dimension * n_steps
+def effects_of_scene(scene: Scene) -> tuple[str, ...]:
+    """Names of what is simulated."""
+    inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
+    effects = [f"{inertia} ({scene.dimension} dof)"]
+    if scene.potential is not None:
+        effects.append("linear potential" if scene.is_linear else "nonlinear potential")
+    effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
+    effects += [law.kernel.label for law in scene.active_laws]
+    if scene.forcing is not None:
+        effects.append("sampled forcing" if scene.forcing.samples else "forcing")
+    return tuple(effects)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
-from fvi_cli.plotting.ladders.guides import GUIDE
+from fvi_cli.plotting.slopes import GUIDE
 from fvi_cli.studies.order import NEAR_FLOOR
 
 JsonValue = None | bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"]
@@ -22,7 +22,7 @@ MOST_POINTS = 257
 """Longer lines are thinned evenly, first and last point kept."""
 
 _FLOOR = re.compile(r"floor (\S+)")
-_SHARE = re.compile(r"(\d+) %")
+_SHARE = re.compile(r"(\d+) %( stable)?")
 # below this many times the floor the digits belong to the machine: what is near it for one may be
 # above for another
 _ABOVE_FLOOR = 2 * NEAR_FLOOR
@@ -41,7 +41,9 @@ def drawn_data(figure: Figure) -> dict[str, JsonValue]:
         scale), ``texts`` and ``lines`` (``label`` and ``x``, ``y``, and ``noise`` where rounding
         decides below a level; or ``slope``).
     """
-    panels: list[JsonValue] = [_panel(axes) for axes in figure.axes if axes.axison]
+    panels: list[JsonValue] = [
+        _panel(axes) for axes in figure.axes if axes.axison and axes.get_gid() != "decoration"
+    ]
     texts: list[JsonValue] = [text.get_text() for text in figure.texts if text.get_text()]
     legends = [*figure.legends, *(a.legend_ for a in figure.axes if a.legend_ is not None)]
     names: list[JsonValue] = [text.get_text() for one in legends for text in one.get_texts()]
@@ -117,78 +119,67 @@ def compare_drawn(committed: JsonValue, fresh: JsonValue) -> list[str]:
         One line for every difference, ``panels.0.lines.1.y.3: 0.5 is now 0.7``; empty when the
         figures draw the same.
     """
-    return _differences(committed, fresh, "", _LINEAR)
+    return list(_differences(committed, fresh, "", _LINEAR))
 
 
 _Scales = Mapping[str, bool]
 _LINEAR: _Scales = {"x": False, "y": False}  # whether the axis is logarithmic
 
 
-def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) -> list[str]:
+def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) -> Iterator[str]:
     if isinstance(old, Mapping) and isinstance(new, Mapping):
-        found = []
+        found = {axis: old.get(axis) for axis in ("x", "y")}
         scales = {
-            axis: _is_logarithmic(old.get(axis), inherited=scales[axis]) for axis in ("x", "y")
+            axis: value.get("scale") == "log" if isinstance(value, Mapping) else scales[axis]
+            for axis, value in found.items()
         }
-        noise = max(_number(old.get("noise")), _number(new.get("noise")))
-        for key in [*old, *(key for key in new if key not in old)]:
+        level = max(_number(old.get("noise")), _number(new.get("noise")))
+        for key in dict.fromkeys((*old, *new)):
             here = f"{place}.{key}" if place else key
             if key not in old or key not in new:
-                found.append(f"{here}: {'no longer there' if key in old else 'not there before'}")
+                yield f"{here}: {'no longer there' if key in old else 'not there before'}"
             elif key in scales and isinstance(old[key], list):
-                allowed = noise if key == "y" else 0.0
-                found += _number_differences(
-                    old[key], new[key], here, allowed, logarithmic=scales[key]
-                )
+                allowed = level if key == "y" else 0.0
+                yield from _numbers(old[key], new[key], here, allowed, logarithmic=scales[key])
             elif key != "noise":
-                found += _differences(old[key], new[key], here, scales)
-        return found
-    if isinstance(old, list) and isinstance(new, list):
+                yield from _differences(old[key], new[key], here, scales)
+    elif isinstance(old, list) and isinstance(new, list):
         if len(old) != len(new):
-            return [f"{place}: {len(old)} entries, now {len(new)}"]
-        return [
-            line
-            for position, (a, b) in enumerate(zip(old, new, strict=True))
-            for line in _differences(a, b, f"{place}.{position}", scales)
-        ]
-    if isinstance(old, float) and isinstance(new, float):
-        return _number_differences([old], [new], place, 0.0, logarithmic=True)
-    if isinstance(old, str) and isinstance(new, str) and _is_near_share(old, new):
-        return []
-    return [] if old == new else [f"{place}: {old!r} is now {new!r}"]
+            yield f"{place}: {len(old)} entries, now {len(new)}"
+            return
+        for position, pair in enumerate(zip(old, new, strict=True)):
+            yield from _differences(*pair, f"{place}.{position}", scales)
+    elif isinstance(old, float) and isinstance(new, float):
+        yield from _numbers([old], [new], place, 0.0, logarithmic=True)
+    elif old != new and not _is_near_share(old, new):
+        yield f"{place}: {old!r} is now {new!r}"
 
 
-def _is_near_share(old: str, new: str) -> bool:
+def _is_near_share(old: JsonValue, new: JsonValue) -> bool:
     """Whether both are percentages that rounding may part."""
-    found = [_SHARE.fullmatch(text) for text in (old, new)]
+    found = [_SHARE.fullmatch(str(text)) for text in (old, new)]
     shares = [int(match[1]) for match in found if match is not None]
     return len(shares) == 2 and abs(shares[0] - shares[1]) <= 1
-
-
-def _is_logarithmic(axis: JsonValue, *, inherited: bool) -> bool:
-    return axis.get("scale") == "log" if isinstance(axis, Mapping) else inherited
 
 
 def _number(value: JsonValue) -> float:
     return float(value) if isinstance(value, int | float) else 0.0
 
 
-def _number_differences(
+def _numbers(
     old: JsonValue, new: JsonValue, place: str, noise: float, *, logarithmic: bool
-) -> list[str]:
+) -> Iterator[str]:
     if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
-        return [f"{place}: another number of points"]
-    largest = max((abs(_number(value)) for value in [*old, *new]), default=0.0)
-    found = []
+        yield f"{place}: another number of points"
+        return
+    largest = max((abs(_number(value)) for value in (*old, *new)), default=0.0)
     for position, (a, b) in enumerate(zip(old, new, strict=True)):
-        if isinstance(a, int | float) and isinstance(b, int | float):
-            scale = max(abs(a), abs(b)) if logarithmic else largest
-            if a == b or max(abs(a), abs(b)) <= noise:
-                continue
-            unit = 10.0 ** (math.floor(math.log10(scale)) - SIGNIFICANT_DIGITS + 1)
-            if abs(a - b) < 1.5 * unit:
-                continue
-        elif a is None and b is None:
+        if a == b:
             continue
-        found.append(f"{place}.{position}: {a!r} is now {b!r}")
-    return found
+        if a is not None and b is not None:
+            size = max(abs(_number(a)), abs(_number(b)))
+            scale = size if logarithmic else largest
+            unit = 10.0 ** (math.floor(math.log10(scale)) - SIGNIFICANT_DIGITS + 1)
+            if size <= noise or abs(_number(a) - _number(b)) < 1.5 * unit:
+                continue
+        yield f"{place}.{position}: {a!r} is now {b!r}"

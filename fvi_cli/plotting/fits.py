@@ -1,4 +1,4 @@
-"""Data and fitted motions, what is left, and profiles of the misfit."""
+"""Data and fitted motions, residuals, and profiles of the misfit."""
 
 from __future__ import annotations
 
@@ -6,27 +6,38 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import Look
+from fvi_cli.plotting.panels import over_time
 from fvi_cli.plotting.style import (
     COLOURS,
     GUIDE_COLOUR,
     INK,
     LINE_STYLES,
-    SMALL_TEXT,
+    MARKERS,
     LineStyle,
     journal_style,
-    legend_above,
+    legend_of,
     new_figure,
     panel_grid,
+    small,
+    wrap,
 )
-from fvi_cli.studies.fits.result import FitResult, ModelFit
+from fvi_cli.plotting.words import with_unit
+from fvi_cli.reports.naming import key_in_words
+from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 
-DASHES: LineStyle = (0, (4, 2))
-WIDE = 8.0
+_DASHES: LineStyle = (0, (4, 2))
+_WIDE = 8.0
 """Frequencies that differ by this factor are drawn along a logarithm."""
 MOST_PANELS = 6
 """Measured columns that are drawn; the first of them."""
+MOST_PROFILES = 12
+_MEASURED = Look(colour=GUIDE_COLOUR, marker=".", has_line=False, size=3.0)
 
 
 def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]:
@@ -51,69 +62,100 @@ def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]
 
 
 def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
-    count = min(len(models[0].series), MOST_PANELS)
-    several = len({one.data for one in models[0].series}) > 1
-    with journal_style():
-        figure = new_figure(0.5 + 2.5 * count)
-        grid = figure.subplots(
-            2 * count, 1, squeeze=False, sharex=count == 1, height_ratios=[2.0, 1.0] * count
-        )
-        for index in range(count):
-            upper, lower = grid[2 * index, 0], grid[2 * index + 1, 0]
-            shown = models[0].series[index]
-            measured = shown.series.times, shown.series.values
-            upper.plot(*measured, ".", markersize=3.0, color=GUIDE_COLOUR, label="measured")
-            for number, model in enumerate(models):
-                one = model.series[index]
-                colour = COLOURS[number % len(COLOURS)]
-                dashes, label = LINE_STYLES[number % len(LINE_STYLES)], model.model.name or "fitted"
-                upper.plot(*one.curve, color=colour, linestyle=dashes, label=label)
-                lower.plot(one.series.times, -one.residuals, ".", markersize=2.5, color=colour)
-            lower.axhline(0.0, color=INK, linewidth=0.5)
-            deviation = result.best.series[index].deviation if result.best.series else 0.0
-            for level in (-2.0 * deviation, 2.0 * deviation):
-                lower.axhline(level, color=GUIDE_COLOUR, linewidth=0.5, linestyle=DASHES)
-            upper.set_ylabel(shown.series.column)
-            lower.set_ylabel("left over")
-            lower.yaxis.set_major_locator(MaxNLocator(3))
-            if several:
-                upper.set_title(shown.data, fontsize=SMALL_TEXT)
-            if count == 1:
-                upper.tick_params(labelbottom=False)
-            amplitude = shown.series.amplitude
-            lower.set_xlabel("time" if amplitude is None else "frequency")
-            if amplitude is not None:
-                is_wide = shown.series.times[-1] > WIDE * shown.series.times[0]
-                for axes in (upper, lower) if is_wide else ():
-                    axes.set_xscale("log")
-                    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-                    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-                    axes.xaxis.set_minor_formatter(NullFormatter())
-                if amplitude.part == "magnitude":
-                    upper.set_yscale("log")
-        legend_above(figure, grid[0, 0])
-    return figure
+    """Measured and fitted curves, and the residuals with twice their standard deviation."""
+    first, units = models[0].series, result.units
+    several = len({one.data for one in first}) > 1
+    panels = []
+    for index, shown in enumerate(first[:MOST_PANELS]):
+        series = shown.series
+        measured = Curve(x=series.times, y=series.values, label="measured", look=_MEASURED)
+        upper, lower = [measured], []
+        for number, model in enumerate(models):
+            one = model.series[index]
+            colour = COLOURS[number % len(COLOURS)]
+            # motions that coincide stay visible: later ones are thinner
+            dashes = LINE_STYLES[number % len(LINE_STYLES)]
+            line = Look(colour=colour, dashes=dashes, width=max(2.2 - 0.5 * number, 0.9))
+            mark = MARKERS[number % len(MARKERS)]
+            dots = Look(colour=colour, has_line=False, marker=mark, is_filled=False, size=2.0)
+            label = model.model.name or "fitted"
+            upper.append(Curve(x=one.curve[0], y=one.curve[1], label=label, look=line))
+            residual = Curve(x=one.series.times, y=-one.residuals, label=f"_{label}", look=dots)
+            lower.append(residual)
+        deviation = result.best.series[index].deviation if result.best.series else 0.0
+        amplitude = series.amplitude
+        what, of = ("time", "time") if amplitude is None else ("frequency", "frequency")
+        words = series.column if amplitude is None else f"{series.column} ({series.name})"
+        if amplitude is not None and series.column == amplitude.part:
+            words = f"{amplitude.part} part"
+        panels += [
+            Panel(
+                curves=upper,
+                y=with_unit(words, units, series.column, series.name),
+                title=shown.data if several else "",
+                height=1.7,
+                is_log=amplitude is not None and amplitude.part == "magnitude",
+            ),
+            Panel(
+                curves=lower,
+                y="residual",
+                x=with_unit(what, units, of),
+                height=0.8,
+                levels=(-2 * deviation, 0.0, 2 * deviation),
+            ),
+        ]
+    drawn = [one.series for one in first[:MOST_PANELS]]
+    is_wide = all(one.amplitude and one.times[-1] > _WIDE * one.times[0] for one in drawn)
+    more = f"the first {MOST_PANELS} of {len(first)} columns" if len(first) > MOST_PANELS else ""
+    return over_time(panels, x="", logarithmic=is_wide, shared=len(drawn) == 1, title=more)
 
 
 def _profiles(model: ModelFit) -> Figure:
-    """The root of the increase of the misfit: a straight line where the model is linear."""
-    drawn = model.estimates[:12]
+    """The signed root of the increase of chi-squared: a straight line where the model is linear."""
+    drawn = model.estimates[:MOST_PROFILES]
+    columns = min(2, len(drawn))
     with journal_style():
-        figure = new_figure(0.35 + 1.6 * -(-len(drawn) // 2))
-        grid, panels = panel_grid(figure, len(drawn), min(2, len(drawn)), sharey=True)
+        figure = new_figure(0.2 + 1.55 * -(-len(drawn) // columns))
+        _, panels = panel_grid(figure, len(drawn), columns, sharey=True)
+        width = figure.get_figwidth() / columns - 0.3
         for axes, one in zip(panels, drawn, strict=True):
             inside = one.profile[np.abs(one.profile[:, 1]) <= 4.0]
-            axes.plot(*inside.T, color=COLOURS[0], marker="o", markersize=2.5)
+            axes.plot(*_smooth(inside, one), color=COLOURS[0], label="_profile")
+            axes.plot(
+                *inside.T, color=COLOURS[0], marker="o", markersize=2.5, ls="none", label="fits"
+            )
             spread = np.array([-2.5, 2.5])
             tangent = one.value + spread * one.standard_error
-            axes.plot(tangent, spread, color=GUIDE_COLOUR, linewidth=0.7, linestyle=DASHES)
+            axes.plot(
+                tangent, spread, color=GUIDE_COLOUR, linewidth=0.7, ls=_DASHES, label="_linear"
+            )
             for end in (one.low, one.high):
                 if np.isfinite(end):
                     axes.axvline(end, color=COLOURS[1], linewidth=0.7)
             axes.axhline(0.0, color=INK, linewidth=0.5)
             axes.set_ylim(-3.2, 3.2)
-            axes.set_xlabel(one.name.removeprefix("problem."), fontsize=SMALL_TEXT)
-            axes.xaxis.set_major_locator(MaxNLocator(4))
-        for row in grid:
-            row[0].set_ylabel("root of increase")
+            axes.set_xlabel(wrap(key_in_words(one.name), width), fontsize=small())
+            axes.ticklabel_format(axis="x", scilimits=(-4, 6))
+            axes.xaxis.set_major_locator(MaxNLocator(3))
+        figure.supylabel(r"$\mathrm{sign}(\theta - \hat\theta)\,\sqrt{\Delta \chi^2}$")
+        entries = [
+            Line2D([], [], color=COLOURS[0], marker="o", markersize=2.5, label="profile"),
+            Line2D([], [], color=GUIDE_COLOUR, linewidth=0.7, ls=_DASHES, label="linear model"),
+            Line2D([], [], color=COLOURS[1], linewidth=0.7, label="95 % interval"),
+        ]
+        more = len(model.estimates) > MOST_PROFILES
+        words = f"the first {MOST_PROFILES} of {len(model.estimates)} parameters" if more else ""
+        legend_of(figure, entries, title=words)
     return figure
+
+
+def _smooth(points: Array, one: Estimate) -> tuple[Array, Array]:
+    """A cubic through the points of a profile, tangent to the linear model."""
+    x, y = points[np.argsort(points[:, 0])].T
+    if x.size < 3 or not one.standard_error > 0:
+        return x, y
+    scaled = (x - one.value) / one.standard_error
+    powers = np.stack([scaled**2, scaled**3], axis=1)
+    bend = np.linalg.lstsq(powers, y - scaled, rcond=None)[0]
+    fine = np.linspace(scaled[0], scaled[-1], 101)
+    return one.value + fine * one.standard_error, fine + bend[0] * fine**2 + bend[1] * fine**3

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
-from fvi_cli.plotting.ladders.saturation import saturation_figure
-from fvi_cli.plotting.motions.balance import (
-    balance_figure,
-    has_balance,
-    has_momenta,
-    momenta_figure,
+from fvi_cli.plotting.ladders.convergence import (
+    Study,
+    convergence_figure,
+    sweep_convergence_figure,
 )
+from fvi_cli.plotting.ladders.saturation import saturation_figure
 from fvi_cli.plotting.motions.paths import (
     WATERFALL_KINDS,
     path_figure,
@@ -24,16 +22,20 @@ from fvi_cli.plotting.motions.paths import (
 )
 from fvi_cli.plotting.motions.response_spectrum import response_spectrum_figure
 from fvi_cli.plotting.motions.section import has_events, section_figure, sweep_section_figure
-from fvi_cli.plotting.motions.sweeps import (
-    sweep_convergence_figure,
-    sweep_quantities_figure,
-    sweep_trajectory_figure,
-)
 from fvi_cli.plotting.motions.time_series import (
+    MOST_COMPONENTS,
+    MOST_PANELS,
+    balance_figure,
     energy_figure,
     error_figure,
+    has_balance,
+    has_momenta,
     has_quantities,
+    momenta_figure,
+    observed_of,
     quantities_figure,
+    sweep_quantities_figure,
+    sweep_trajectory_figure,
     trajectory_figure,
 )
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -142,7 +144,7 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
 
 
 def left_out(studies: Sequence[Study]) -> list[str]:
-    """One line for every figure that an experiment names but that cannot be drawn, with why."""
+    """One line for every figure that is named and cannot be drawn, with why, or is not complete."""
     lines = []
     for experiment, finished in studies:
         if isinstance(experiment.problem, DerivativeProblem):
@@ -155,7 +157,26 @@ def left_out(studies: Sequence[Study]) -> list[str]:
             for kind in experiment.figures
             if kind in obstacles
         ]
+        if not isinstance(experiment.problem, DerivativeProblem) and finished:
+            lines += _shortened(experiment, finished)
     return lines
+
+
+def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Iterator[str]:
+    """One line for every figure that does not show everything that there is."""
+    quantities = max(len(observed_of(item).quantities) for item in finished)
+    coordinates = finished[0].trajectory.position.shape[1]
+    counts = {
+        "quantities": (quantities, MOST_PANELS),
+        "trajectory": (coordinates, 1 if experiment.members else MOST_COMPONENTS),
+        "phase": (coordinates, MOST_COMPONENTS),
+        "section": (coordinates, 1 if experiment.members else MOST_COMPONENTS),
+    }
+    for kind in figure_kinds(experiment, finished):
+        count, most = counts.get(kind, (0, 0))
+        if count > most:
+            what = "quantities" if kind == "quantities" else "coordinates"
+            yield f"{experiment.name}: the {kind} figure shows {most} of {count} {what}"
 
 
 def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:

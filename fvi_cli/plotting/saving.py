@@ -14,9 +14,6 @@ from fvi_cli.plotting.drawn import drawn_data
 from fvi_cli.plotting.style import journal_style, own_style
 from fvi_cli.storage.atomic import replace_file
 
-RESOLUTION = 200
-"""Dots per inch of the PNG."""
-
 FORMATS = ("pdf", "png", "svg")
 """Kinds of pictures."""
 
@@ -90,5 +87,5 @@ def _rendered(figure: Figure, kind: str) -> bytes:
         return drawn_text(figure).encode()
     buffer = io.BytesIO()
     with journal_style():
-        figure.savefig(buffer, format=kind, dpi=RESOLUTION, metadata=dict(_NO_METADATA[kind]))
+        figure.savefig(buffer, format=kind, metadata=dict(_NO_METADATA[kind]))
     return buffer.getvalue()

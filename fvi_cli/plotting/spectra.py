@@ -2,36 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import Look
+from fvi_cli.plotting.panels import over_time
 from fvi_cli.plotting.style import (
     COLOURS,
     GUIDE_COLOUR,
     INK,
     LINE_STYLES,
-    SMALL_TEXT,
+    MARKERS,
     journal_style,
-    legend_columns,
+    legend_of,
     new_figure,
-    short_numbers,
+    small,
 )
-from fvi_cli.studies.vibration.modes import ModeTable
-from fvi_cli.studies.vibration.response import ResponseTable
+from fvi_cli.plotting.words import typeset_sum, with_unit
+from fvi_cli.studies.vibration.modes import Mode, ModeTable
+from fvi_cli.studies.vibration.response import GROUND, ResponseTable
 
 Table = TypeVar("Table", ModeTable, ResponseTable)
 
 MOST_NUMBERED = 12
 """Modes that are numbered in a figure."""
-
-
 MOST_NAMED = 12
 """Members of a sweep that are named in a figure."""
 
@@ -42,6 +44,12 @@ def mode_figures(name: str, tables: Sequence[ModeTable]) -> dict[str, Figure]:
     return {f"{title}-modes": spectrum_figure(own) for title, own in groups.items()}
 
 
+def response_figures(name: str, tables: Sequence[ResponseTable]) -> dict[str, Figure]:
+    """A figure of the response of every experiment, by the name of its files."""
+    groups = _by_experiment(name, tables)
+    return {f"{title}-response": response_figure(own) for title, own in groups.items()}
+
+
 def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]:
     """Tables of each experiment, those of a sweep together, by the name of their files."""
     groups: dict[str, list[Table]] = {}
@@ -50,129 +58,109 @@ def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]
     return groups if len(groups) > 1 else {name: list(tables)}
 
 
-def _colours(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> list[str]:
+def _colours(count: int) -> list[str]:
     """One for each member: distinct ones of a few, a range of many."""
-    if len(tables) <= len(COLOURS):
-        return list(COLOURS[: len(tables)])
-    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, len(tables)))]
+    if count <= len(COLOURS):
+        return list(COLOURS[:count])
+    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
+
+
+def _labels(names: Sequence[str]) -> list[str]:
+    """Entries of a legend; of many members only the first and the last."""
+    ends = (0, len(names) - 1)
+    return [n if len(names) <= MOST_NAMED or k in ends else f"_{n}" for k, n in enumerate(names)]
 
 
 def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
-    """Frequency against decay rate above, damping ratio against frequency below."""
-    hertz = [np.array([mode.hertz for mode in table.modes]) for table in tables]
-    decay = [np.array([mode.decay_rate for mode in table.modes]) for table in tables]
-    ratio = [np.array([100.0 * mode.damping_ratio for mode in table.modes]) for table in tables]
-    colours = _colours(tables)
+    """Frequency against decay rate above, damping ratio against frequency below.
+
+    Modes that grow lie to the right of the axis, and below it.
+    """
+
+    def of(get: Callable[[Mode], float]) -> list[Array]:
+        return [np.array([get(mode) for mode in table.modes]) for table in tables]
+
+    hertz, real = of(lambda mode: mode.hertz), of(lambda mode: -mode.decay_rate)
+    ratio = of(lambda mode: 100.0 * mode.damping_ratio)
     highest = max(one.max() for one in hertz)
-    fastest = max(1e-3 * highest, *(np.abs(one).max() for one in decay))
+    extent = max(1e-3 * highest, *(np.abs(one).max() for one in real))
+    units, is_one = tables[0].units, len(tables) == 1
     with journal_style():
-        figure = new_figure(4.4)
+        figure = new_figure(4.2)
         plane, ratios = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
-        for index, table in enumerate(tables):
-            colour = colours[index]
-            plane.plot(
-                -decay[index],
-                hertz[index],
-                "o",
-                color=colour,
-                markersize=3.5,
-                label=(table.member or table.name) if len(tables) > 1 else None,
-            )
-            ratio_colour = colour if len(tables) > 1 else COLOURS[1]
-            ratios.plot(hertz[index], ratio[index], "o", color=ratio_colour, markersize=3.5)
-            ratios.vlines(hertz[index], 0.0, ratio[index], color=ratio_colour, linewidth=0.8)
+        labels = _labels([table.member or table.name for table in tables])
+        for index, (colour, label) in enumerate(zip(_colours(len(tables)), labels, strict=True)):
+            marker = MARKERS[index % len(MARKERS)] if len(tables) <= len(COLOURS) else "o"
+            dots = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 3.5}
+            plane.plot(real[index], hertz[index], label="_modes" if is_one else label, **dots)
+            ratios.plot(hertz[index], ratio[index], label=f"_{label}", **dots)
+            ratios.vlines(hertz[index], 0.0, ratio[index], color=colour, linewidth=0.8)
         plane.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
+        ratios.axhline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
         plane.set_ylim(0.0, 1.08 * highest)
-        slowest = min(one.min() for one in decay)
-        # modes that grow lie to the right of the axis
-        right = 0.06 * fastest if slowest >= 0 else max(-1.12 * slowest, 0.06 * fastest)
-        left = max(1.12 * max(one.max() for one in decay), 0.06 * fastest)
-        plane.set_xlim(-left, right)
-        for number in range(min(len(tables[0].modes), MOST_NUMBERED) if len(tables) == 1 else 0):
-            plane.annotate(
-                str(number + 1),
-                (-decay[0][number], hertz[0][number]),
-                xytext=(4, 2),
-                textcoords="offset points",
-                fontsize=SMALL_TEXT - 1,
-                color=INK,
-            )
-        plane.set_xlabel(r"$\mathrm{Re}\, s$")
-        plane.set_ylabel(r"frequency $\mathrm{Im}\, s / 2\pi$")
+        ends = [min(one.min() for one in real), max(one.max() for one in real)]
+        plane.set_xlim(
+            min(1.12 * ends[0], -0.06 * extent) - 0.06 * extent, max(1.12 * ends[1], 0.06 * extent)
+        )
+        for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
+            text = plane.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 2))
+            text.set(fontsize=small() - 1, color=INK, ha="right")
+            text.anncoords = "offset points"
+        plane.set_xlabel(with_unit(r"$\mathrm{Re}\, s$", units, "rate"))
+        plane.set_ylabel(with_unit(r"frequency $\mathrm{Im}\, s / 2\pi$", units, "frequency"))
         ratios.set_xlim(0.0, 1.05 * highest)
         least, largest = min(one.min() for one in ratio), max(one.max() for one in ratio)
         ratios.set_ylim(min(1.15 * least, 0.0), max(1.15 * largest, 1e-6))
-        if least < 0:
-            ratios.axhline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
-        ratios.set_xlabel("frequency")
-        ratios.set_ylabel("damping ratio, %")
-        _name_members(figure, plane, tables)
+        ratios.set_xlabel(with_unit("frequency", units, "frequency"))
+        ratios.set_ylabel("damping ratio (%)")
+        figure.align_ylabels([plane, ratios])
+        legend_of(figure, plane.get_legend_handles_labels()[0])
     return figure
-
-
-def _name_members(figure: Figure, axes: Axes, tables: Sequence[ModeTable]) -> None:
-    """A legend of a few members; of many the first and the last."""
-    handles, labels = axes.get_legend_handles_labels()
-    if len(tables) == 1:
-        return
-    if len(tables) > MOST_NAMED:
-        handles, labels = [handles[0], handles[-1]], [labels[0], labels[-1]]
-    figure.legend(handles, labels, loc="outside upper center", ncols=legend_columns(labels))
-
-
-def response_figures(name: str, tables: Sequence[ResponseTable]) -> dict[str, Figure]:
-    """A figure of the response of every experiment, by the name of its files."""
-    groups = _by_experiment(name, tables)
-    return {f"{title}-response": response_figure(own) for title, own in groups.items()}
 
 
 def response_figure(tables: Sequence[ResponseTable]) -> Figure:
-    """Magnitude with peaks and half-power widths above, phase below."""
-    first = tables[0]
+    """Magnitude with half-power widths of its peaks above, phase below."""
+    first, count = tables[0], len(tables[0].outputs)
+    curves = [(table, index) for table in tables for index in range(count)]
+    names = [typeset_sum(table.outputs[index]) for table, index in curves]
+    if len(tables) > 1:
+        members = [table.member for table, _ in curves]
+        names = (
+            members if count == 1 else [f"{a}, {b}" for a, b in zip(names, members, strict=True)]
+        )
+    labels = _labels(names) if len(tables) > 1 else names
+    colours = _colours(len(tables) if len(tables) > 1 else count)
+    upper, lower, widths = [], [], []
+    for number, (table, index) in enumerate(curves):
+        look = Look(
+            colour=colours[number // count if len(tables) > 1 else index % len(colours)],
+            dashes=LINE_STYLES[index % len(LINE_STYLES)],
+        )
+        size, phase = table.magnitude[:, index], table.phase[:, index]
+        upper.append(Curve(x=table.hertz, y=size, label=labels[number], look=look))
+        lower.append(Curve(x=table.hertz, y=phase, label=labels[number], look=look))
+        own = [peak for peak in table.peaks if peak.at == table.outputs[index]]
+        widths += [(peak, look.colour) for peak in own]
     steps = np.diff(first.hertz)
-    is_log = bool(steps[-1] > 2.0 * steps[0])
-    curves = [
-        (table, index, output) for table in tables for index, output in enumerate(table.outputs)
-    ]
-    member_colours = _colours(tables)
+    what = "ground acceleration" if first.load.split(" ")[0] == GROUND else typeset_sum(first.load)
+    units = {**first.units}
+    if what.startswith("ground") and {"length", "acceleration"} <= units.keys():
+        units["response"] = f"{units['length']} per {units['acceleration']}"
+    magnitude = with_unit("magnitude", units, "response")
+    figure = over_time(
+        [
+            Panel(curves=upper, y=magnitude, is_log=True, height=2.3),
+            Panel(curves=lower, y="phase (degrees)", height=1.4),
+        ],
+        x=with_unit("frequency", first.units, "frequency"),
+        logarithmic=bool(steps[-1] > 2.0 * steps[0]),
+        title=f"load: {what}",
+    )
     with journal_style():
-        figure = new_figure(4.2 + 0.17 * ((min(len(curves), MOST_NAMED) + 2) // 3))
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1.0))
-        for number, (table, index, output) in enumerate(curves):
-            colour = COLOURS[number % len(COLOURS)]
-            style = LINE_STYLES[(number // len(COLOURS)) % len(LINE_STYLES)]
-            label = output
-            if len(tables) > 1:
-                colour = member_colours[number // len(table.outputs)]
-                style = LINE_STYLES[index % len(LINE_STYLES)]
-                label = table.member if len(table.outputs) == 1 else f"{output}, {table.member}"
-            size, phase = table.magnitude[:, index], table.phase[:, index]
-            upper.plot(table.hertz, size, color=colour, linestyle=style, label=label)
-            lower.plot(table.hertz, phase, color=colour, linestyle=style)
-            for peak in table.peaks:
-                if peak.at == output:
-                    level = peak.magnitude / np.sqrt(2.0)
-                    upper.plot(
-                        [peak.low, peak.high], [level, level], "|-", color=colour, markersize=4
-                    )
-        upper.set_yscale("log")
-        if is_log:
-            upper.set_xscale("log")
-            short_numbers(lower.xaxis)
-        upper.set_xlim(first.hertz[0], first.hertz[-1])
-        upper.set_ylabel(f"magnitude, load {first.load}")
-        lower.set_ylabel("phase, degrees")
-        lower.set_xlabel("frequency")
-        lower.yaxis.set_major_locator(MultipleLocator(max(map(_phase_step, tables))))
-        handles, labels = upper.get_legend_handles_labels()
-        if len(curves) > MOST_NAMED and len(tables) > 1:
-            handles, labels = [handles[0], handles[-1]], [labels[0], labels[-1]]
-        columns = 3 if len(tables) == 1 else legend_columns(labels)
-        figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+        for peak, colour in widths:
+            level = peak.magnitude / np.sqrt(2.0)
+            line = figure.axes[0].plot([peak.low, peak.high], [level, level], "|-", color=colour)[0]
+            line.set(markersize=4, label="_half power")
+        step = 90.0 * max(max(1, round(float(np.ptp(one.phase)) / 450.0)) for one in tables)
+        figure.axes[1].yaxis.set_major_locator(MultipleLocator(step))
     return figure
-
-
-def _phase_step(table: ResponseTable) -> float:
-    """Degrees between two ticks: multiples of 90."""
-    span = float(np.ptp(table.phase))
-    return 90.0 * max(1, round(span / 450.0))

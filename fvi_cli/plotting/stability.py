@@ -16,21 +16,20 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.methods import SeriesStyle, series_styles
+from fvi_cli.plotting.looks import MethodLook, method_looks
 from fvi_cli.plotting.stability_region import region_figures
 from fvi_cli.plotting.style import (
     COLOURS,
     DECORATION,
     GUIDE_COLOUR,
     INK,
-    SMALL_TEXT,
     few_decades,
     journal_style,
     legend_of,
-    lowest,
     new_figure,
     panel_grid,
 )
+from fvi_cli.reports.naming import key_in_words
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 STABLE_COLOUR = "#A8D3EE"
@@ -66,13 +65,13 @@ def step_figure(table: StabilityTable) -> Figure:
     Marks tell of runs from random data that are long enough for every growth to show.
     """
     methods = table.experiment.methods
-    styles = series_styles(methods)
+    styles = method_looks(methods)
     by_case = {case: [row for row in table.rows if row.run.method.case == case] for case in styles}
     steps = sorted({row.run.step_size for row in table.rows})
     low, high = steps[0] / 1.6, steps[-1] * 1.6
     with journal_style():
-        figure = new_figure(3.1 + 0.17 * len(styles))
-        bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.17 * len(styles), 1.9))
+        figure = new_figure(2.3 + 0.15 * len(styles))
+        bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.15 * len(styles), 1.7))
         for place, rows in enumerate(by_case.values()):
             _bar(bars, place, rows, low, high)
         labels = [style.label for style in styles.values()]
@@ -83,7 +82,7 @@ def step_figure(table: StabilityTable) -> Figure:
         for place, (case, rows) in enumerate(by_case.items()):
             if _growth_line(growth, styles[case], rows):
                 _mark_row(bars, place, styles[case])
-        growth.set_ylabel("growth per step, $\\log(1/|z|)$")
+        growth.set_ylabel("growth per step $\\log(1/|z|)$")
         if not any(row.prediction.growth_per_step > 0 for row in table.rows):
             growth.set_ylim(1e-3, 1.0)
             growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
@@ -92,7 +91,8 @@ def step_figure(table: StabilityTable) -> Figure:
         growth.xaxis.set_minor_formatter(NullFormatter())
         growth.set_xlabel("step size $h$")
         few_decades(growth.yaxis, 6)
-        legend_of(figure, _step_entries(table))
+        figure.align_ylabels([growth])
+        legend_of(figure, _step_entries(table), above=False)
     return figure
 
 
@@ -156,7 +156,7 @@ def _differs(row: StabilityRow) -> bool:
     return row.observation is not None and row.observation.agrees is False
 
 
-def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -> bool:
+def _growth_line(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> bool:
     """Predicted growth as a line, what was measured as crosses; whether there is any growth."""
     grown = sorted(
         (row for row in rows if row.prediction.growth_per_step > 0),
@@ -164,14 +164,14 @@ def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -
     )
     x = np.array([row.run.step_size for row in grown])
     y = np.array([row.prediction.growth_per_step for row in grown])
-    axes.plot(x, y, label=style.label, **style.line_properties())
+    axes.plot(x, y, label=style.label, **style.look.properties())
     seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
     points = np.array(seen).reshape(-1, 2).T
     axes.plot(*points, "x", color=INK, markersize=3.0, label="_observed", zorder=4)
     return bool(grown)
 
 
-def _mark_row(axes: Axes, place: int, style: SeriesStyle) -> None:
+def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
     """Beside the bar of a method its line in the panel below."""
     axes.plot(
         [1.015, 1.045, 1.075],
@@ -181,7 +181,7 @@ def _mark_row(axes: Axes, place: int, style: SeriesStyle) -> None:
         clip_on=False,
         label="_key",
         **DECORATION,
-        **style.line_properties(),
+        **style.look.properties(),
     )
 
 
@@ -219,7 +219,7 @@ def parameter_figure(table: StabilityTable) -> Figure:
     experiment = table.experiment
     keys = _numeric_keys(table)
     panels: list[tuple[str, list[StabilityRow]]] = []
-    styles = series_styles(experiment.methods)
+    styles = method_looks(experiment.methods)
     steps = experiment.steps if len(keys) > 1 else (0,)
     for case, style in styles.items():
         own = [row for row in table.rows if row.run.method.case == case]
@@ -234,14 +234,15 @@ def parameter_figure(table: StabilityTable) -> Figure:
         for axes, (title, rows) in zip(used, shown, strict=True):
             _verdict_panel(axes, keys, rows)
             axes.set_title(title)
-        for axes in grid[:, 0]:
-            axes.set_ylabel(keys[1] if len(keys) > 1 else "step size $h$")
-        for axes in lowest(grid):
-            axes.set_xlabel(keys[0])
-        if len(panels) > len(shown):
-            note = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
-            figure.suptitle(note, fontsize=SMALL_TEXT)
-        legend_of(figure, _parameter_entries(table, len(keys)))
+        for axes in grid[0]:
+            axes.set_ylabel(key_in_words(keys[1]) if len(keys) > 1 else "step size $h$")
+        for column in grid:
+            column[-1].set_xlabel(key_in_words(keys[0]))
+        more = len(panels) > len(shown)
+        words = (
+            f"the first {len(shown)} of {len(panels)} panels; all are in the table" if more else ""
+        )
+        legend_of(figure, _parameter_entries(table, len(keys)), title=words)
     return figure
 
 

@@ -1,40 +1,42 @@
-"""How figures look: sizes, fonts, colours, ticks."""
+"""How figures look: the packaged style sheet, a user's over it, sizes, and words that fit."""
 
 from __future__ import annotations
 
+import functools
+import itertools
+import logging
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from fractions import Fraction
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypedDict
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, fontManager
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
 LineStyle = Literal["-"] | tuple[float, Sequence[float]]
 
-COLUMN_WIDTH = 85 / 25.4
-"""Width of every figure: one column of a journal, 85 mm, in inches."""
-
-SMALL_TEXT = 8.0
-"""Size of tick labels, legends and notes, points."""
-
+SHEET = Path(__file__).with_name("fvi.mplstyle")
+HEIGHT = 2.5
+"""``figure.figsize`` of the sheet: inches of a figure with one panel."""
 INK = "#1a1a1a"
 GUIDE_COLOUR = "#666666"
-
-# Okabe and Ito, "Color universal design" (2008), without yellow, which paper swallows.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h", "<", "p")
 LINE_STYLES: tuple[LineStyle, ...] = (
@@ -45,7 +47,6 @@ LINE_STYLES: tuple[LineStyle, ...] = (
     (0, (6, 1.5, 1, 1.5, 1, 1.5)),
     (0, (2.5, 1.2)),
 )
-MARKER_SIZE = 4.0
 
 
 class _Decoration(TypedDict):
@@ -57,81 +58,46 @@ class _Decoration(TypedDict):
 DECORATION = _Decoration(gid="decoration", scalex=False, scaley=False)
 """Properties of lines that show no number: they move no limits, and no check compares them."""
 
-# The fonts come with matplotlib, so that a figure looks the same on every machine.
-_SETTINGS: Mapping[RcKeyType, object] = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 9.0,
-    "axes.labelsize": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.titlepad": 4.0,
-    "figure.titlesize": 9.0,
-    "figure.labelsize": 9.0,
-    "xtick.labelsize": SMALL_TEXT,
-    "ytick.labelsize": SMALL_TEXT,
-    "legend.fontsize": SMALL_TEXT,
-    "legend.frameon": False,
-    "legend.handlelength": 2.4,
-    "legend.columnspacing": 1.2,
-    "legend.handletextpad": 0.5,
-    "legend.borderaxespad": 0.2,
-    "axes.linewidth": 0.6,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.top": True,
-    "ytick.right": True,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "xtick.major.size": 3.0,
-    "ytick.major.size": 3.0,
-    "xtick.minor.size": 1.6,
-    "ytick.minor.size": 1.6,
-    "lines.linewidth": 1.1,
-    "lines.markersize": MARKER_SIZE,
-    "hatch.linewidth": 0.4,
-    "axes.unicode_minus": True,
-    "pdf.fonttype": 42,
-    # text of an SVG as outlines, and names in it that are the same every time
-    "svg.fonttype": "path",
-    "svg.hashsalt": "fvi",
-    "savefig.bbox": None,
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
-}
-
-# What a user's own settings file says of these must not change a committed figure.
-_DRAWING_SETTINGS = (
-    *("axes", "figure", "font", "grid", "hatch", "legend", "lines", "markers", "mathtext"),
-    *("patch", "path", "pdf", "savefig", "svg", "text", "xtick", "ytick"),
+# settings of a program, not of a figure
+_NOT_LOOKS: tuple[str, ...] = (
+    "backend",
+    "date",
+    "docstring",
+    "interactive",
+    "keymap",
+    "timezone",
+    "tk",
+    "toolbar",
 )
-
-
-# keys of a style file that are no matter of looks
-_NOT_LOOKS = ("backend", "interactive", "toolbar", "timezone", "webagg", "tk", "keymap", "savefig")
+_NOT_LOOKS += ("webagg", "savefig.directory", "savefig.format")
+_FEW_ROWS = 3  # of a legend; of more the samples of lines are short
+_DOTS = 100.0  # per inch: words are broad where there are few
+_FAMILIES = ("serif", "sans-serif", "cursive", "fantasy", "monospace")
 _OWN: ContextVar[Mapping[RcKeyType, object]] = ContextVar(
     "settings of a style file", default=MappingProxyType({})
 )
 
 
+def _is_look(key: str) -> bool:
+    return not any(
+        key == name or key.startswith(f"{name}.") for name in (*_NOT_LOOKS, "backend_fallback")
+    )
+
+
+@functools.cache
+def _packaged() -> Mapping[RcKeyType, Any]:
+    """Matplotlib's defaults under the sheet, whatever a user's own settings file says."""
+    defaults = {key: value for key, value in mpl.rcParamsDefault.items() if _is_look(key)}
+    return {**defaults, **mpl.rc_params_from_file(SHEET, use_default_template=False)}
+
+
 @contextmanager
 def journal_style() -> Iterator[None]:
-    """Within this context figures are made and drawn in the style of a printed journal.
+    """Within this context figures are made and drawn by the packaged sheet.
 
     Within :func:`style_file` too, the settings of that file go before.
     """
-    factory = {
-        key: value
-        for key, value in mpl.rcParamsDefault.items()
-        if key.split(".")[0] in _DRAWING_SETTINGS and key not in _SETTINGS
-    }
-    with mpl.rc_context({**factory, **_SETTINGS, **_OWN.get()}):
+    with mpl.rc_context({**_packaged(), **_OWN.get()}):
         yield
 
 
@@ -139,12 +105,14 @@ def journal_style() -> Iterator[None]:
 def style_file(path: Path) -> Iterator[None]:
     """Within this context figures follow a style file of matplotlib, where it says something.
 
-    Colours and marks of methods stay, for they say which method is meant.
+    ``figure.figsize`` is the size of a figure with one panel: all have its width, and heights
+    grow by the same factor. Colours and marks of methods stay, for they say which method is meant.
 
     Raises
     ------
     ValueError
-        For a file that cannot be read, an unknown key, or a value that matplotlib refuses.
+        For a file that cannot be read, a key that is unknown or no matter of looks, a value that
+        matplotlib refuses, or a font that is not installed.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -152,21 +120,60 @@ def style_file(path: Path) -> Iterator[None]:
         raise ValueError(f"{path}: cannot be read as a style file: {error}") from None
     for number, line in enumerate(lines, start=1):
         key, colon, _ = line.split("#", 1)[0].partition(":")
-        if key.strip() and not (colon and key.strip() in mpl.rcParams):
+        key = key.strip()
+        if not key:
+            continue
+        if not (colon and key in mpl.rcParams):
+            meant = get_close_matches(key, list(mpl.rcParams), 1)
+            meant_too = (
+                f"did you mean {meant[0]!r}?" if meant else "a line reads like `font.size: 8`"
+            )
             raise ValueError(
-                f"{path}, line {number}: {key.strip()!r} is not a setting of matplotlib; "
-                "a line reads like `font.size: 8`"
+                f"{path}, line {number}: {key!r} is not a setting of matplotlib; {meant_too}"
+            )
+        if not _is_look(key):
+            advice = " and write --format" if key == "savefig.format" else ""
+            raise ValueError(
+                f"{path}, line {number}: {key!r} is no matter of looks; remove the line{advice}"
             )
     try:
         found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+        _require_fonts(found)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    looks = {key: value for key, value in found.items() if key.split(".")[0] not in _NOT_LOOKS}
-    token = _OWN.set(looks)
+    token = _OWN.set(dict(found))
     try:
         yield
     finally:
         _OWN.reset(token)
+
+
+def _require_fonts(found: Mapping[Any, Any]) -> None:
+    """Raise a ValueError unless a font of every family that a style file names is installed."""
+    usual: Any = mpl.rcParamsDefault
+    for family in found.get("font.family", ()):
+        key = f"font.{family}"
+        names = found.get(key, usual[key]) if family in _FAMILIES else [family]
+        if not any(map(_is_installed, names)):
+            installed = sorted({font.name for font in fontManager.ttflist})
+            near = get_close_matches(names[0], installed, 3) or installed[:3]
+            raise ValueError(
+                f"font.family: {', '.join(names)} is not installed; write another, such as "
+                f"{', '.join(near)}"
+            )
+
+
+def _is_installed(name: str) -> bool:
+    # matplotlib logs what it cannot find before it raises
+    logger = logging.getLogger("matplotlib.font_manager")
+    before, logger.disabled = logger.disabled, True
+    try:
+        findfont(FontProperties(family=[name]), fallback_to_default=False)
+    except ValueError:
+        return False
+    finally:
+        logger.disabled = before
+    return True
 
 
 def own_style() -> str:
@@ -175,57 +182,127 @@ def own_style() -> str:
 
 
 def new_figure(height: float) -> Figure:
-    """Make an empty figure of one column that arranges itself, `height` in inches."""
-    return Figure(figsize=(COLUMN_WIDTH, height), layout="constrained")
+    """Make an empty figure that arranges itself, `height` in inches by the packaged sheet."""
+    width, tall = mpl.rcParams["figure.figsize"]
+    return Figure(figsize=(width, height * tall / HEIGHT), layout="constrained")
 
 
 def panel_grid(
-    figure: Figure, count: int, columns: int, *, sharex: bool = False, sharey: bool = False
-) -> tuple[NDArray[np.object_], list[Axes]]:
-    """Rows of at most so many panels: the grid of axes, and the `count` of them that are used.
-
-    Parameters
-    ----------
-    figure
-        Where they stand.
-    count
-        Number of panels; places behind the last one stay empty.
-    columns
-        Panels in a row.
-    sharex, sharey
-        Whether all have the same axis.
-    """
-    rows = -(-count // columns)
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
+    figure: Figure, count: int, columns: int, **options: Any
+) -> tuple[list[list[Axes]], list[Axes]]:
+    """Rows of at most so many panels: columns from top to bottom, and all `count` of them."""
+    grid = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
     for axes in grid.flat[count:]:
         axes.set_axis_off()
-    return grid, list(grid.flat[:count])
+    for column in grid.T:
+        # of shared axes the lowest panel that is used has the numbers
+        lowest = [axes for axes in column if axes.axison][-1]
+        lowest.tick_params(labelbottom=True)
+    return [[axes for axes in column if axes.axison] for column in grid.T], list(grid.flat[:count])
 
 
-def lowest(grid: NDArray[np.object_]) -> list[Axes]:
-    """Of every column of a grid the lowest panel that is used, with numbers along its axis."""
-    found = [[axes for axes in column if axes.axison][-1] for column in grid.T]
-    for axes in found:
-        axes.tick_params(labelbottom=True)
-    return found
+def small() -> float:
+    """Points of legends, tick labels and notes."""
+    return float(FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points())
 
 
-def legend_above(figure: Figure, axes: Axes) -> None:
-    """One legend above all panels, of what is labelled in `axes`."""
-    legend_of(figure, axes.get_legend_handles_labels()[0], above=True)
+@functools.lru_cache(maxsize=4096)
+def _width(words: str, font: str, size: float) -> float:
+    renderer: Any = RendererAgg(1, 1, _DOTS)  # type: ignore[no-untyped-call]
+    prop = FontProperties(fname=font, size=size)
+    return float(renderer.get_text_width_height_descent(words, prop, "$" in words)[0])
+
+
+def width_of(words: str, size: float = 0.0) -> float:
+    """Inches of the widest line in the font of the style, of `size` points or :func:`small`."""
+    font = findfont(FontProperties())
+    return max(_width(line, font, size or small()) for line in words.split("\n")) / _DOTS
+
+
+def wrap(words: str, width: float, size: float = 0.0) -> str:
+    """The same words in lines of at most so many inches, as far as single words allow."""
+    lines = [""]
+    # a formula is one word
+    for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", words):
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and width_of(longer, size) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)
+
+
+def label_size() -> float:
+    """Points of the words beside axes."""
+    return float(FontProperties(size=mpl.rcParams["axes.labelsize"]).get_size_in_points())
 
 
 def legend_of(
-    figure: Figure, handles: Sequence[Artist], *, title: str = "", above: bool = False
+    figure: Figure, handles: Sequence[Artist], *, title: str = "", above: bool = True
 ) -> None:
-    """One legend for all panels, below or above them, in as many columns as fit."""
+    """One legend for all panels, above or below them, in as many columns as fit."""
+    if not handles:
+        return
+    width = figure.get_figwidth() - 0.15
+    labels: list[str] = []
+    for length, gap in (
+        (mpl.rcParams["legend.handlelength"], mpl.rcParams["legend.columnspacing"]),
+        (1.5, 0.8),
+    ):
+        line = (length + mpl.rcParams["legend.handletextpad"]) * small() / 72
+        labels = [wrap(str(handle.get_label()), width - line) for handle in handles]
+        widths = [width_of(label) + line for label in labels]
+        columns = next(
+            n
+            for n in range(len(labels), 0, -1)
+            if n == 1 or sum(map(max, _columns(widths, n))) + gap * small() / 72 * (n - 1) <= width
+        )
+        rows = -(-len(labels) // columns)
+        if rows <= _FEW_ROWS:
+            break
+    # as few columns as fill the same rows
+    columns = -(-len(labels) // rows)
+    head = wrap(title, width)
+    lines = sum(max(label.count("\n") for label in row) + 1 for row in _columns(labels, rows))
+    lines += len(head.splitlines())
+    factor = mpl.rcParams["figure.figsize"][1] / HEIGHT
+    figure.set_figheight(figure.get_figheight() + factor * lines * 1.45 * small() / 72)
     figure.legend(
         handles=list(handles),
+        labels=labels,
         loc="outside upper center" if above else "outside lower center",
-        ncols=legend_columns([str(handle.get_label()) for handle in handles]),
-        title=title or None,
-        title_fontsize=SMALL_TEXT,
+        ncols=columns,
+        handlelength=length,
+        columnspacing=gap,
+        title=head or None,
     )
+
+
+def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:
+    """Entries of a legend column by column, as matplotlib distributes them."""
+    size, more = divmod(len(widths), count)
+    ends = [k * size + min(k, more) for k in range(count + 1)]
+    return [widths[a:b] for a, b in itertools.pairwise(ends)]
+
+
+def colour_bar(
+    figure: Figure,
+    axes: Sequence[Axes],
+    colours: ScalarMappable,
+    words: str,
+    location: Literal["top", "bottom"] = "top",
+) -> None:
+    """A bar with numbers above or below all panels, for what colours say."""
+    bar = figure.colorbar(colours, ax=list(axes), location=location, aspect=40, pad=0.02)
+    bar.set_label(wrap(words, figure.get_figwidth() - 0.6))
+    bar.ax.set_gid("decoration")
+    if colours.norm.vmax and colours.norm.vmin and type(colours.norm).__name__ == "LogNorm":
+        short_numbers(bar.ax.xaxis)
+
+
+def colour_of(colours: ScalarMappable, value: float) -> str:
+    """The colour of a number at a bar."""
+    return to_hex(tuple(np.atleast_2d(colours.to_rgba(np.array([value])))[0]))
 
 
 def note(
@@ -241,22 +318,15 @@ def note(
 ) -> None:
     """Small words at a place in fractions of a panel; on white `paper` with its pad and alpha."""
     box = None if paper is None else {"facecolor": "white", "edgecolor": "none", **paper}
-    text = axes.text(x, y, words, transform=axes.transAxes, fontsize=SMALL_TEXT, bbox=box)
+    text = axes.text(x, y, words, transform=axes.transAxes, fontsize=small(), bbox=box)
     text.set(ha=ha, va=va, rotation=rotation)
 
 
-def fraction(value: float) -> str:
-    """``5/2`` for 2.5, and the decimal number where no small denominator does."""
-    nearest = Fraction(value).limit_denominator(12)
-    return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
-
-
-def legend_columns(labels: Sequence[str], width: float = COLUMN_WIDTH) -> int:
-    """Number of equal columns of a legend that fit into `width` inches, rows filled evenly."""
-    longest = max(len(re.sub(r"[$^{}]", "", label)) for label in labels)
-    entry = (0.45 * longest + 4.1) * SMALL_TEXT / 72
-    columns = max(1, min(len(labels), int((width - 0.1) / entry)))
-    return -(-len(labels) // -(-len(labels) // columns))
+def hatch_rounding(axes: Axes, low: float, level: float) -> None:
+    """Hatch what is round-off."""
+    area = axes.axhspan(low, level, facecolor="none", edgecolor="#b0b0b0", hatch="/////")
+    area.set(linewidth=0, zorder=0.5)
+    note(axes, 0.97, 0.03, "round-off", ha="right", va="bottom", paper={"pad": 1.0})
 
 
 def few_decades(axis: Axis, number: int) -> None:
@@ -266,7 +336,10 @@ def few_decades(axis: Axis, number: int) -> None:
 
 
 def short_numbers(axis: Axis) -> None:
-    """Numbers of three digits on a logarithmic axis, in place of powers."""
+    """Plain numbers on a logarithmic axis, at 1, 2 and 5 where there are few decades."""
+    low, high = sorted(axis.get_view_interval())
+    subs = (1.0, 2.0, 5.0) if low > 0 and high / low < 200 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -277,14 +350,14 @@ def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
     decades = [k for k in range(-30, 31) if low <= 10.0**k <= high]
     if len(decades) < 2:
         shown = sorted(set(step_sizes))
-        stride = -(-len(shown) // 4)
-        axes.xaxis.set_major_locator(FixedLocator(shown[::stride]))
+        axes.xaxis.set_major_locator(FixedLocator(shown[:: -(-len(shown) // 4)]))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
         axes.xaxis.set_minor_locator(NullLocator())
     else:
         few_decades(axes.xaxis, 5)
     bottom, top = axes.get_ylim()
     if top / bottom > 1e2:
-        few_decades(axes.yaxis, 8)
+        tall = axes.get_window_extent().height / axes.figure.dpi
+        few_decades(axes.yaxis, max(4, min(8, math.floor(5 * tall))))
         if top / bottom > 1e8:
             axes.yaxis.set_minor_locator(NullLocator())

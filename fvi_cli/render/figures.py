@@ -3,12 +3,45 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fvi_cli.errors import RequestError
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+_FORMATS: ContextVar[Sequence[str]] = ContextVar("formats of pictures", default=())
+
+
+@contextmanager
+def pictures_as(formats: Sequence[str], style: Path | None) -> Iterator[None]:
+    """Within this context pictures are written in these formats, by this style file.
+
+    Raises
+    ------
+    RequestError
+        For another format, or a style file that cannot be followed.
+    """
+    if formats or style:
+        # a slow import, which other requests need not wait for
+        from fvi_cli import plotting
+    for kind in formats:
+        if kind not in plotting.FORMATS:
+            raise RequestError(f"--format: {kind!r} is not one of {', '.join(plotting.FORMATS)}")
+    with ExitStack() as styled:
+        if style is not None:
+            try:
+                styled.enter_context(plotting.style_file(style))
+            except ValueError as error:
+                raise RequestError(f"--style: {error}") from None
+        token = _FORMATS.set(tuple(formats))
+        styled.callback(_FORMATS.reset, token)
+        yield
 
 
 def write_figures(
@@ -25,7 +58,8 @@ def write_figures(
     """
     from fvi_cli.plotting import USUAL_FORMS, save_figure
 
-    forms = list(dict.fromkeys((*formats, "json") if formats else USUAL_FORMS))
+    asked = formats or _FORMATS.get()
+    forms = list(dict.fromkeys((*asked, "json") if asked else USUAL_FORMS))
     paths: list[Path] = []
     for name, figure in figures.items():
         files = {form: output / "figures" / f"{name}.{form}" for form in forms}
@@ -37,14 +71,17 @@ def write_figures(
 
 
 def compare_figures(
-    figures: Mapping[str, Figure], output: Path, *, formats: Sequence[str] = ("png",)
+    figures: Mapping[str, Figure], output: Path, *, formats: Sequence[str] | None = None
 ) -> list[str]:
     """One line for everything that the stored figures show differently.
 
-    Pictures in `formats` must be there: by default those that documents show.
+    Pictures in `formats` must be there: by default those of :func:`pictures_as`, or else PNG, which
+    documents show.
     """
     from fvi_cli.plotting import compare_drawn, drawn_text
 
+    if formats is None:
+        formats = _FORMATS.get() or ("png",)
     differences = []
     for name, figure in figures.items():
         path = output / "figures" / f"{name}.json"

@@ -4,34 +4,48 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from fvi_cli.render.plans import effects_of, members_with, planned
+from fvi_cli.render.plans import effects_of
 from fvi_cli.runner.outcome import Outcome
-from fvi_cli.runner.plan import PlannedRun
+from fvi_cli.runner.plan import Forecast, PlannedRun, forecast_runs
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.fields.observed import ObservedSummary, summary_of
+from fvi_cli.storage.records.observed import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.fits.result import FitResult
+
+if TYPE_CHECKING:
+    from fvi_cli.render.results import Results
 
 JSON_FORMAT = 1
 """Raised when a key is renamed or taken away; new ones may come."""
 
 
-def outcomes_as_json(outcomes: Sequence[Outcome], files: Sequence[Path] = ()) -> str:
-    """Every finished run, and the files that hold them."""
-    runs = [_finished(one) for outcome in outcomes for one in outcome.finished]
-    return _document(files=[path.as_posix() for path in files], runs=runs)
+def document(content: Mapping[str, object]) -> str:
+    """The JSON document of a command."""
+    return json.dumps(_plain({"format": JSON_FORMAT, **content}), indent=1, allow_nan=False)
+
+
+def rows_of(results: Results, name: str | None = None) -> dict[str, list[object]]:
+    """Results as JSON values: runs and fits in full, of others the rows of their report."""
+    from fvi_cli.render.results import kind_of, report_on
+
+    _, found = kind_of(results)
+    own = ROWS.get(type(found[0]) if found else Outcome)
+    if own is not None:
+        return {own[0]: [row for one in found for row in own[1](one)]}
+    return {
+        sheet.name: [dict(row) for row in sheet.rows] for sheet in report_on(results, name).sheets
+    }
 
 
 def plans_as_json(plans: Sequence[PlannedRun]) -> str:
     """What would be done with every run, why, and what it would take."""
-    together = members_with([plan.run for plan in plans])
-    return _document(runs=[_plan(one, together.get(one.run, 1)) for one in plans])
+    forecasts = forecast_runs(plans)
+    return document({"runs": [_plan(one, forecasts.get(one.run)) for one in plans]})
 
 
 def contents_as_json(stored: StoredFile) -> str:
@@ -46,7 +60,7 @@ def contents_as_json(stored: StoredFile) -> str:
             "error": run.error,
             "status": run.status,
             "predicted": run.predicted,
-            "complete": run.is_complete,
+            "complete": True,
             "created": run.created,
             "identity": run.identity,
             "members": run.members,
@@ -55,7 +69,7 @@ def contents_as_json(stored: StoredFile) -> str:
         }
         for run in stored.runs
     ]
-    return _document(provenance=dict(stored.provenance), runs=runs)
+    return document({"provenance": dict(stored.provenance), "runs": runs})
 
 
 def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ()) -> str:
@@ -71,21 +85,18 @@ def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ())
         }
         for request in requests
     ]
-    return _document(
-        valid=not complaints, configurations=configurations, complaints=list(complaints)
+    return document(
+        {
+            "valid": not complaints,
+            "configurations": configurations,
+            "complaints": list(complaints),
+        }
     )
 
 
-def fits_as_json(
-    results: Sequence[FitResult],
-    files: Sequence[Path] = (),
-    differences: Sequence[str] | None = None,
-) -> str:
-    """Every model of every experiment with its estimates, and the files that were written.
-
-    Of a check there are, in place of files, the differences from them.
-    """
-    fits = [
+def _fit(result: FitResult) -> list[object]:
+    """Every model of a fit with its estimates."""
+    return [
         {
             "experiment": result.name,
             "model": model.model.name,
@@ -119,12 +130,8 @@ def fits_as_json(
             ],
             "warnings": list(model.warnings),
         }
-        for result in results
         for model in result.models
     ]
-    if differences is not None:
-        return _document(differences=list(differences), fits=fits)
-    return _document(files=[path.as_posix() for path in files], fits=fits)
 
 
 def _end_in_words(end: float) -> str:
@@ -136,13 +143,8 @@ def _end_in_words(end: float) -> str:
 
 def shipped_as_json(titles: Mapping[str, str]) -> str:
     """The configurations that come with the program, and what each shows."""
-    return _document(
-        configurations=[{"name": name, "title": title} for name, title in titles.items()]
-    )
-
-
-def _document(**content: object) -> str:
-    return json.dumps(_plain({"format": JSON_FORMAT, **content}), indent=1, allow_nan=False)
+    listed = [{"name": name, "title": title} for name, title in titles.items()]
+    return document({"configurations": listed})
 
 
 def _plain(value: Any) -> Any:
@@ -195,8 +197,8 @@ def _observed(summary: ObservedSummary) -> dict[str, object]:
     }
 
 
-def _plan(plan: PlannedRun, members: int) -> dict[str, object]:
-    engine = None if plan.finds_steps else planned(plan.run, members)
+def _plan(plan: PlannedRun, forecast: Forecast | None) -> dict[str, object]:
+    engine = None if forecast is None else forecast.plan
     unknown = {"case": None, "n_steps": None, "step_size": None} if plan.finds_steps else {}
     return {
         **_run(plan.run),
@@ -207,5 +209,12 @@ def _plan(plan: PlannedRun, members: int) -> dict[str, object]:
         "effects": effects_of(plan.run.problem),
         "history_operations": None if engine is None else engine.history_operations,
         "memory_bytes": None if engine is None else engine.memory_bytes,
-        "seconds": None if engine is None else engine.seconds,
+        "seconds": None if forecast is None else forecast.seconds,
     }
+
+
+ROWS: Mapping[type, tuple[str, Callable[[Any], list[object]]]] = {
+    Outcome: ("runs", lambda outcome: [_finished(one) for one in outcome.finished]),
+    FitResult: ("fits", _fit),
+}
+"""Kinds of results of which the document says more than their reports: its key, and values."""

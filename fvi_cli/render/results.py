@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fvi_cli import reports
 from fvi_cli.errors import RequestError
@@ -14,6 +16,7 @@ from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.kinds.fit import fit_report
+from fvi_cli.reports.kinds.hard_cases import failures as broken_claims
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.quantities import quantities_report
@@ -38,12 +41,134 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Table: TypeAlias = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | ResponseTable
-Result: TypeAlias = Outcome | Table | PlannedRun
-Results: TypeAlias = Result | Sequence[Result] | HardCaseReport | Report
-Kind = TypeVar("Kind")
+Result: TypeAlias = Outcome | PlannedRun | Table | HardCaseReport | Report | StoredFile
+Results: TypeAlias = Result | Sequence[Result]
+Found: TypeAlias = Sequence[Any]
+"""Results of one kind."""
 
 
-def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """A kind of result, and what is made of results of it.
+
+    Parameters
+    ----------
+    report, figures
+        Of a name and the results; None where there are none.
+    text
+        What a terminal shows in place of the summary of the report.
+    failures, violations
+        A line for each unexpected failure, and for each claim that does not hold.
+    words
+        What the failures are.
+    folder
+        Of the tables.
+    is_written, is_compared
+        Whether files are kept of it, and tell the same twice.
+    further
+        Writes further files: given their beginning and the results.
+    """
+
+    report: Callable[[str, Found], Report] | None = None
+    figures: Callable[[str, Found], Mapping[str, Figure]] | None = None
+    text: Callable[[Found], str] | None = None
+    failures: Callable[[Found], list[str]] = lambda found: []
+    violations: Callable[[Found], list[str]] = lambda found: []
+    words: str = "runs failed unexpectedly"
+    folder: str = "tables"
+    is_written: bool = True
+    is_compared: bool = True
+    further: Callable[[Path, Found], list[Path]] = lambda beginning, found: []
+
+
+def _drawing(module: str, name: str) -> Callable[[str, Found], Mapping[str, Figure]]:
+    """A function of `plotting`, which is loaded when something is drawn."""
+    return lambda title, found: getattr(importlib.import_module(module), name)(title, found)
+
+
+def _outcome_figures(title: str, outcomes: Sequence[Outcome]) -> dict[str, Figure]:
+    from fvi_cli.plotting import figures_for
+
+    return figures_for(studies(outcomes), name=title)
+
+
+def _mode_shapes(beginning: Path, tables: Sequence[ModeTable]) -> list[Path]:
+    from fvi_cli.storage.spectra.mode_shapes import write_mode_shapes
+
+    path = beginning.with_name(f"{beginning.name}-modes.h5")
+    write_mode_shapes(path, tables)
+    return [path]
+
+
+KINDS: Mapping[type, Kind] = {
+    Outcome: Kind(
+        report=lambda name, found: order_report(name, order_tables(found)),
+        figures=_outcome_figures,
+        text=runs_as_text,
+        failures=lambda found: [run.run.title for one in found for run in one.unexpected],
+    ),
+    PlannedRun: Kind(text=plans_as_text, is_written=False, is_compared=False),
+    StoredFile: Kind(text=lambda found: contents_as_text(found[0]), is_written=False),
+    Report: Kind(report=lambda name, found: found[0]),
+    OrderTable: Kind(report=order_report),
+    StabilityTable: Kind(
+        report=stability_report,
+        figures=_drawing("fvi_cli.plotting.stability", "stability_figures"),
+        failures=lambda found: [row.failure for one in found for row in one.rows if row.failure],
+        violations=lambda found: [
+            f"{row.run.title}: predicted and observed differ: {row.observation}"
+            for one in found
+            for row in one.disagreements
+        ],
+    ),
+    CostTable: Kind(
+        report=cost_report,
+        figures=_drawing("fvi_cli.plotting.ladders.cost", "cost_figures"),
+        failures=lambda found: [line for one in found for line in one.unexpected],
+        is_compared=False,
+    ),
+    FitResult: Kind(
+        report=fit_report,
+        figures=_drawing("fvi_cli.plotting.fits", "fit_figures"),
+        failures=lambda found: [one.name for one in found if not one.is_converged],
+        words="fits did not converge",
+    ),
+    ModeTable: Kind(
+        report=mode_report,
+        figures=_drawing("fvi_cli.plotting.spectra", "mode_figures"),
+        failures=lambda found: [one.name for one in found if not one.is_complete],
+        words="tables may lack modes",
+        further=_mode_shapes,
+    ),
+    ResponseTable: Kind(
+        report=response_report,
+        figures=_drawing("fvi_cli.plotting.spectra", "response_figures"),
+    ),
+    HardCaseReport: Kind(
+        report=lambda name, found: hard_case_report(found[0]),
+        violations=lambda found: broken_claims(found[0]),
+        # the page stands beside the tables
+        folder="",
+    ),
+}
+
+
+def kind_of(results: Results) -> tuple[Kind, Found]:
+    """The kind of `results`, and the results one by one; none at all are outcomes.
+
+    Raises
+    ------
+    RequestError
+        For a mixture.
+    """
+    found = [results] if isinstance(results, tuple(KINDS)) else list(results)  # type: ignore[arg-type]
+    kinds = {type(one) for one in found} or {Outcome}
+    if len(kinds) > 1:
+        raise RequestError("results of different kinds: give them one kind after the other")
+    return KINDS[kinds.pop()], found
+
+
+def as_text(results: Results, *, name: str | None = None) -> str:
     """What a terminal shows of `results`.
 
     Parameters
@@ -59,56 +184,23 @@ def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
     RequestError
         If there is more than one experiment and no name.
     """
-    if isinstance(results, StoredFile):
-        return contents_as_text(results)
-    if outcomes := _of(results, Outcome):
-        return runs_as_text(outcomes)
-    if plans := _of(results, PlannedRun):
-        return plans_as_text(plans)
-    return to_text(_report(results, name).summary)
+    kind, found = kind_of(results)
+    if kind.text is not None and found:
+        return kind.text(found)
+    return to_text(report_on(results, name).summary)
 
 
 def show(results: Results, *, name: str | None = None) -> None:
-    """Print what :func:`as_text` gives of tables; on a terminal within its width.
-
-    Parameters
-    ----------
-    results
-        Tables of one kind, or a report.
-    name
-        As for :func:`as_text`.
-
-    Raises
-    ------
-    RequestError
-        If there is more than one experiment and no name.
-    """
-    show_blocks(_report(results, name).summary)
+    """Print what :func:`as_text` gives of a report; on a terminal within its width."""
+    show_blocks(report_on(results, name).summary)
 
 
-def _report(results: Results, name: str | None) -> Report:
+def report_on(results: Results, name: str | None = None) -> Report:
     """The report on results of one kind; of outcomes that on their orders."""
-    if isinstance(results, Report):
-        return results
-    if isinstance(results, HardCaseReport):
-        return hard_case_report(results)
-    title = name or _only_name(results)
-    if orders := _of(results, OrderTable) or order_tables(_of(results, Outcome)):
-        return order_report(title, orders)
-    if stabilities := _of(results, StabilityTable):
-        return stability_report(title, stabilities)
-    if costs := _of(results, CostTable):
-        return cost_report(title, costs)
-    if fits := _of(results, FitResult):
-        return fit_report(title, fits)
-    if modes := _of(results, ModeTable):
-        return mode_report(title, modes)
-    if responses := _of(results, ResponseTable):
-        return response_report(title, responses)
-    raise RequestError(
-        "there are tables of orders, stability, cost, fits, modes, responses and the hard cases "
-        "only"
-    )
+    kind, found = kind_of(results)
+    if kind.report is None:
+        raise RequestError("there is no report on plans or on what a result file holds")
+    return kind.report(name or _only_name(found), found)
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
@@ -126,39 +218,21 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
     RequestError
         If there is more than one experiment and no name, or where there is no picture.
     """
-    title = name or _only_name(results)
-    if outcomes := _of(results, Outcome):
-        from fvi_cli.plotting import figures_for
-
-        return figures_for(studies(outcomes), name=title)
-    if stabilities := _of(results, StabilityTable):
-        from fvi_cli.plotting.stability import stability_figures
-
-        return stability_figures(title, stabilities)
-    if costs := _of(results, CostTable):
-        from fvi_cli.plotting.ladders.cost import cost_figures
-
-        return cost_figures(title, costs)
-    if fits := _of(results, FitResult):
-        from fvi_cli.plotting.fits import fit_figures
-
-        return dict(fit_figures(title, fits))
-    if modes := _of(results, ModeTable):
-        from fvi_cli.plotting.spectra import mode_figures
-
-        return mode_figures(title, modes)
-    if responses := _of(results, ResponseTable):
-        from fvi_cli.plotting.spectra import response_figures
-
-        return response_figures(title, responses)
-    raise RequestError(
-        "there are figures of outcomes, of fits, and of tables of stability, cost, modes and "
-        "responses only"
-    )
+    kind, found = kind_of(results)
+    if kind.figures is None:
+        raise RequestError(
+            "there are figures of outcomes, of fits, and of tables of stability, cost, modes and "
+            "responses only"
+        )
+    return dict(kind.figures(name or _only_name(found), found))
 
 
 def write(
-    results: Results, output: Path | str, *, name: str | None = None, anew: bool = False
+    results: Results,
+    output: Path | str,
+    *,
+    name: str | None = None,
+    anew: bool = False,
 ) -> list[Path]:
     """Write tables and figures as the commands do; returns the paths.
 
@@ -185,22 +259,18 @@ def write(
     StorageError
         If the folder or a file cannot be written.
     """
-    if _of(results, PlannedRun):
-        raise RequestError("plans are not written")
-    folder, report = Path(output), _report(results, name)
-    drawn = figures(results, name=name) if _is_drawn(results) else {}
-    paths = reports.write(_tables(results, folder), report, anew=anew)
+    kind, found = kind_of(results)
+    if not kind.is_written:
+        raise RequestError("plans and what a result file holds are not written")
+    folder, title = Path(output), name or _only_name(found)
+    drawn = kind.figures(title, found) if kind.figures else {}
+    paths = reports.write(folder / kind.folder, report_on(results, title), anew=anew)
     paths += write_figures(drawn, folder, anew=anew)
-    if modes := _of(results, ModeTable):
-        from fvi_cli.storage.spectra.mode_shapes import write_mode_shapes
-
-        paths.append(folder / f"{name or _only_name(results)}-modes.h5")
-        write_mode_shapes(paths[-1], modes)
-    return paths
+    return paths + kind.further(folder / title, found)
 
 
 def compare(results: Results, output: Path | str, *, name: str | None = None) -> list[str]:
-    """One line for everything in which stored tables and figures differ, as ``--check`` tells.
+    """One line for everything in which stored tables and figures differ, as ``--check`` reports.
 
     Parameters
     ----------
@@ -214,62 +284,30 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     RequestError
         If there is more than one experiment and no name, or for tables of cost and plans.
     """
-    if any(isinstance(one, PlannedRun | CostTable) for one in _listed(results)):
+    kind, found = kind_of(results)
+    if not kind.is_compared:
         raise RequestError("times are never the same twice, and plans are not kept")
-    folder = Path(output)
-    differences = reports.compare(_tables(results, folder), _report(results, name))
-    if not _is_drawn(results):
+    folder, title = Path(output), name or _only_name(found)
+    differences = reports.compare(folder / kind.folder, report_on(results, title))
+    if kind.figures is None:
         return differences
-    return differences + compare_figures(figures(results, name=name), folder)
+    return differences + compare_figures(kind.figures(title, found), folder)
 
 
-def _is_drawn(results: Results) -> bool:
-    """Whether figures are written beside the tables; those of orders belong to the runs."""
-    return bool(_listed(results)) and not _of(results, OrderTable)
-
-
-def _tables(results: Results, output: Path) -> Path:
-    """The folder of the tables; the page on the hard cases stands beside it."""
-    return output if isinstance(results, HardCaseReport) else output / "tables"
-
-
-def _listed(results: Results) -> list[Result]:
-    """The results one by one; none where they are a report already."""
-    if isinstance(results, HardCaseReport | Report):
-        return []
-    return list(results) if isinstance(results, Sequence) else [results]
-
-
-def _of(results: Results, kind: type[Kind]) -> list[Kind]:
-    """The results, if they are of this kind.
-
-    Raises
-    ------
-    RequestError
-        For a mixture.
-    """
-    listed: Sequence[object] = _listed(results)
-    found: list[Kind] = [one for one in listed if isinstance(one, kind)]
-    if found and len(found) < len(listed):
-        raise RequestError("results of different kinds: give them one kind after the other")
-    return found
-
-
-def _only_name(results: Results) -> str:
-    """The name of the only experiment."""
+def _only_name(found: Found) -> str:
+    """The name of the only experiment; of a report none is needed."""
     names: set[str] = set()
-    for one in _listed(results):
-        if isinstance(one, FitResult | ModeTable | ResponseTable):
-            names.add(one.name)
-            continue
-        owner = one.run if isinstance(one, PlannedRun) else one
-        experiment = owner.experiment
+    for one in found:
+        if isinstance(one, HardCaseReport | Report):
+            return ""
+        owner: Any = one.run if isinstance(one, PlannedRun) else one
+        experiment = getattr(owner, "experiment", owner)
         names.add(experiment if isinstance(experiment, str) else experiment.name)
     if len(names) != 1:
         raise RequestError(
             f"name: needed, there are {len(names)} experiments: {', '.join(sorted(names))}"
             if names
-            else "name: needed, there is nothing that has one"
+            else "name: needed, there is no result that has one"
         )
     return names.pop()
 

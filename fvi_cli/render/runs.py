@@ -12,12 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.quantities import ERROR_TITLE
+from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.runner.outcome import Outcome
-from fvi_cli.storage import Location, StoredFile
-from fvi_cli.storage.fields.observed import ObservedSummary, summary_of
+from fvi_cli.storage import Entry, StoredFile
+from fvi_cli.storage.records.observed import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun
-from fvi_cli.studies.sweep_summary import counts_in_words
+from fvi_cli.studies.members import counts_in_words
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -36,20 +37,21 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
     every_member
         Give every member of a sweep a line as well.
     """
-    rows = [("experiment", "case", "n_steps", "step_size", "error", "status", "expected")]
+    rows = [("experiment", "method", "n_steps", "step_size", "error", "status", "expected")]
     summed_up = []
     for outcome in outcomes:
         if outcome.experiment.members and not outcome.experiment.needs_search:
             summed_up.append(_members_as_text(outcome))
         if outcome.experiment.members and not every_member:
             continue
+        names = method_names([one.run.method for one in outcome.finished])
         for finished in outcome.finished:
             run = finished.run
             member = "" if run.member is None else f" ({run.member.label})"
             rows.append(
                 (
                     run.experiment.name,
-                    run.method.case,
+                    names[run.method.case].label,
                     str(run.n_steps),
                     f"{run.step_size:.6g}",
                     "-" if run.problem.exact_source == "none" else f"{finished.error:.3e}",
@@ -94,7 +96,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
     """Quantities and events of every run that stands alone."""
     found = [
         (
-            (outcome.experiment.name, one.run.method.case, str(one.run.n_steps)),
+            (outcome.experiment.name, _name(outcome, one.run.method.case), str(one.run.n_steps)),
             summary_of(one.trajectory.observed),
             one.error,
         )
@@ -102,11 +104,16 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
         for one in outcome.finished
         if one.run.member is None
     ]
-    return [aligned(rows) for rows in observed_rows(found)]
+    return [aligned(rows) for rows in observed_rows(found, "method")]
+
+
+def _name(outcome: Outcome, case: str) -> str:
+    """What people call a method among those of an experiment."""
+    return method_names([one.run.method for one in outcome.finished])[case].label
 
 
 def observed_rows(
-    runs: Iterable[tuple[tuple[str, ...], ObservedSummary, float]],
+    runs: Iterable[tuple[tuple[str, ...], ObservedSummary, float]], method: str = "case"
 ) -> list[list[tuple[str, ...]]]:
     """A table of the quantities and one of the events, as far as there are any.
 
@@ -115,8 +122,10 @@ def observed_rows(
     runs
         The words that name a run, what was observed of it, and the error of its position, which
         stands beside the quantities where it is known of any run.
+    method
+        Heading of the second of these words.
     """
-    named = ("experiment", "case", "n_steps")
+    named = ("experiment", method, "n_steps")
     quantities: list[tuple[str, ...]] = [
         (*named, "quantity", "peak", "at t", ERROR_TITLE, "least", "greatest", "rms")
     ]
@@ -154,14 +163,14 @@ def _members_as_text(outcome: Outcome) -> str:
     groups: dict[tuple[str, int], list[FinishedRun]] = {}
     for one in outcome.finished:
         groups.setdefault((one.run.method.case, one.run.n_steps), []).append(one)
-    rows = [("experiment", "case", "n_steps", "members", "median", "largest", "status", "at")]
+    rows = [("experiment", "method", "n_steps", "members", "median", "largest", "status", "at")]
     for (case, n_steps), runs in groups.items():
         errors = {one.run.member: one.error for one in runs if math.isfinite(one.error)}
         worst = max(errors, key=errors.__getitem__, default=None)
         rows.append(
             (
                 outcome.experiment.name,
-                case,
+                _name(outcome, case),
                 str(n_steps),
                 str(len(runs)),
                 f"{statistics.median(errors.values()) if errors else math.nan:.3e}",
@@ -187,7 +196,7 @@ def contents_as_text(stored: StoredFile) -> str:
             f"{run.step_size:.6g}",
             run.norm,
             f"{run.error:.3e}",
-            run.status if run.is_complete else "incomplete",
+            run.status,
             run.variant,
         )
         for run in stored.runs
@@ -225,7 +234,7 @@ def titles_as_text(titles: Mapping[str, str]) -> str:
     )
 
 
-def locations_as_text(locations: Sequence[Location]) -> str:
+def entries_as_text(entries: Sequence[Entry]) -> str:
     """One line for every group of a result file, with the number of runs in it."""
-    counts = Counter(location.group for location in locations)
+    counts = Counter(entry.path for entry in entries)
     return aligned([("group", "runs"), *((group, str(n)) for group, n in counts.items())])

@@ -152,3 +152,38 @@ def listing(numbers: Sequence[int]) -> str:
     if len(numbers) > 4:
         return f"{numbers[0]}, {numbers[1]}, ..., {numbers[-1]}"
     return ", ".join(map(str, numbers))
+
+
+_KEYS: Mapping[str, str] = {
+    "proportional.stiffness": "stiffness-proportional damping",
+    "proportional.mass": "mass-proportional damping",
+}
+
+
+_PARTS = {
+    "relaxed": "relaxed modulus",
+    "unrelaxed": "unrelaxed modulus",
+    "moduli": "modulus",
+    "times": "relaxation time",
+    "time": "relaxation time",
+}
+
+
+def key_in_words(key: str) -> str:
+    """``order of the damping`` for ``problem.damping.0.order``, as axes and legends say it."""
+    key = key.removeprefix("problem.").removeprefix("parameters.")
+    if key in _KEYS:
+        return _KEYS[key]
+    words = ""
+    parts = key.replace("initial.", "initial ").split(".")
+    for place, part in enumerate(parts, start=1):
+        if part.isdigit():
+            head, of, rest = words.partition(" of ")
+            # the first of a list of mappings is mostly the only one
+            is_first = part == "0" and place < len(parts)
+            words = head.removesuffix("s") + ("" if is_first else f" {int(part) + 1}") + of + rest
+            continue
+        name = _PARTS.get(part, part.replace("_", " "))
+        the = "" if words[-1:].isdigit() else "the "
+        words = f"{name} of {the}{words}" if words else name
+    return words

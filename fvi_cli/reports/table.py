@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import attrgetter, itemgetter
+from typing import Any
 
 from fvi_cli.reports.document import Block, Grid
 
@@ -38,7 +40,7 @@ SAME_NUMBER = Within(relative=1e-9)
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a sheet.
+    """One column of a sheet, or of a grid for people.
 
     Parameters
     ----------
@@ -47,8 +49,8 @@ class Column:
     meaning
         What stands in it, with its unit.
     title, form
-        Its heading where people read, and the format of its numbers (as in :func:`format`); no
-        title: it is not shown.
+        Its heading where people read, and the format of its numbers (as in :func:`format`, or a
+        function of the value); no title: it is not shown.
     compared
         How far a stored number may be from a fresh one; texts, whole numbers, yes and no must be
         the same. None: not compared.
@@ -56,35 +58,88 @@ class Column:
         What stands for None in the CSV form.
     is_extra
         Whether it stands in the JSON form only.
+    get
+        How its value is got from what a row is about: a function, or a path of attributes; default
+        the attribute of its name.
     """
 
     name: str
-    meaning: str
+    meaning: str = ""
     title: str = ""
-    form: str = ""
+    form: str | Callable[[Any], str] = ""
     compared: Within | None = SAME_NUMBER
     missing: str = ""
     is_extra: bool = False
+    get: str | Callable[[Any], Any] = ""
+
+    def of(self, item: object) -> Any:
+        """Its value in the row about an item."""
+        return self.get(item) if callable(self.get) else attrgetter(self.get or self.name)(item)
+
+    def show(self, value: Any) -> str:
+        """What people read of a value."""
+        if callable(self.form):
+            return self.form(value)
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return self.missing or "-"
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        return format(value, self.form)
 
 
-def row_of(columns: Iterable[Column], /, *sources: object, **given: Value) -> Row:
-    """The entries of a row: those that are given, the others by their names.
-
-    Parameters
-    ----------
-    columns
-        Every one gets an entry.
-    sources
-        The first that has an attribute of the name of a column says what stands there.
-    given
-        What has another name, or is to be worked out.
-    """
-    return {
-        one.name: given[one.name]
-        if one.name in given
-        else getattr(next(source for source in sources if hasattr(source, one.name)), one.name)
+def within(path: str, *columns: Column) -> tuple[Column, ...]:
+    """The columns, got from what stands at a path of attributes."""
+    return tuple(
+        one if callable(one.get) else replace(one, get=f"{path}.{one.get or one.name}")
         for one in columns
-    }
+    )
+
+
+def rows_of(columns: Iterable[Column], items: Iterable[object]) -> tuple[Row, ...]:
+    """A row about every item, with an entry for every column."""
+    return tuple({one.name: one.of(item) for one in columns} for item in items)
+
+
+def grid_of(columns: Sequence[Column], items: Iterable[object], **layout: Any) -> Grid:
+    """A grid for people: a line about every item."""
+    return Grid(
+        header=tuple(one.title for one in columns),
+        rows=tuple(tuple(one.show(one.of(item)) for one in columns) for item in items),
+        **layout,
+    )
+
+
+Cell = tuple[tuple[str, ...], str, Sequence[str]]
+"""Words at the beginning of its line, its column, and what stands there."""
+
+
+def pivot(
+    cells: Iterable[Cell],
+    *,
+    corner: Sequence[str],
+    beside: Mapping[str, Sequence[str]],
+    absent: str = "-",
+    summary: Iterable[tuple[tuple[str, ...], Mapping[str, Sequence[str]]]] = (),
+    **layout: Any,
+) -> Grid:
+    """A grid of cells: a line for every beginning, and beside it columns with these titles."""
+    lines: dict[tuple[str, ...], dict[str, Sequence[str]]] = {}
+    for begin, column, texts in cells:
+        lines.setdefault(begin, {})[column] = texts
+
+    def line(begin: tuple[str, ...], found: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+        own = (found.get(c, (absent, *[""] * (len(t) - 1))) for c, t in beside.items())
+        return (*begin, *(text for texts in own for text in texts))
+
+    layout.setdefault("text_columns", len(corner))
+    return Grid(
+        header=(*corner, *(title for titles in beside.values() for title in titles)),
+        rows=tuple(line(*one) for one in lines.items()),
+        summary_rows=tuple(line(*one) for one in summary),
+        key_columns=len(corner),
+        groups=tuple(map(len, beside.values())),
+        **layout,
+    )
 
 
 def _nothing(stored: Row, fresh: Row) -> Container[str]:
@@ -120,21 +175,8 @@ class Sheet:
 
     def grid(self, *, text_columns: int = 1, key_columns: int = 1) -> Grid:
         """The columns with a title, for people."""
-        shown = [column for column in self.columns if column.title]
-        return Grid(
-            header=tuple(column.title for column in shown),
-            rows=tuple(tuple(_shown(row[c.name], c) for c in shown) for row in self.rows),
-            text_columns=text_columns,
-            key_columns=key_columns,
-        )
-
-
-def _shown(value: Value, column: Column) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return column.missing or "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return format(value, column.form)
+        shown = [replace(c, get=itemgetter(c.name)) for c in self.columns if c.title]
+        return grid_of(shown, self.rows, text_columns=text_columns, key_columns=key_columns)
 
 
 @dataclass(frozen=True, kw_only=True)

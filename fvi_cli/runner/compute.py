@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import itertools
 import logging
-import math
-import time
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
-from fvi_cli.runner.executors.batches import batches_of, execute_batch, one_by_one_words
+from fvi_cli.runner.executors.batches import (
+    batches_of,
+    execute_batch,
+    one_by_one_words,
+    search_title,
+)
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import Batch, ComputeBatch, FinishedBatch, Watch
+from fvi_cli.runner.executors.executor import Batch, Watch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import FRESH, Known, Why, resumed_at
+from fvi_cli.runner.stored import FRESH, Known, Why, resumed_at, reusable
 from fvi_cli.storage import NEW
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
-
-LONGEST_WAIT = 1.0
-"""Seconds that a finished run waits to be kept together with others, at most."""
-
-LARGEST_SHARE = 0.05
-"""Of the time that keeping may take where runs are short."""
 
 Keep = Callable[[Sequence[FinishedRun]], object]
 """Is given runs that are finished, before anybody is told of them."""
@@ -44,29 +40,15 @@ def compute_runs(
 ) -> list[Outcome]:
     """Recall or compute every run of `experiments`.
 
-    Parameters
-    ----------
-    experiments
-        What to do.
-    settings
-        How.
-    title
-        Beside the progress bar.
-    known
-        Gives back a run that was finished before, or None.
-    keep
-        Called with the runs that are computed, soon after they are finished.
-    why
-        Says why a run is computed, for the log.
-    checkpoints
-        Where runs keep their checkpoints, and may have some from before.
+    `title` stands beside the progress bar, `known` gives back what was finished before, `keep` is
+    given what is computed, `why` says for the log why it is.
     """
     done: dict[Run, FinishedRun] = {}
     kept = (lambda one: one) if settings.keeps_motions else without_motion
     waiting: list[Run] = []
     listed = settings.shard.runs_of(experiments)
     for run in (run for runs in listed.values() for run in runs):
-        earlier = known(run)
+        earlier = reusable(known(run)) if run.is_search else known(run)
         if earlier is None:
             waiting.append(run)
         else:
@@ -74,91 +56,59 @@ def compute_runs(
     _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
     if why is not None:
         _tell_reasons(title, waiting, why)
-    batches = batches_of(waiting)
     for words in {one_by_one_words(run.experiment) for run in waiting} - {""}:
         _logger.warning("%s: %s", title, words)
-    steps = sum(run.n_steps for run in waiting)
-    begun: dict[Hashable, int] = {}
-    if checkpoints is not None:
-        for run, reached in checkpoints.unfinished(waiting).items():
-            _logger.info("%s: %s", run.title, resumed_at(run, reached))
-            begun[run] = reached
-    compute: ComputeBatch = execute_batch
-    if checkpoints is not None:
-        compute = functools.partial(execute_batch, checkpoints=checkpoints)
+    begun: dict[Hashable, int] = {} if checkpoints is None else _resumed(waiting, checkpoints)
+    # a single search says how far it is in lines of its own
+    is_alone = len(waiting) == 1 and waiting[0].is_search
     with (
         run_bar(
             title,
             len(waiting),
-            steps,
-            wanted=settings.show_progress,
+            sum(run.n_steps for run in waiting),
+            wanted=settings.show_progress and not is_alone,
             begun=begun,
         ) as bar,
         contextlib.closing(
-            settings.executor(_watch(bar, title)).compute(batches, compute)
+            settings.executor(_watch(bar, title)).compute(
+                batches_of(waiting), functools.partial(execute_batch, checkpoints=checkpoints)
+            )
         ) as computed,
     ):
-        sizes = [sum(run.n_steps for run in batch) for batch in batches]
-        for together in _together(computed, sizes if settings.is_alone else ()):
+        for batch in computed:
             # what a dead worker did not tell is no result: the next time it is computed again
-            results = [one for batch in together for one in batch.results]
-            if keep is not None and results:
-                keep(results)
-            for batch in together:
-                for finished in batch.finished:
-                    done[finished.run] = kept(finished)
-                    bar.finished(
-                        _named(finished.run, title), batch.finished[0].run, finished.run.n_steps
-                    )
-                    _report(finished)
-            if settings.fail_fast and any(map(_has_failed, together)):
+            if keep is not None and batch.results:
+                keep(batch.results)
+            for run, finished in zip(batch.asked, batch.finished, strict=True):
+                done[run] = kept(finished)
+                bar.finished(_named(finished.run, title), batch.asked[0], run.n_steps)
+                _report(finished)
+            if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
                 break
     return [
-        Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
+        _outcome(experiment, [done[run] for run in runs if run in done])
         for experiment, runs in listed.items()
     ]
 
 
-def _together(
-    computed: Iterable[FinishedBatch], sizes: Sequence[int]
-) -> Iterator[list[FinishedBatch]]:
-    """Finished batches, several at a time where keeping each takes longer than computing it.
-
-    They are given before an exception is passed on. What waits has taken less than
-    :data:`LONGEST_WAIT`, and it does not wait for a batch that may take longer.
-
-    Parameters
-    ----------
-    computed
-        Batches, as they are finished.
-    sizes
-        Their steps, if they are computed one after the other; otherwise each is given at once.
-    """
-    together: list[FinishedBatch] = []
-    begun = latest = time.monotonic()
-    pause = 0.0
-    following = itertools.chain(itertools.pairwise(sizes), itertools.repeat((1, math.inf)))
-    try:
-        for batch, (own, after) in zip(computed, following, strict=False):
-            together.append(batch)
-            now = time.monotonic()
-            # the memory of a direct sum takes the square of the steps
-            next_one = (now - latest) * max(1.0, after / own) ** 2
-            latest = now
-            limit = min(LONGEST_WAIT, pause / LARGEST_SHARE)
-            if now - begun + next_one >= limit or _has_failed(batch):
-                given, together = together, []
-                yield given
-                begun = latest = time.monotonic()
-                pause = begun - now
-    finally:
-        if together:
-            yield together
+def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome:
+    """The outcome; of a single search that of the experiment with what was chosen."""
+    is_chosen = experiment.needs_search and not experiment.members and finished
+    own = finished[0].run.experiment if is_chosen else experiment
+    return Outcome(experiment=own, finished=tuple(finished))
 
 
-def _has_failed(batch: FinishedBatch) -> bool:
-    return any(map(is_unexpected_failure, batch.finished))
+def _resumed(waiting: Sequence[Run], checkpoints: CheckpointFolder) -> dict[Hashable, int]:
+    """Log which runs go on from a checkpoint; how many steps of them are done."""
+    for search in (run for run in waiting if run.is_search):
+        if words := checkpoints.resumed(search):
+            _logger.info("%s: %s", search_title(search), words)
+    begun: dict[Hashable, int] = {}
+    for run, reached in checkpoints.unfinished(one for one in waiting if not one.is_search).items():
+        _logger.info("%s: %s", run.title, resumed_at(run, reached))
+        begun[run] = reached
+    return begun
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:
@@ -169,6 +119,9 @@ def _watch(bar: RunBar, title: str) -> Watch | None:
 
     def watch(batch: Batch, done: int, n_steps: int) -> None:
         first = batch[0]
+        if first.is_search:
+            # how many steps it takes is not known
+            return
         name = _named(first, title)
         share = f"{100 * done // n_steps} %"
         if n_steps == first.n_steps:
@@ -188,7 +141,7 @@ def _tell_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
     """How many runs are computed again for which reason."""
     counts: dict[str, int] = {}
     for run in waiting:
-        reason = why(run)
+        reason = NEW if run.is_search else why(run)
         if reason not in (NEW, FRESH):
             _logger.debug("%s: %s", run.title, reason)
             counts[reason] = counts.get(reason, 0) + 1

@@ -16,23 +16,22 @@ from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.runner.executors.executor import crash, crash_told
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
-from fvi_cli.runner.settings import Settings
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage import open_results
 from fvi_cli.studies.cost import CostTable, cost_table, measure_costs
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, lookup_case
+from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.studies.tolerance.price import TOLERANCES, measure_tolerance
 
 _logger = logging.getLogger(__name__)
 
 
-def refuse_what_has_no_price(requests: Sequence[Request]) -> None:
-    """Complain of everything among `requests` that cannot be measured, before anything is.
+def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
+    """The requests, each of which can be measured; with methods of other packages if wanted.
 
     Raises
     ------
     RequestError
-        With one line for each.
+        With one line for everything that cannot be measured, and without that package.
     """
     complaints = []
     for request in requests:
@@ -55,32 +54,23 @@ def refuse_what_has_no_price(requests: Sequence[Request]) -> None:
                 complaints.append(f"{experiment.name}: a fractional derivative is no scene")
     if complaints:
         raise RequestError(*complaints)
-
-
-def with_peers(requests: Sequence[Request]) -> list[Request]:
-    """The requests with the methods of other packages beside their own.
-
-    Raises
-    ------
-    RequestError
-        Where the package is not installed.
-    """
-    missing = peers_objection()
-    if missing:
+    if not peers:
+        return list(requests)
+    if missing := peers_objection():
         raise RequestError(f"--peers: {missing}")
     _logger.info("%s", PEER_LIMITS)
     return [
         dataclasses.replace(
             request,
             loaded=dataclasses.replace(
-                request.loaded, experiments=tuple(map(_beside_peers, request.loaded.experiments))
+                request.loaded, experiments=tuple(map(_with_peers, request.loaded.experiments))
             ),
         )
         for request in requests
     ]
 
 
-def _beside_peers(experiment: Experiment) -> Experiment:
+def _with_peers(experiment: Experiment) -> Experiment:
     added = []
     for name in PEER_NAMES:
         peer = Baseline(name=name)
@@ -95,7 +85,7 @@ def _beside_peers(experiment: Experiment) -> Experiment:
     return dataclasses.replace(experiment, methods=(*experiment.methods, *added))
 
 
-def measure_request(request: Request, settings: Settings) -> list[CostTable]:
+def measure_request(request: Request, *, show_progress: bool) -> list[CostTable]:
     """The tables of a request, every run measured in this process, one after the other.
 
     Writing is measured on a result file in a temporary folder.
@@ -106,7 +96,7 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
     with (
         tempfile.TemporaryDirectory() as folder,
         open_results(Path(folder), request.name) as results,
-        progress_bar(request.name, total, wanted=settings.show_progress) as advance,
+        progress_bar(request.name, total, wanted=show_progress) as advance,
     ):
         for experiment in experiments:
             rows = []
@@ -124,20 +114,6 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
                     _logger.warning("%s to %g: %s", experiment.name, tolerance, found.message)
                 advance(f"{experiment.name} to {tolerance:g}")
             tables.append(cost_table(experiment, rows, asked_for))
+            for line in tables[-1].unexpected:
+                _logger.warning("%s", line)
     return tables
-
-
-def unexpected(request: Request, tables: Sequence[CostTable]) -> list[str]:
-    """One line for every run that came to nothing although the configuration did not say so."""
-    lines = []
-    for experiment, table in zip(request.loaded.experiments, tables, strict=True):
-        for case in table.cases:
-            if lookup_case(experiment.expect, case.method) is not None:
-                continue
-            lines += [
-                f"{experiment.name} {case.method.case} N={row.n_steps}: {row.status}"
-                + (f" ({row.message})" if row.message else "")
-                for row in case.rows
-                if row.status not in ("ok", "floor")
-            ]
-    return lines

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, gather
-from fvi_cli.storage import Location, key_of, open_results, read_results, variant_of
+from fvi_cli.storage import Entry, open_results, read_results
+from fvi_cli.storage.identity import refusal_of, request_of
 
 
 def forget_runs(
@@ -18,7 +19,7 @@ def forget_runs(
     others: bool = False,
     everything: bool = False,
     is_tried: bool = False,
-) -> list[Location]:
+) -> list[Entry]:
     """Remove the runs from a result file for which everything holds that is given; returns them.
 
     Parameters
@@ -55,22 +56,18 @@ def forget_runs(
         raise RequestError(f"{path}: runs are forgotten in a result file, such as {path.stem}.h5")
     # says what is wrong with the file, or with the changes, before it is held
     (request,) = gather([str(path)], overrides)
-    asked = {key_of(run) for one in request.loaded.experiments for run in one.runs()}
-    searched = [
-        (one.name, variant_of(search.specification(), one.swept))
-        for one in request.loaded.experiments
-        for search in one.searches()[:1]
-    ]
+    runs = (run for one in request.loaded.experiments for run in one.searches() or one.runs())
+    asked = {request_of(run) for run in runs}
+    asked |= {refusal_of(one) for one in asked}
 
-    def is_meant(one: Location) -> bool:
-        if case is not None and one.place[1] != case and not one.place[1].startswith(f"{case}-"):
+    def is_meant(one: Entry) -> bool:
+        if case is not None and not f"{one.kind.case}-".startswith(f"{case}-"):
             return False
-        is_asked = one.key[:3] in asked or (one.place[0], one.key[1]) in searched
-        return is_asked != others if overrides or others else True
+        return (one.request in asked) != others if overrides or others else True
 
     held = read_results(path) if is_tried else open_results(path.parent, path.stem)
     with held as store:
-        found = [one for one in store.locations() if is_meant(one)]
+        found = [one for one in store.entries() if is_meant(one)]
         if not found:
             raise RequestError(f"{path}: holds no such run; `fvi show {path}` lists what it holds")
         if not is_tried:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fvi_cli.config.hard_cases import hard_cases
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport, examine
-from fvi_cli.studies.hard_cases.suite import examined_methods, hard_cases
+from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport, examine, examined_methods
 
 
 def examine_named(
@@ -38,4 +38,5 @@ def examine_named(
             for name in by:
                 findings += examine(case, name, named[name])
                 advance(f"{case.name} {name}")
-    return HardCaseReport(cases=tuple(chosen), findings=tuple(findings))
+    is_partial = len(chosen) < len(known) or len(by) < len(named)
+    return HardCaseReport(cases=tuple(chosen), findings=tuple(findings), is_partial=is_partial)

@@ -5,18 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from fvi_cli.config.memory import derivative_bytes, in_gigabytes, machine_bytes
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
+from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
-from fvi_cli.planning.plan import planned_bytes
-from fvi_cli.runner.executors.batches import pack_size
+from fvi_cli.integrator.members import companions
+from fvi_cli.integrator.method import Method
+from fvi_cli.planning.plan import Plan, plan_run
+from fvi_cli.planning.seconds import Timing, short_job, time_runs
+from fvi_cli.runner.executors.batches import batches_of, pack_size
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Chosen, Known, Why, resumed_at, reusable, stored_runs
-from fvi_cli.scenes.problem import Problem
+from fvi_cli.runner.stored import Known, Why, resumed_at, reusable, stored_runs
+from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
+
+MOST_ALIKE = 1024
+"""Members of a sweep among which those are looked for that are computed with the first."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +41,7 @@ class PlannedRun:
         ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
         named, from which nothing is computed.
     reason
-        Why: ``stored``; ``new``, ``incomplete``, ``older solver``, ``changed: problem.stiffness``
+        Why: ``stored``; ``new``, ``older solver``, ``changed: problem.stiffness``
         (see :class:`fvi_cli.storage.Reasons`) or ``--fresh``; ``resume at step 4096 of 65536`` from
         a checkpoint; ``refused:`` and what is predicted; ``not in the file``.
     predicted
@@ -49,28 +59,34 @@ class PlannedRun:
         return self.run.experiment.accuracy is not None and self.action != "reuse"
 
 
-def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRun]:
-    """Tell for every run of `requests` what would be done with it; nothing is written."""
+@dataclass(frozen=True, kw_only=True)
+class Forecast:
+    """What a run will take: its plan, and its seconds on this machine; None: not known."""
+
+    plan: Plan
+    seconds: float | None = None
+
+
+def plan_request(request: Request, settings: Settings) -> list[PlannedRun]:
+    """Tell for every run of `request` what would be done with it; nothing is written."""
+    check_memory(request, settings)
     plans = []
-    for request in requests:
-        check_memory(request, settings)
-        checkpoints = None if settings.fresh else settings.checkpoints(request)
-        with stored_runs(request, settings) as (store, why):
-            shared = settings.shard.runs_of(request.loaded.experiments)
-            searched = settings.shard.searches_of(request.loaded.experiments)
-            for experiment, runs in shared.items():
+    checkpoints = None if settings.fresh else settings.checkpoints(request)
+    with stored_runs(request, settings) as (store, why):
+        for experiment, runs in settings.shard.runs_of(request.loaded.experiments).items():
+            if experiment.needs_search:
+                plans += [_search(one, request, store.finished, checkpoints) for one in runs]
+            else:
                 begun = {} if checkpoints is None else checkpoints.unfinished(runs)
                 plans += [_planned(run, store.finished, why, request, begun) for run in runs]
-                own = searched[experiment]
-                plans += [_search(one, request, store.chosen, checkpoints) for one in own]
     return plans
 
 
 def _search(
-    search: Run, request: Request, chosen: Chosen, checkpoints: CheckpointFolder | None
+    search: Run, request: Request, known: Known, checkpoints: CheckpointFolder | None
 ) -> PlannedRun:
     """The run that would be found for a tolerance, or the one that was."""
-    earlier = reusable(chosen(search))
+    earlier = reusable(known(search))
     if earlier is not None:
         run, predicted = earlier.run, earlier.predicted
         return PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)
@@ -104,6 +120,92 @@ def _planned(
     return PlannedRun(run=run, action=action, reason=reason, predicted=prediction.verdict)
 
 
+def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
+    """Every plan by itself, but those of members that differ in their members only."""
+    groups: dict[tuple[object, ...], list[PlannedRun]] = {}
+    for plan in plans:
+        run = plan.run
+        shared = (run.experiment, run.method, run.n_steps, plan.action, plan.predicted, plan.reason)
+        groups.setdefault((run,) if run.member is None else shared, []).append(plan)
+    return list(groups.values())
+
+
+def forecast_runs(plans: Sequence[PlannedRun]) -> dict[Run, Forecast]:
+    """What the runs on given steps take, and how long those take that would be computed.
+
+    Times are measured by short runs on the finest steps of every method.
+    """
+    known = [one for one in plans if not one.finds_steps]
+    found = {run: Forecast(plan=plan) for run, plan in engine_plans([p.run for p in known]).items()}
+    computed = [p.run for p in known if p.run in found and p.action == "compute"]
+    timings: dict[object, Timing | None] = {}
+    for alike in sorted(_alike(computed), key=lambda alike: -alike[0].n_steps):
+        first = alike[0]
+        key = (first.experiment, first.method)
+        if key not in timings:
+            timings[key] = _timing(batches_of(alike[:MOST_ALIKE])[0], found[first].plan)
+        timing = timings[key]
+        if timing is not None:
+            seconds = timing.at(first.n_steps)
+            found |= {run: Forecast(plan=found[run].plan, seconds=seconds) for run in alike}
+    return found
+
+
+def engine_plans(runs: Sequence[Run]) -> dict[Run, Plan]:
+    """How runs on given steps are integrated; members as the first of them is."""
+    found: dict[Run, Plan] = {}
+    for alike in _alike([run for run in runs if isinstance(run.problem, Problem)]):
+        batch = batches_of(alike[:MOST_ALIKE])[0]
+        first = batch[0]
+        plan = plan_run(
+            _scene_of(first),
+            first.method,
+            first.n_steps,
+            every=first.experiment.store_every,
+            members=companions([_scene_of(run) for run in batch], first.method, first.n_steps)[0],
+            is_diagnosed=not first.experiment.diagnostics.is_empty,
+            grading=first.experiment.grading,
+        )
+        found |= dict.fromkeys(alike, plan)
+    return found
+
+
+def _alike(runs: Sequence[Run]) -> list[list[Run]]:
+    """Every run by itself, but members of a sweep by one method on the same steps."""
+    groups: dict[object, list[Run]] = {}
+    for run in runs:
+        alone = run.member is None
+        groups.setdefault(run if alone else (run.experiment, run.method, run.n_steps), []).append(
+            run
+        )
+    return list(groups.values())
+
+
+def _scene_of(run: Run) -> Scene:
+    if isinstance(run.problem, DerivativeProblem):
+        raise ValueError(f"{run.title}: nothing is integrated")
+    return run.problem.scene
+
+
+def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
+    """Short runs of a batch, seconds of each of its members; None where they cannot be done."""
+    run, experiment = batch[0], batch[0].experiment
+    job = short_job(
+        [_scene_of(one) for one in batch],
+        run.method,
+        run.n_steps,
+        every=experiment.store_every,
+        diagnostics=experiment.diagnostics if isinstance(run.method, Method) else NO_DIAGNOSTICS,
+        observations=[] if run.observations.is_empty else [one.observations for one in batch],
+        grading=experiment.grading,
+    )
+    is_quadratic = bool(plan.history_operations) and plan.mesh.n_lags == plan.mesh.n_steps
+    try:
+        return time_runs(job, run.n_steps, n_runs=len(batch), is_quadratic=is_quadratic)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+
+
 def check_memory(request: Request, settings: Settings) -> None:
     """The longest runs must have room at the same time; one alone was looked at before."""
     available = machine_bytes()
@@ -117,14 +219,14 @@ def check_memory(request: Request, settings: Settings) -> None:
             continue
         together = pack_size(experiment) if experiment.members else 1
         sizes += [
-            planned_bytes(
+            plan_run(
                 problem.scene,
                 method,
                 n,
                 every=experiment.store_every,
                 members=together,
-                diagnosed=not experiment.diagnostics.is_empty,
-            )
+                is_diagnosed=not experiment.diagnostics.is_empty,
+            ).memory_bytes
             for method in experiment.methods
             for n in experiment.steps
         ]

@@ -43,21 +43,11 @@ def configure_logging(level: int) -> logging.Logger:
 
 @dataclass(kw_only=True)
 class Pace:
-    """How long steps have taken, and how long the rest takes by that.
+    """How long steps have taken, and how long the rest takes by that."""
 
-    Parameters
-    ----------
-    total
-        Number of steps to do.
-    clock
-        Gives the time in seconds.
-    begun
-        Number of them that an earlier command has done.
-    """
-
-    total: int
+    total: int  # steps to do
     clock: Callable[[], float] = time.monotonic
-    begun: int = 0
+    begun: int = 0  # steps that an earlier command has done
     left: float | None = None
     _begun: float = field(init=False)
     _latest: float = field(init=False)
@@ -133,16 +123,8 @@ def run_bar(
     What is being done takes the room that is left and is cut there, so that the bar, the count and
     the times are whole on a screen of 80 columns.
 
-    Parameters
-    ----------
-    title
-        Stands where later the run is named.
-    runs, steps
-        How many there are to compute, with how many steps altogether.
-    wanted
-        Whether to show it where standard error is a terminal.
-    begun
-        By its key, how many steps of a piece an earlier command has done.
+    The title stands where later the run is named; `begun` has the steps of pieces that an earlier
+    command has done, by their keys.
 
     Yields
     ------

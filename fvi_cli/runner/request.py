@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
-from fvi_cli.errors import RequestError
+from fvi_cli.errors import FviError, RequestError
 from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
 
 if TYPE_CHECKING:
@@ -38,17 +39,40 @@ class Request:
     stored: Path | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What a command would compute other than runs: of which experiment, what, and of what."""
+
+    experiment: str
+    action: str
+    of: str
+
+
 def gather(
     sources: Sequence[str],
     overrides: Sequence[str] = (),
     *,
+    over: Sequence[str] = (),
     allow_unstable: bool = False,
     checks_member: ChecksMember = every_member,
+    results: Callable[[str], Path] | None = None,
 ) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
-    Members of a sweep are checked if `checks_member` says so, by their number; those of a result
-    file were checked before it was made.
+    Parameters
+    ----------
+    sources
+        Files and names.
+    overrides
+        Changes ``key.path=value``.
+    over
+        What is swept in place of the configuration's own sweep (:func:`ranges`).
+    allow_unstable
+        Whether runs are computed that are predicted to blow up.
+    checks_member
+        Which members of a sweep are checked; those of a result file were before it was made.
+    results
+        Result file of a configuration by its name; what that has was checked before.
 
     Raises
     ------
@@ -58,15 +82,16 @@ def gather(
         With the mistakes in all of them, names that are neither files nor shipped
         configurations, and names that occur twice.
     """
+    changes = (*overrides, *ranges(over))
     requests: list[Request] = []
     mistakes: list[str] = []
     for source in sources:
         try:
             requests.append(
-                _request(source, overrides, checks_member, allow_unstable=allow_unstable)
+                _request(source, changes, checks_member, results, allow_unstable=allow_unstable)
             )
         except RequestError as error:
-            mistakes.extend(error.complaints)
+            mistakes.extend(_of_ranges(line, over) for line in error.complaints)
     if mistakes:
         raise RequestError(*mistakes)
     names = [request.name for request in requests]
@@ -76,12 +101,54 @@ def gather(
     return requests
 
 
+def ranges(over: Sequence[str]) -> list[str]:
+    """Overrides that sweep over ``KEY=FROM:TO:NUMBER[:log]``.
+
+    Raises
+    ------
+    RequestError
+        For another form, and for more than two keys, which no picture shows.
+    """
+    if len(over) > 2:
+        raise RequestError("--over: at most two keys are varied")
+    entries = []
+    for text in over:
+        key, equals, numbers = text.partition("=")
+        parts = numbers.split(":")
+        if not (equals and key.strip() and len(parts) in (3, 4) and all(parts)):
+            raise RequestError(
+                f"--over: {text!r} is not allowed; it must be KEY=FROM:TO:NUMBER or "
+                "KEY=FROM:TO:NUMBER:log"
+            )
+        spacing = parts[3] if len(parts) == 4 else "linear"
+        entries.append(
+            f"{key.strip()}: {{from: {parts[0]}, to: {parts[1]}, number: {parts[2]}, "
+            f"spacing: {spacing}}}"
+        )
+    return [f"sweep={{{', '.join(entries)}}}"] if entries else []
+
+
+def _of_ranges(line: str, over: Sequence[str]) -> str:
+    """A complaint about a range, said of ``--over``."""
+    for key in (text.partition("=")[0].strip() for text in over):
+        for start in (f"--set: sweep.{key}:", f"--set: {key}:", f"--set: sweep.{key}."):
+            line = line.replace(start, f"--over: {key}{start[-1]}", 1)
+    return line
+
+
 def _request(
-    source: str, overrides: Sequence[str], checks_member: ChecksMember, *, allow_unstable: bool
+    source: str,
+    overrides: Sequence[str],
+    checks_member: ChecksMember,
+    results: Callable[[str], Path] | None,
+    *,
+    allow_unstable: bool,
 ) -> Request:
     path = Path(source) if source.endswith(STORED_SUFFIX) else None
     if path is None:
-        loaded = load_config(find_config(source), overrides=overrides, checks_member=checks_member)
+        found = find_config(source)
+        known = None if results is None else _known(found, overrides, results, allow_unstable)
+        loaded = known or load_config(found, overrides=overrides, checks_member=checks_member)
     else:
         # most commands are given no result file, and reading one takes long to import
         from fvi_cli.storage import read_configuration
@@ -96,6 +163,22 @@ def _request(
     if allow_unstable:
         loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded, stored=path)
+
+
+def _known(
+    path: Path, overrides: Sequence[str], results: Callable[[str], Path], allow_unstable: bool
+) -> LoadedConfig | None:
+    """The configuration, if its result file has just that; its members were checked then."""
+    with contextlib.suppress(FviError):
+        loaded = load_config(path, overrides=overrides, checks_member=no_member)
+        stored = results(loaded.name)
+        if stored.exists() and any(one.members for one in loaded.experiments):
+            # most commands need not wait for this import
+            from fvi_cli.storage import has_configuration
+
+            asked = allowing_unstable(loaded) if allow_unstable else loaded
+            return loaded if has_configuration(stored, asked) else None
+    return None
 
 
 def _as_written(configuration: StoredConfiguration) -> str:

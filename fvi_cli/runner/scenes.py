@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.config import method_named
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, names_of, observations
@@ -32,7 +32,7 @@ def integrate(
     n_steps: AnySteps,
     *,
     every: int = 1,
-    diagnostics: Asked = NOTHING,
+    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
     output: ArrayLike | None = None,
     quantities: Mapping[str, str | float] | None = None,

@@ -10,7 +10,7 @@ from fvi_cli.errors import StorageError
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import Reasons, Store, open_results, place_of, read_results
+from fvi_cli.storage import Place, Reasons, Store, open_results, place_of, read_results
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
@@ -18,9 +18,7 @@ _logger = logging.getLogger(__name__)
 FRESH = "--fresh"
 
 Known = Callable[[Run], FinishedRun | None]
-"""Gives back a run that was finished before, or None."""
-Chosen = Callable[[Run], FinishedRun | None]
-"""Gives back the run that an earlier search for the same tolerance came to, or None."""
+"""Gives back a run that was finished before, or that a search came to, or None."""
 Why = Callable[[Run], str]
 """Says why a run is computed that was not found."""
 
@@ -56,8 +54,11 @@ def stored_runs(
         else read_results(path, fresh=is_fresh, may_be_missing=request.stored is None)
     )
     with opened as store:
-        shared = settings.shard.runs_of(request.loaded.experiments)
-        asked = {place_of(run) for runs in shared.values() for run in runs}
+
+        def asked() -> set[Place]:
+            shared = settings.shard.runs_of(request.loaded.experiments)
+            return {place_of(run) for runs in shared.values() for run in runs if not run.is_search}
+
         reasons = Reasons(stored=store, asked=asked)
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
 
@@ -72,9 +73,7 @@ def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
     """
     outcomes = []
     for experiment in experiments:
-        found = [results.finished(run) for run in experiment.runs()]
-        if experiment.needs_search:
-            found = [results.chosen(search) for search in experiment.searches()]
+        found = [results.finished(run) for run in experiment.searches() or experiment.runs()]
         finished = tuple(one for one in found if one is not None)
         is_single = experiment.needs_search and not experiment.members
         own = finished[0].run.experiment if is_single and finished else experiment
@@ -95,7 +94,7 @@ def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
 def _unusable(experiment: Experiment, results: Store) -> str:
     """Why no run of an experiment can be used, and what to do."""
     runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
-    reasons = Reasons(stored=results, asked={place_of(run) for run in runs})
+    reasons = Reasons(stored=results, asked=lambda: {place_of(run) for run in runs})
     found = sorted({reasons.of(run) for run in runs})
     return (
         f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "

@@ -26,13 +26,6 @@ Ends = Literal["both", "left", "none"]
 def neighbour_matrix(masses: int, ends: Ends) -> Array:
     r"""The matrix of :math:`\sum (x_{i+1} - x_i)^2`, with walls at the ends that are fixed.
 
-    Parameters
-    ----------
-    masses
-        Number n of masses.
-    ends
-        Which ends are tied to a wall: ``both``, ``left`` or ``none``.
-
     Raises
     ------
     ValueError
@@ -65,17 +58,6 @@ def chain(
               + \sum_j \mu_j D^{\gamma_j} x_i = f_i(t),
 
     with :math:`x_0 = x_{n+1} = 0` at walls; at a free end the missing neighbour pulls with nothing.
-
-    Parameters
-    ----------
-    masses, mass, stiffness
-        n, m and k.
-    ends
-        Which ends are tied to a wall: ``both``, ``left`` or ``none``.
-    dampers
-        Pairs of order and coefficient c of the dampers beside every spring.
-    damping
-        Further terms :math:`\mu D^\gamma x`, to the ground.
     """
     neighbours = neighbour_matrix(masses, ends)
     return linear_oscillator(
@@ -86,13 +68,7 @@ def chain(
 
 
 def shear_matrix(stiffness: ArrayLike) -> Array:
-    r"""Matrix of :math:`\sum k_i (x_i - x_{i-1})^2` with :math:`x_0 = 0`, the ground.
-
-    Parameters
-    ----------
-    stiffness
-        The n values :math:`k_i`, from the ground up.
-    """
+    r"""Matrix of :math:`\sum k_i (x_i - x_{i-1})^2` with :math:`x_0 = 0`, the ground."""
     values = np.atleast_1d(np.asarray(stiffness, dtype=float))
     beside = -values[1:]
     return np.diag(values - np.append(beside, 0.0)) + np.diag(beside, 1) + np.diag(beside, -1)
@@ -155,19 +131,6 @@ def frame(
 
     .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t).
 
-    Parameters
-    ----------
-    storeys
-        n.
-    mass, stiffness
-        :math:`m_i` and :math:`k_i` from the ground up; a number is the same for every storey.
-    ground_acceleration
-        a(t), one component; None: the ground rests.
-    dampers
-        Pairs of order and coefficient c of the dampers between storeys.
-    damping
-        Further terms :math:`\mu D^\gamma x`.
-
     Raises
     ------
     ValueError
@@ -224,17 +187,6 @@ def string(
 
     .. math:: x_j'' + \sum_i \bigl(\mu_i + \eta_i \kappa_j^2\bigr) D^{\gamma_i} x_j
               + c^2 \kappa_j^2 x_j = f_j(t), \qquad \kappa_j = j \pi / L .
-
-    Parameters
-    ----------
-    modes, wave_speed, length
-        n, c and L.
-    pluck
-        Place (as a fraction of L) and height of a triangle that is added to the initial position.
-    internal_damping
-        Pairs of order and :math:`\eta`: the material (fractional Kelvin-Voigt).
-    damping
-        The terms :math:`\mu D^\gamma u` of the medium around.
 
     Raises
     ------

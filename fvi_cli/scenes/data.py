@@ -82,5 +82,8 @@ Damper = tuple[float, float]
 
 def with_dampers(data: SceneData, matrix: Form, dampers: Sequence[Damper]) -> SceneData:
     r"""The data with terms :math:`c A D^\gamma q` before the others, A the `matrix`."""
-    terms = [FractionalDamping(order=order, coefficient=scaled(matrix, c)) for order, c in dampers]
+    terms = [
+        FractionalDamping(order=float(order), coefficient=scaled(matrix, float(c)))
+        for order, c in dampers
+    ]
     return {**data, "damping": (*terms, *data.get("damping", ()))}

@@ -56,13 +56,6 @@ def objection(exact: Callable[[Array], Array], scene: Scene) -> str:
     Its value and its rate at 0 are compared with the initial data, and the equation is tried on
     :data:`SHARES` of the interval. Nothing is said where the integrals are not resolved, and of
     scenes with a Lagrangian or relaxation laws only the initial data are compared.
-
-    Parameters
-    ----------
-    exact
-        Function of times, shape ``(n,)`` to ``(n, d)``.
-    scene
-        What it is to solve.
     """
     end = scene.final_time
     with np.errstate(all="ignore"):

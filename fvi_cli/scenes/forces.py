@@ -6,18 +6,18 @@ import functools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
-from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
-from fvi_cli.keys.containers import ByForm, Checked, ListOf, Named
+from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
-from fvi_cli.keys.records import Key, Record, optional
-from fvi_cli.keys.scalars import Choice, Formula, Number, Text
+from fvi_cli.keys.scalars import Formula, Number, Text
+from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.records.at2_samples import SUFFIX, read_at2_samples
@@ -26,6 +26,7 @@ from fvi_cli.scenes.records.data_files import (
     CONTENT_SHA256,
     SHA256,
     DataFileError,
+    Digest,
     file_under,
     read_once,
     with_content,
@@ -40,11 +41,12 @@ from fvi_cli.scenes.records.samples import (
 )
 
 T = TypeVar("T")
+_COLUMN: Final = Text(what="the name of a column")
 
 
 def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     """The keys of samples with ``sha256`` and ``content`` filled in from the file."""
-    file, name = file_under(values, at)
+    file, name = file_under(values["file"], at)
     is_at2 = file.suffix.lower() == SUFFIX
     columns = () if is_at2 else (values["time"], values.get("column", ""))
 
@@ -83,66 +85,56 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     )
 
 
-SAMPLES: Final = Checked(
-    shape=Record(
-        keys=(
-            Key(
-                "file",
-                Text(what="the path of a CSV file, from the configuration's folder"),
-                "CSV file with names of columns in its first line, or a record of ground motion in "
-                "AT2 (PEER), in units of g; a relative path begins at the configuration.",
-            ),
-            optional(
-                "column",
-                Text(what="the name of a column"),
-                "Column of the values, in their unit divided by scale; AT2 has none.",
-            ),
-            Key(
-                "time",
-                Text(what="the name of a column"),
-                "Column of the times, which increase from 0 or before to final_time or later.",
-                default="t",
-            ),
-            Key(
-                "interpolation",
-                Choice(words=("linear", "cubic")),
-                "Between the samples: straight lines (order 2 at most) or a cubic spline (4).",
-                default="linear",
-            ),
-            Key(
-                "scale",
-                Number(),
-                "Factor of the values, for example 9.81 for a record in g.",
-                default=1.0,
-            ),
-            Key(
-                "beyond",
-                Choice(words=("refuse", "zero")),
-                "zero: no force behind the last sample, where it comes before final_time.",
-                default="refuse",
-            ),
-            SHA256,
-            optional(
-                "content",
-                Text(what="samples as fvi writes them"),
-                "Times and values in short; filled in, and used in place of the file.",
-            ),
-            CONTENT_SHA256,
-        ),
-        refused=dict.fromkeys(
-            ("unit", "units"), "not a key: write scale, such as scale: 9.81 for a record in g"
-        ),
-    ),
-    check=_read_file,
+class Samples(
+    PlainSetting,
     words="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",
-)
-"""Samples from a CSV file, read together with the configuration."""
+    refused=dict.fromkeys(
+        ("unit", "units"), "not a key: write scale, such as scale: 9.81 for a record in g"
+    ),
+):
+    """Samples from a file, read together with the configuration."""
 
-PARAMETERS: Final = optional(
-    "parameters",
-    Named(shape=Number(), example="{amplitude: 0.3, omega: 1.2}"),
+    file: Annotated[str, Text(what="the path of a CSV file, from the configuration's folder")] = (
+        key(
+            "CSV file with names of columns in its first line, or a record of ground motion in "
+            "AT2 (PEER), in units of g; a relative path begins at the configuration."
+        )
+    )
+    column: Annotated[str | None, _COLUMN] = key(
+        "Column of the values, in their unit divided by scale; AT2 has none.", default=None
+    )
+    time: Annotated[str, _COLUMN] = key(
+        "Column of the times, which increase from 0 or before to final_time or later.", default="t"
+    )
+    interpolation: Interpolation = key(
+        "Between the samples: straight lines (order 2 at most) or a cubic spline (4).",
+        default="linear",
+    )
+    scale: float = key("Factor of the values, for example 9.81 for a record in g.", default=1.0)
+    beyond: Literal["refuse", "zero"] = key(
+        "zero: no force behind the last sample, where it comes before final_time.",
+        default="refuse",
+    )
+    sha256: Digest = SHA256
+    content: Annotated[str | None, Text(what="samples as fvi writes them")] = key(
+        "Times and values in short; filled in, and used in place of the file.", default=None
+    )
+    content_sha256: Digest = CONTENT_SHA256
+
+    def check(self, at: Cursor, values: dict[str, Any]) -> Any:
+        """The keys with ``sha256`` and ``content`` filled in from the file."""
+        return _read_file(values, at)
+
+
+SAMPLES: Final = record_of(Samples)
+
+Parameters = Annotated[
+    Mapping[str, float] | None, Named(shape=Number(), example="{amplitude: 0.3, omega: 1.2}")
+]
+PARAMETERS: Final = key(
     "Values of names that the expressions of the problem may hold, and those of quantities, events "
     "and impacts; problem.parameters.<name> can be swept.",
+    default=None,
 )
 _EXPRESSIONS: Final = ("forcing", "ground_acceleration", "exact", "function")
 _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
@@ -150,7 +142,7 @@ _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 
 def with_parameters(values: Mapping[str, Any]) -> Mapping[str, Any]:
     """The values of a problem with numbers in the place of its parameters, in expressions of t."""
-    numbers = values.get(PARAMETERS.name)
+    numbers = values.get("parameters")
     if not isinstance(numbers, Mapping) or not numbers:
         return values
 
@@ -169,90 +161,85 @@ def with_parameters(values: Mapping[str, Any]) -> Mapping[str, Any]:
 PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
 
 
-def _pieces(value: Key) -> Record:
-    piece = Record(
-        keys=(
-            optional(
-                "until",
-                Number(above=0.0),
-                "Last time of the piece; the last piece has none.",
-                unit="time",
-            ),
-            value,
-        )
-    )
-    return Record(
-        keys=(
-            Key(
-                "pieces",
-                ListOf(shape=piece, example="[{until: 1, value: 8}, {value: 0}]"),
-                "Pieces in the order of time; jumps are allowed between them.",
-            ),
-        )
+_UNTIL: Final = key("Last time of the piece; the last piece has none.", unit="time", default=None)
+_VALUE: Final = ByForm(single=Formula(), several=ListOf(shape=Formula(), example="[sin(t), 0]"))
+
+
+class ForcePiece(PlainSetting):
+    """A force in a part of the time."""
+
+    until: Positive | None = _UNTIL
+    value_: Annotated[Any, _VALUE] = key(
+        "Force in this piece: number or expression in t, or one per coordinate."
     )
 
 
-_AT: Final = Record(
-    keys=(
-        Key(
-            "at",
-            Named(
-                shape=ByForm(single=Formula(), mappings=(SAMPLES,)),
-                names="coordinates",
-                example="{x3: sin(t)}",
-            ),
-            "Forces on some coordinates, by their names; none on the others.",
-        ),
+class GroundPiece(PlainSetting):
+    """An acceleration in a part of the time."""
+
+    until: Positive | None = _UNTIL
+    value_: Annotated[str, Formula()] = key(
+        "Acceleration in this piece: number or expression in t."
     )
+
+
+_PIECES: Final = key("Pieces in the order of time; jumps are allowed between them.")
+
+
+def _list_of(piece: type[PlainSetting]) -> ListOf:
+    return ListOf(shape=record_of(piece), example="[{until: 1, value: 8}, {value: 0}]")
+
+
+class ForcePieces(PlainSetting):
+    """A force that jumps."""
+
+    pieces: Annotated[Any, _list_of(ForcePiece)] = _PIECES
+
+
+class GroundPieces(PlainSetting):
+    """An acceleration that jumps."""
+
+    pieces: Annotated[Any, _list_of(GroundPiece)] = _PIECES
+
+
+_COMPONENT: Final = ByForm(single=Formula(), mappings=(SAMPLES,))
+
+
+class ForcesAt(PlainSetting):
+    """Forces on some coordinates."""
+
+    at: Annotated[
+        Mapping[str, Any],
+        Named(shape=_COMPONENT, names="coordinates", example="{x3: sin(t)}"),
+    ] = key("Forces on some coordinates, by their names; none on the others.")
+
+
+_FORCES: Final = ByForm(
+    single=Formula(),
+    several=ListOf(shape=_COMPONENT, example="[sin(t), {file: quake.csv, column: a}]"),
+    mappings=(record_of(ForcePieces), record_of(ForcesAt), SAMPLES),
+    example=f"{PIECES_EXAMPLE}, where the value may be a list",
+    name="Force",
 )
-
-FORCING: Final = Key(
-    "forcing",
-    ByForm(
-        single=Formula(),
-        several=ListOf(
-            shape=ByForm(single=Formula(), mappings=(SAMPLES,)),
-            example="[sin(t), {file: quake.csv, column: a}]",
-        ),
-        mappings=(
-            _pieces(
-                Key(
-                    "value",
-                    ByForm(
-                        single=Formula(), several=ListOf(shape=Formula(), example="[sin(t), 0]")
-                    ),
-                    "Force in this piece: number or expression in t, or one per coordinate.",
-                )
-            ),
-            _AT,
-            SAMPLES,
-        ),
-        example=f"{PIECES_EXAMPLE}, where the value may be a list",
-    ),
+_GROUND: Final = ByForm(
+    single=Formula(),
+    mappings=(record_of(GroundPieces), SAMPLES),
+    example=PIECES_EXAMPLE,
+    name="GroundMotion",
+)
+Forces = Annotated[Any, _FORCES]
+GroundMotion = Annotated[Any, _GROUND]
+FORCING: Final = key(
     "Force f(t): number or expression in t, one per coordinate, {pieces: [...]}, {at: {x3: ...}} "
     "for some coordinates, or samples, {file: force.csv, column: f}.",
     default="0",
 )
-"""The force on every coordinate."""
-
-GROUND_ACCELERATION: Final = Key(
-    "ground_acceleration",
-    ByForm(
-        single=Formula(),
-        mappings=(
-            _pieces(
-                Key("value", Formula(), "Acceleration in this piece: number or expression in t.")
-            ),
-            SAMPLES,
-        ),
-        example=PIECES_EXAMPLE,
-    ),
+GROUND_ACCELERATION: Final = key(
     "Acceleration a(t) of the ground: number or expression in t, {pieces: [...]}, or samples, "
     "{file: quake.csv, column: a}.",
     unit="length per time^2",
     default="0",
 )
-"""The motion of what a scene stands on."""
 
 
 def build_forcing(
@@ -264,19 +251,6 @@ def build_forcing(
     names: Sequence[str] = (),
 ) -> Forcing | None:
     """A force from what stands under its key; None when it is 0.
-
-    Parameters
-    ----------
-    value
-        An expression or ``{file: ..., column: ...}``, a list of such, or ``{pieces: [...]}``.
-    dimension
-        Number d of components.
-    key
-        What messages call it.
-    final_time
-        T; samples must reach so far.
-    names
-        Of the coordinates.
 
     Raises
     ------

@@ -139,15 +139,6 @@ def double_pendulum(
 
     and every joint, the one at the ceiling and the one between the rods, turns against
     :math:`c D^\gamma` of its own angle, :math:`\theta_1` and :math:`\theta_2 - \theta_1`.
-
-    Parameters
-    ----------
-    masses, lengths, gravity
-        :math:`m_1, m_2`, :math:`l_1, l_2` and g.
-    joints
-        Pairs of order and coefficient c of the dampers in both joints.
-    damping
-        Further terms :math:`\mu D^\gamma \theta`.
     """
     (m1, m2), (l1, l2) = masses, lengths
     relative = np.array([[2.0, -1.0], [-1.0, 1.0]])

@@ -27,8 +27,7 @@ def build_problem(specification: Mapping[str, Any], *, search: bool = True) -> A
     ValueError
         ``key.path: what is wrong``, relative to ``problem``.
     """
-    kind = _kind(specification)
-    return kind.build(kind.record.filled(specification), search=search)
+    return _kind(specification).of(specification).build_problem(search=search)
 
 
 def build_scene(specification: Mapping[str, Any]) -> Scene:
@@ -40,12 +39,12 @@ def build_scene(specification: Mapping[str, Any]) -> Scene:
         As :func:`build_problem`; also for ``fractional-derivative``, which is no scene.
     """
     kind = _kind(specification)
-    if not isinstance(kind, SceneKind):
-        raise ArgumentError("kind", f"{kind.name!r} is not the name of a scene")
-    return kind.scene(kind.record.filled(specification))
+    if not issubclass(kind, SceneKind):
+        raise ArgumentError("kind", f"{kind.kind!r} is not the name of a scene")
+    return kind.of(specification).build_scene()
 
 
-def _kind(specification: Mapping[str, Any]) -> Kind:
+def _kind(specification: Mapping[str, Any]) -> type[Kind]:
     name = specification["kind"]
     if name not in KINDS:
         raise ArgumentError("kind", f"{name!r} is not one of {', '.join(KINDS)}")
@@ -54,4 +53,4 @@ def _kind(specification: Mapping[str, Any]) -> Kind:
 
 def kind_title(name: str) -> str:
     """A kind in figures; a name that is none stands for itself."""
-    return KINDS[name].heading if name in KINDS else name
+    return (KINDS[name].title or name.replace("-", " ")) if name in KINDS else name

@@ -19,13 +19,6 @@ def known_symmetries(scene: Scene, coordinates: tuple[str, ...]) -> tuple[Symmet
     Tried are a turn of the plane (``angular``, two coordinates), a shift of all coordinates
     together (``linear``), and a shift of each coordinate alone (``p_<coordinate>``; up to 32
     coordinates).
-
-    Parameters
-    ----------
-    scene
-        The scene; forcing and damping may break the symmetry.
-    coordinates
-        Names of its coordinates.
     """
     return tuple(
         one

@@ -5,7 +5,8 @@
 run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``step_size``, ``error``,
 ``seconds``, ``history_operations`` and ``status``; members of a sweep share a group, with an axis
 ``member`` in front. Runs of other values than those of the file's configuration lie in the same way
-below ``/<experiment>@1a2b3c4d/``. The attributes of the root say where the file comes from.
+below ``/<experiment>@1a2b3c4d/``, long lists of numbers of configurations below ``/@inputs/``, and
+``/@index/`` tells which run lies where. The attributes of the root say where the file comes from.
 """
 
 from fvi_cli.storage.comparison.reasons import NEW, Reasons
@@ -13,30 +14,29 @@ from fvi_cli.storage.contents import (
     StoredConfiguration,
     StoredFile,
     StoredRun,
+    has_configuration,
     list_runs,
     read_configuration,
 )
 from fvi_cli.storage.files import PARTS_SUFFIX, printable
-from fvi_cli.storage.opening import open_results, read_results
-from fvi_cli.storage.records import place_of, variant_of
-from fvi_cli.storage.snapshot import Location, key_of
-from fvi_cli.storage.store import Store
+from fvi_cli.storage.records.record import Entry, Place, place_of
+from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
     "NEW",
     "PARTS_SUFFIX",
-    "Location",
+    "Entry",
+    "Place",
     "Reasons",
     "Store",
     "StoredConfiguration",
     "StoredFile",
     "StoredRun",
-    "key_of",
+    "has_configuration",
     "list_runs",
     "open_results",
     "place_of",
     "printable",
     "read_configuration",
     "read_results",
-    "variant_of",
 ]

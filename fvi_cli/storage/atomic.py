@@ -23,13 +23,7 @@ _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write `content` beside `path` under another name, flush it to the disk, and rename.
-
-    Raises
-    ------
-    OSError
-        If the folder does not exist or cannot be written; nothing is left behind.
-    """
+    """Write `content` beside `path` under another name, flush it to the disk, and rename."""
     _remove_abandoned(followed(path))
     with replacement(path, is_held=True) as handle, os.fdopen(os.dup(handle), "wb") as stream:
         stream.write(content)
@@ -44,13 +38,7 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _hold(handle: int) -> None:
-    """Hold a file as long as it is open.
-
-    Raises
-    ------
-    OSError
-        If another process does.
-    """
+    """Hold a file as long as it is open."""
     try:
         import fcntl
     except ModuleNotFoundError:  # Windows removes no file that is open
@@ -88,11 +76,6 @@ def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
         What is replaced.
     is_held
         Hold the new file, so that who removes abandoned ones of `path` leaves it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; it names `path`.
     """
     try:
         with _replacement(followed(path), is_held=is_held) as handle:
@@ -172,11 +155,6 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
         Of the result file.
     waits
         Where another process holds it, wait until that has ended.
-
-    Raises
-    ------
-    StorageError
-        If another process holds it, or the folder cannot be made or written.
     """
     from filelock import FileLock, Timeout
 

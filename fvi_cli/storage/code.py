@@ -49,10 +49,16 @@ class Code:
     scipy: str
     mpmath: str = ""
 
-    @property
+    @functools.cached_property
     def text(self) -> str:
         """In one line, as it is stored."""
         return json.dumps(asdict(self))
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """SHA-256 of the sources and of the libraries, which make numbers."""
+        made_by = [self.sources, *(getattr(self, name) for name in LIBRARIES)]
+        return hashlib.sha256(json.dumps(made_by).encode()).hexdigest()
 
     def differences(self, other: Code) -> str:
         """In words what `other` has in place of what is here; empty where nothing differs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,32 +11,21 @@ from typing import Any, Protocol
 
 import numpy as np
 
+import fvi_cli
+from fvi_cli.errors import StorageError
 from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.storage.comparison.differences import difference_in_words
-from fvi_cli.storage.fields.observed import (
-    NOTHING_OBSERVED,
-    ObservedSummary,
-    observed_summary,
-)
-from fvi_cli.storage.files import printable, reading, root_attributes
-from fvi_cli.storage.groups import StoredGroup, run_groups
-from fvi_cli.storage.provenance import canonical_json, sha256
-from fvi_cli.storage.records import RUN_KEYS
-from fvi_cli.storage.stream import read_seal
-from fvi_cli.storage.writing import WrittenGroup
+from fvi_cli.storage.files import printable
+from fvi_cli.storage.groups.writing import WrittenGroup
+from fvi_cli.storage.identity import Inputs, canonical_json, restored, sha256, stowed
+from fvi_cli.storage.records.observed import NOTHING_OBSERVED, ObservedSummary, observed_summary
+from fvi_cli.storage.records.record import RUN_KEYS
+from fvi_cli.storage.result_file import ResultFile
 from fvi_cli.studies.members import swept_in_words
 
 RESOLVED = "resolved_config_sha256"
 CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
 """Attributes of the root that tell of the configuration."""
-
-
-LISTING = "listing"
-"""Attribute of the root: what a list of the runs says, as JSON."""
-
-
-ListedGroup = StoredGroup | WrittenGroup
-"""Runs of a group, read or just written."""
 
 
 class Configuration(Protocol):
@@ -52,19 +42,6 @@ class Configuration(Protocol):
     @property
     def overrides(self) -> tuple[str, ...]:
         """Changes that were asked for beside it."""
-
-
-def described(configuration: Configuration | StoredConfiguration) -> dict[str, str]:
-    """What the root of a file says of the configuration."""
-    resolved = configuration.resolved
-    if not isinstance(resolved, str):
-        resolved = canonical_json(resolved)
-    return {
-        "config": configuration.text,
-        "config_overrides": json.dumps(list(configuration.overrides)),
-        "resolved_config": resolved,
-        RESOLVED: sha256(resolved),
-    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +62,18 @@ class StoredConfiguration:
     text: str
     overrides: tuple[str, ...]
     resolved: str
+
+
+def described(configuration: Configuration | StoredConfiguration, inputs: Inputs) -> dict[str, str]:
+    """What the root of a file says of the configuration; `inputs` learns its long lists."""
+    resolved = configuration.resolved
+    values = json.loads(resolved) if isinstance(resolved, str) else resolved
+    return {
+        "config": configuration.text,
+        "config_overrides": json.dumps(list(configuration.overrides)),
+        "resolved_config": canonical_json(stowed(values, inputs)),
+        RESOLVED: sha256(canonical_json(values)),
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +102,6 @@ class StoredRun:
     error: float
     status: str
     predicted: str
-    is_complete: bool
     created: str
     identity: str
     members: int = 0
@@ -139,55 +127,37 @@ class StoredFile:
 
 
 def read_configuration(path: Path) -> StoredConfiguration:
-    """The configuration that made a result file.
+    """The configuration that made a result file."""
+    with contextlib.closing(ResultFile(path)) as file:
+        text, overrides, resolved, _ = (str(file.root[name]) for name in CONFIGURATION)
+        values = restored(json.loads(resolved), file.read_input)
+    return StoredConfiguration(
+        text=text, overrides=tuple(json.loads(overrides)), resolved=canonical_json(values)
+    )
 
-    Raises
-    ------
-    StorageError
-        If the file cannot be read or is not ours.
-    """
-    with reading(path) as file:
-        root = root_attributes(file)
-        text, overrides, resolved, _ = (str(root[name]) for name in CONFIGURATION)
-        return StoredConfiguration(
-            text=text, overrides=tuple(json.loads(overrides)), resolved=resolved
-        )
+
+def has_configuration(path: Path, configuration: Configuration) -> bool:
+    """Whether a result file of this version was made for the configuration."""
+    with contextlib.suppress(StorageError), contextlib.closing(ResultFile(path)) as file:
+        resolved = sha256(canonical_json(configuration.resolved))
+        return (file.root[RESOLVED], file.root["fvi_version"]) == (resolved, fvi_cli.__version__)
+    return False
 
 
 def list_runs(path: Path) -> StoredFile:
-    """Runs and provenance of a result file.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be read or is not ours.
-    """
-    with reading(path) as file, path.open("rb") as again:
-        root = root_attributes(file)
+    """Runs and provenance of a result file."""
+    with contextlib.closing(ResultFile(path)) as file:
+        if not file.is_sealed:  # whatever another program has changed
+            for entry in file.entries():
+                entry.record()
         provenance = {
             printable(name): printable(str(value))
-            for name, value in root.items()
-            if name not in (*CONFIGURATION[:3], LISTING)
+            for name, value in file.root.items()
+            if name not in CONFIGURATION[:3]
         }
-        # what no other program has touched is listed as it was written, whatever there is of it
-        if LISTING in root and read_seal(again.fileno()) is not None:
-            runs = [_listed(one) for one in json.loads(root[LISTING])]
-        else:
-            runs = _runs_of([(experiment, group) for experiment, _, group in run_groups(file)])
-        return StoredFile(provenance=provenance, runs=tuple(runs))
-
-
-def listing_of(groups: Sequence[tuple[str, ListedGroup]]) -> str:
-    """The runs of a file as the JSON text that is kept in it, so that a list opens no group.
-
-    Parameters
-    ----------
-    groups
-        All that were written, with the name of the outermost group that each lies in.
-    """
-    rows = [asdict(run) for run in _runs_of(groups)]
-    nothing = asdict(NOTHING_OBSERVED)
-    return json.dumps([{k: v for k, v in row.items() if v != nothing} for row in rows])
+        return StoredFile(
+            provenance=provenance, runs=tuple(_listed(one["line"]) for one in file.groups)
+        )
 
 
 def _listed(row: dict[str, Any]) -> StoredRun:
@@ -199,20 +169,28 @@ def _listed(row: dict[str, Any]) -> StoredRun:
     return StoredRun(**words)
 
 
-def _runs_of(found: Sequence[tuple[str, ListedGroup]]) -> list[StoredRun]:
-    """A line for every group; those of other values say which."""
-    specifications = [json.loads(group.attributes["specification"]) for _, group in found]
+def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
+    """A line for every group by its path; those of other values say which."""
+    names = [path.split("/")[1] for path, _ in found]
+    specifications = [_specification(group) for _, group in found]
     own: dict[str, Any] = {}
-    for (name, _), specification in zip(found, specifications, strict=True):
+    for name, specification in zip(names, specifications, strict=True):
         own.setdefault(name, specification)
-    runs = []
-    for (name, group), specification in zip(found, specifications, strict=True):
+    lines = []
+    for name, (_, group), specification in zip(names, found, specifications, strict=True):
         experiment = str(group.attributes["experiment"])
         variant = ""
         if name != experiment:
             variant = _difference(own.get(experiment), specification) or name
-        runs.append(_stored_run(group, variant))
-    return runs
+        row = asdict(_stored_run(group, variant))
+        nothing = asdict(NOTHING_OBSERVED)
+        lines.append({k: v for k, v in row.items() if v != nothing})
+    return lines
+
+
+def _specification(group: WrittenGroup) -> dict[str, Any]:
+    """What determines the numbers, and the norm, which tells variants apart as well."""
+    return {**json.loads(group.attributes["specification"]), "norm": group.column("norm")[0]}
 
 
 def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
@@ -220,38 +198,30 @@ def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
     if base is None:
         return ""
     without = {key: own[key] for key in RUN_KEYS}
-    also = {key: own[key] for key in RUN_KEYS if key != "allow_unstable"}
-    return difference_in_words({**base, **without}, own) or difference_in_words(
-        {**base, **also}, own
-    )
+    return difference_in_words({**base, **without}, own)
 
 
-def _stored_run(group: ListedGroup, variant: str) -> StoredRun:
+def _stored_run(group: WrittenGroup, variant: str) -> StoredRun:
     a = group.attributes
-    of_several: dict[str, Any] = (
-        _of_members(group)
-        if group.keys
-        else {"error": float(a["error"]), "observed": observed_summary(a)}
-    )
-    names = ("experiment", "case", "norm", "status", "predicted", "identity")
-    words: dict[str, Any] = {name: printable(str(a[name])) for name in names}
+    of_several: dict[str, Any] = {"error": float(a.get("error", 0.0))}
+    if group.keys:
+        errors = np.asarray(group.column("error"))
+        swept = [swept_in_words(key, group.by_member[key]) for key in group.keys]
+        of_several = {
+            "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
+            "members": len(group),
+            "swept": "; ".join(swept),
+        }
+    else:
+        of_several["observed"] = observed_summary(a)
+    words: dict[str, Any] = {
+        n: str(a[n]) for n in ("experiment", "case", "norm", "status", "predicted", "identity")
+    }
     return StoredRun(
         **words,
         n_steps=int(a["n_steps"]),
         step_size=float(a["step_size"]),
-        is_complete=group.is_complete,
-        created=printable(str(a.get("created", "at several times"))),
-        variant=printable(variant),
+        created=str(a.get("created", "at several times")),
+        variant=variant,
         **of_several,
     )
-
-
-def _of_members(group: ListedGroup) -> dict[str, Any]:
-    """What a line on members says beside what it says of any run."""
-    errors = np.asarray(group.by_member["error"])
-    swept = [swept_in_words(key, group.by_member[key]) for key in group.keys]
-    return {
-        "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
-        "members": len(group),
-        "swept": printable("; ".join(swept)),
-    }

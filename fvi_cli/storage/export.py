@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import itertools
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
-from fvi_cli.scenes.kinds import KINDS, SceneKind
 from fvi_cli.storage.atomic import replace_file
-from fvi_cli.storage.fields.observed import EVENTS, OCCURRENCE
-from fvi_cli.storage.files import reading
-from fvi_cli.storage.groups import axes_of, run_groups
+from fvi_cli.storage.files import damage_told
+from fvi_cli.storage.groups.reading import ARRAYS
+from fvi_cli.storage.records.fields import OCCURRENCE
+from fvi_cli.storage.result_file import ResultFile
 
 MATLAB_NAME_LENGTH = 63
 """Longest name of a field that MATLAB reads."""
@@ -57,26 +58,20 @@ class StoredArrays:
 
 
 def stored_arrays(path: Path) -> Iterator[StoredArrays]:
-    """Every run of a result file, or batch of runs, one at a time in the order of the file.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be read or is not ours.
-    """
-    with reading(path) as file:
-        for experiment, case, group in run_groups(file):
-            group.records(0, len(group))  # verified
+    """Every run of a result file, or batch of runs, one at a time in the order of the file."""
+    with contextlib.closing(ResultFile(path)) as file, damage_told(path):
+        for place, entries in itertools.groupby(file.entries(), key=lambda entry: entry.path):
+            for entry in entries:
+                entry.record()
+            group = file.group(place)
+            _, experiment, case, name = place.split("/")
             yield StoredArrays(
                 experiment=experiment,
                 case=case,
-                name=group.group.name.rpartition("/")[2],
-                attributes=group.attributes,
-                arrays={name: _values(dataset) for name, dataset in group.nodes.items()},
-                dimensions={
-                    name: _axes(name, dataset, of_members=bool(group.keys))
-                    for name, dataset in group.nodes.items()
-                },
+                name=name,
+                attributes={k: v for k, v in group.attributes.items() if k != ARRAYS},
+                arrays={name: _values(dataset) for name, dataset in group.datasets.items()},
+                dimensions=group.dimensions,
             )
 
 
@@ -84,17 +79,6 @@ def _values(dataset: h5py.Dataset) -> NDArray[Any]:
     if h5py.check_string_dtype(dataset.dtype) is not None:
         return np.asarray(dataset.asstr()[()], dtype=object)
     return np.asarray(dataset[()])
-
-
-def _axes(name: str, dataset: h5py.Dataset, *, of_members: bool) -> tuple[str, ...]:
-    """The axes of a dataset as they were written.
-
-    What the file says of them has no checksum, and the library may fall over what it finds there.
-    """
-    axes = axes_of(name, of_members=of_members)
-    if len(axes) != dataset.ndim:
-        raise TypeError(f"{dataset.name} has {dataset.ndim} axes in place of {len(axes)}")
-    return axes
 
 
 def export_file(path: Path, form: str, directory: Path) -> list[Path]:
@@ -119,13 +103,6 @@ def export_file(path: Path, form: str, directory: Path) -> list[Path]:
     -------
     list of Path
         What was written.
-
-    Raises
-    ------
-    RequestError
-        For an unknown format, or a file without runs.
-    StorageError
-        If the result file cannot be read.
     """
     if form not in FORMATS:
         raise RequestError(f"--to {form}: is not one of {', '.join(FORMATS)}")
@@ -150,7 +127,7 @@ def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
         if "member" in run.arrays:
             yield f"{name}-members.csv", _csv(run, ("member",)).encode()
         for axis in run.arrays:
-            if axis.startswith(f"{EVENTS}/") and run.dimensions[axis] == (axis,):
+            if axis.startswith("events/") and run.dimensions[axis] == (axis,):
                 event = axis.split("/")[1]
                 yield f"{name}-events-{event}.csv", _csv(run, ("member", axis)).encode()
 
@@ -175,7 +152,7 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
     swept = json.loads(str(run.attributes.get("swept", "[]")))
     others = [name for name in run.arrays if name not in along and name not in swept]
     problem = json.loads(str(run.attributes.get("specification", "{}"))).get("problem", {})
-    coordinates = _coordinates(run, problem)
+    coordinates = _coordinates(run)
     for name in (*along, *swept, *others):
         axes = run.dimensions[name]
         if name in others and (axes[: len(along)] != tuple(along)):
@@ -204,16 +181,10 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
 _SHORT = {"momentum": "p"}
 
 
-def _coordinates(run: StoredArrays, problem: Mapping[str, Any]) -> Sequence[str]:
-    """Names of the coordinates, as the configuration has them; else ``x``, or ``x1``, ``x2``."""
+def _coordinates(run: StoredArrays) -> Sequence[str]:
+    """Names of the coordinates, as they are stored; else ``x``, or ``x1``, ``x2``."""
     size = run.arrays["dof"].size if "dof" in run.arrays else 0
-    kind = KINDS.get(problem.get("kind", ""))
-    names: Sequence[str] = problem.get("coordinates", ())
-    if not names and isinstance(kind, SceneKind):
-        names = kind.coordinates
-        # what a sweep changes does not stand in the problem that its members share
-        with contextlib.suppress(KeyError):
-            names = names if kind.names is None else kind.names(problem)
+    names = json.loads(str(run.attributes.get("coordinates", "[]")))
     if len(names) == size:
         return [str(name) for name in names]
     return ["x"] if size == 1 else [f"x{k}" for k in range(1, size + 1)]

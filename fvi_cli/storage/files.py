@@ -5,23 +5,21 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import h5py
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import UNFINISHED, followed, reason, replacement, told
-from fvi_cli.storage.provenance import CHECKSUM, FORMAT, checksum
+from fvi_cli.storage.identity import FORMAT
 from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, append_seal
 
 CREATOR = "fvi-cli"
 
 SUFFIX, PARTS_SUFFIX, CHECKPOINT_SUFFIX = ".h5", ".parts", ".checkpoint"
-"""Endings of a result file, of the folder of the parts that wait beside it, and in that folder of a
-checkpoint of a run that is not finished."""
+"""Endings of a result file, of the folder beside it of runs that are not finished, and in that
+folder of a checkpoint of one of them."""
 
 CACHE_BYTES = 2**18
 
@@ -30,7 +28,7 @@ UNSEALED = "FVI_UNSEALED"
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
-_ODD = (
+HDF5_ERRORS = (
     OSError,
     LookupError,
     TypeError,
@@ -46,28 +44,10 @@ _WHAT_THEN = "it is left as it is: move it away, and its runs are computed again
 
 
 @contextlib.contextmanager
-def reading(path: Path) -> Iterator[h5py.File]:
-    """Open a result file that may be there only as a whole.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be read, is damaged, was not written by this program, or has another format.
-    """
-    with open_stored(path) as file, damage_told(path):
-        yield file
-
-
-@contextlib.contextmanager
-def open_stored(path: Path) -> Iterator[h5py.File]:
-    """Open a result file for reading after a look at who wrote it.
+def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
+    """Open a result file for reading after a look at who wrote it; tells whether it is sealed.
 
     What is read is as it was when it was opened, also when it is replaced meanwhile.
-
-    Raises
-    ------
-    StorageError
-        As :func:`reading`.
     """
     if not path.exists():
         hint = "" if path.suffix else f"; result files end in .h5, such as results/{path.name}.h5"
@@ -90,14 +70,14 @@ def open_stored(path: Path) -> Iterator[h5py.File]:
             raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
         except DamagedBytesError as error:
             raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
-        except _ODD:
+        except HDF5_ERRORS:
             raise StorageError(
                 f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
                 "left as it is: move it away, or choose another name or --output"
             ) from None
         with damage_told(path):
             _refuse_strangers(file, path)
-        yield file
+        yield stream.is_sealed, file
 
 
 def _refuse_unsealed(stream: SealedStream, path: Path) -> None:
@@ -144,27 +124,6 @@ def _refuse_strangers(file: h5py.File, path: Path) -> None:
         )
 
 
-def say_also(file: h5py.File, name: str, value: str) -> None:
-    """Say more of a file that is being written."""
-    said = {known: value for known, value in file.attrs.items() if known != CHECKSUM}
-    file.attrs[name] = value
-    file.attrs[CHECKSUM] = checksum({**said, name: value})
-
-
-def root_attributes(file: h5py.File) -> dict[str, Any]:
-    """What the root says, verified.
-
-    Raises
-    ------
-    KeyError, ValueError
-        If it is not what was written.
-    """
-    said = {name: value for name, value in file.attrs.items() if name != CHECKSUM}
-    if checksum(said) != file.attrs[CHECKSUM]:
-        raise ValueError("what is said of the file is not what was written")
-    return said
-
-
 def printable(text: str) -> str:
     """A text from a file as it may be printed: what would steer a terminal is escaped."""
     return "".join(
@@ -179,62 +138,37 @@ def damage_told(path: Path) -> Iterator[None]:
         yield
     except DamagedBytesError as error:
         raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
-    except _ODD as error:
+    except HDF5_ERRORS as error:
         found = printable(f"{type(error).__name__}: {error}")
         raise StorageError(
             f"{path}: is damaged or not a result file ({found}); {_WHAT_THEN}"
         ) from error
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NewFile:
-    """A file that is being written.
-
-    Parameters
-    ----------
-    file
-        What the library knows of it.
-    check
-        Raises what has gone wrong on the disk so far; the library does not learn of it.
-    """
-
-    file: h5py.File
-    check: Callable[[], None]
-
-
 @contextlib.contextmanager
-def replacing(path: Path, attributes: Mapping[str, Any] | None = None) -> Iterator[NewFile]:
+def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
     """A new file under a temporary name; on success it is flushed to the disk and renamed.
 
-    On any failure `path` stays as it was.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    attributes
-        Of its root, beside who wrote it.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written, with the reason of the operating system.
+    On any failure `path` stays as it was. Beside the file comes what raises whatever has gone wrong
+    on the disk so far; the library does not learn of it.
     """
     with told(path), replacement(path) as handle:
         stream = SafeStream(handle)
         with h5py.File(stream, "w", track_order=True) as file:
             _limit_cache(file)
-            said = {"creator": CREATOR, "format": FORMAT, **(attributes or {})}
-            for name, value in {**said, CHECKSUM: checksum(said)}.items():
-                file.attrs[name] = value
-            yield NewFile(file=file, check=stream.check)
+            yield file, stream.check
         stream.check()
         append_seal(handle)
 
 
-def part_paths(path: Path) -> Sequence[Path]:
-    """The parts that wait beside a result file."""
-    return sorted(path.with_suffix(PARTS_SUFFIX).glob(f"[!.]*{SUFFIX}"))
+def refuse_old_parts(folder: Path) -> None:
+    """Refuse runs of a version that kept them in parts until they were joined."""
+    for part in folder.glob(f"[!.]*{SUFFIX}"):
+        raise StorageError(
+            f"{part}: waits to be joined by the earlier version of fvi (format 2) that wrote it; "
+            "run its configuration once more with that version, or move the folder away, and its "
+            "runs are computed again"
+        )
 
 
 def checkpoint_paths(parts: Path) -> Sequence[Path]:
@@ -243,13 +177,7 @@ def checkpoint_paths(parts: Path) -> Sequence[Path]:
 
 
 def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
-    """Remove the checkpoints of these runs, and of runs of which they are made.
-
-    Raises
-    ------
-    StorageError
-        If one cannot be removed.
-    """
+    """Remove the checkpoints of these runs, and of runs of which they are made."""
     paths = checkpoint_paths(parts)
     owners = set(identities) if paths else set()
     for path in paths:

@@ -1,302 +1,279 @@
-"""The runs of a result file: looked up, kept one by one, consolidated, forgotten."""
+"""The runs of a result file: looked up, added as they finish, consolidated, forgotten."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
-from collections import OrderedDict
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import told
-from fvi_cli.storage.consolidation import Layout, layout_of, write_file, write_part
+from fvi_cli.storage.atomic import file_lock, told
 from fvi_cli.storage.contents import (
     CONFIGURATION,
     RESOLVED,
     Configuration,
     StoredConfiguration,
     described,
+    lines_of,
 )
 from fvi_cli.storage.files import (
     PARTS_SUFFIX,
+    SUFFIX,
     damage_told,
-    part_paths,
+    refuse_old_parts,
     remove_checkpoints,
-    root_attributes,
+    remove_unfinished,
 )
-from fvi_cli.storage.groups import run_groups
-from fvi_cli.storage.records import (
-    Place,
-    asked_for_tolerance,
-    finished_of,
-    place_of,
+from fvi_cli.storage.identity import (
+    Inputs,
+    answered_by_own_code,
+    refusal_of,
+    request_of,
+    specification_of,
 )
-from fvi_cli.storage.snapshot import (
-    BLOCK_BYTES,
+from fvi_cli.storage.journal import Journal
+from fvi_cli.storage.layout import layout_of
+from fvi_cli.storage.records.placed import Placed
+from fvi_cli.storage.records.record import (
     VARIANT_MARK,
-    Index,
-    Key,
-    Location,
-    NewPart,
-    Snapshot,
-    Source,
+    Entry,
+    Place,
+    Record,
+    group_path,
+    stored_place,
+    swept_by,
 )
+from fvi_cli.storage.records.runs import finished_of, record_of, run_of
+from fvi_cli.storage.result_file import ResultFile, write_file
 from fvi_cli.studies.experiment import FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
 
-PARTS_KEPT = 8
-"""Parts that are open at a time."""
+
+@contextlib.contextmanager
+def open_results(
+    directory: Path, name: str, *, fresh: bool = False, waits: bool = False
+) -> Iterator[Store]:
+    """Open ``<name>.h5`` in `directory` for reading and for new runs.
+
+    The file is held by a lock of the kernel until the block ends.
+
+    Parameters
+    ----------
+    directory
+        Folder of results; it is made when it is missing.
+    name
+        Of the configuration.
+    fresh
+        Find nothing that is stored; it is replaced by what is computed again, run by run.
+    waits
+        Where another process holds the file, wait until that has ended.
+    """
+    path = directory / f"{name}{SUFFIX}"
+    with file_lock(path, waits=waits):
+        remove_unfinished(path)
+        with contextlib.closing(Store(path, writes=True, is_fresh=fresh)) as store:
+            yield store
 
 
-@dataclass(kw_only=True, eq=False)
+@contextlib.contextmanager
+def read_results(
+    path: Path, *, fresh: bool = False, may_be_missing: bool = False
+) -> Iterator[Store]:
+    """Look up runs of a result file, and of the journal beside it; nothing is written.
+
+    Parameters
+    ----------
+    path
+        The file.
+    fresh
+        Find nothing that is stored.
+    may_be_missing
+        Take a file that is not there for one without runs.
+    """
+    with contextlib.closing(Store(path, is_fresh=fresh)) as store:
+        if not may_be_missing and store.is_empty:
+            ResultFile(path).close()
+        yield store
+
+
 class Store:
-    """A result file and the parts beside it, as one command sees them.
+    """A result file and the journal beside it, as one command sees them.
 
-    Made by :func:`open_results` or :func:`read_results`; what is read is as it was when opened.
+    What is read is as it was when they were opened; the journal goes before the file.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    writes
+        Whether the file is held, and runs may be added.
+    is_fresh
+        Find nothing that is stored.
     """
 
-    path: Path
-    is_fresh: bool = False
-    _main: Snapshot | None = None
-    _parts: OrderedDict[Path, Snapshot] = field(default_factory=OrderedDict)
-    _written: dict[Path, NewPart] = field(default_factory=dict)
-    _index: Index = field(default_factory=Index)
-    _asked: dict[Key, Location] = field(default_factory=dict)
-    _numbers: dict[Key, int] = field(default_factory=dict)
+    def __init__(self, path: Path, *, writes: bool = False, is_fresh: bool = False) -> None:
+        self.path, self.is_fresh = path, is_fresh
+        self._entries: dict[str, Entry] = {}
+        self._by_request: dict[str, Entry] = {}
+        self._requested: dict[tuple[str, str], tuple[int, Run | None]] = {}
+        self._merged: list[Store] = []
+        self._added: set[str] = set()
+        self._inputs: Inputs = {}
+        refuse_old_parts(self.parts)
+        # the journal first: if it is consolidated meanwhile, the file is opened after that
+        self._journal = Journal(path, writes=writes)
+        self._file: ResultFile | None = None
+        try:
+            if path.exists():
+                self._file = ResultFile(path)
+                self._learn(self._file.entries())
+            self._learn(self._journal.entries)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def parts(self) -> Path:
-        """Folder of the parts."""
+        """Folder of the checkpoints."""
         return self.path.with_suffix(PARTS_SUFFIX)
 
-    def locations(self) -> list[Location]:
-        """Every complete run."""
-        return list(self._index.by_key.values())
-
-    def finished(self, run: Run) -> FinishedRun | None:
-        """The run with its result, read back; None if it is not there or not complete.
-
-        One that was predicted to blow up is given where that is allowed, its refusal elsewhere.
-
-        Raises
-        ------
-        StorageError
-            If what is stored is damaged.
-        """
-        # a second look, if its part went into the file since the first
-        for _ in range(0 if self.is_fresh else 2):
-            location = self._index.find(run)
-            if location is None:
-                return None
-            found = self._read(location, "record")
-            if found is not None:
-                with damage_told(location.file):
-                    if found.attributes["identity"] != location.identity:
-                        raise ValueError(f"{location.group} holds another run than it is said to")
-                    finished = finished_of(found, run)
-                self._ask(run, location)
-                return finished
-        return None
-
-    def chosen(self, search: Run) -> FinishedRun | None:
-        """The run that a search for a tolerance came to earlier; None if none did.
-
-        Raises
-        ------
-        StorageError
-            If what is stored is damaged.
-        """
-        for location in self._index.searched(search):
-            attributes = self._read(location, "attributes") or {}
-            run = asked_for_tolerance(search, attributes)
-            if run is not None and (found := self.finished(run)) is not None:
-                return found
-        return None
-
-    def _read(self, location: Location, what: Literal["record", "attributes"]) -> Any:
-        """What is asked for; None if a part has gone, and all is looked up again."""
-        try:
-            return getattr(self._source(location.file), what)(location)
-        except StorageError:
-            if location.file == self.path or location.file.exists():
-                raise
-        self.look()
-        return None
-
-    def _source(self, path: Path) -> Source:
-        return self._written.get(path) or self._snapshot(path)
-
-    def _snapshot(self, path: Path) -> Snapshot:
-        if path == self.path:
-            if self._main is None:
-                self._main = Snapshot(path)
-            return self._main
-        if path not in self._parts:
-            self._parts[path] = Snapshot(path)
-        self._parts.move_to_end(path)
-        while len(self._parts) > PARTS_KEPT:
-            self._parts.popitem(last=False)[1].close()
-        return self._parts[path]
-
-    def look(self) -> None:
-        """Look up what there is."""
-        self.close()
-        self._index = Index()
-        # parts first: when they are consolidated meanwhile, the file is opened after that
-        parts: list[Location] = []
-        for path in part_paths(self.path):
-            try:
-                parts += self._snapshot(path).locations()
-            except StorageError:
-                if path.exists():
-                    raise
-        if self.path.exists():
-            self._index.learn(self._snapshot(self.path).locations())
-        self._index.learn(parts)
-
-    def require(self) -> None:
-        """Refuse a file that is not there, unless parts are.
-
-        Raises
-        ------
-        StorageError
-            Says so.
-        """
-        if self._main is None and not self._index.by_key:
-            self._snapshot(self.path)
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is neither a file nor a journal with runs."""
+        return self._file is None and not self._entries
 
     def close(self) -> None:
-        """Let go of all files, and of what is remembered."""
-        self._written.clear()
-        self._close_parts()
-        if self._main is not None:
-            self._main.close()
-        self._main = None
+        """Let go of all files."""
+        self._close_files()
+        self._journal.close()
 
-    def places(self) -> Collection[Place]:
-        """Where runs are stored that are complete."""
-        return self._index.at_places().keys()
+    def _close_files(self) -> None:
+        for other in self._merged:
+            other.close()
+        if self._file is not None:
+            self._file.close()
 
-    def attributes(self, place: Place) -> Mapping[str, Any]:
-        """What is said of the run in one of :meth:`places`, that of the configuration if any."""
-        return self._read(self._index.at_places()[place], "attributes") or {}
+    def _learn(self, entries: Iterable[Entry]) -> None:
+        for entry in entries:
+            self._entries[entry.identity] = self._by_request[entry.request] = entry
 
-    def incomplete(self) -> frozenset[str]:
-        """Paths of groups of runs that are only half there."""
-        if self._main is None:
-            return frozenset()
+    def entries(self) -> list[Entry]:
+        """Where every run lies."""
+        return list(self._entries.values())
+
+    def read(self, identity: str) -> Record | None:
+        """The record of this identity, verified; None if there is none."""
+        entry = self._entries.get(identity)
+        return None if entry is None else entry.record()
+
+    def _find(self, run: Run) -> Entry | None:
+        """A run that was predicted to blow up is found where that is allowed, else its refusal."""
+        request = request_of(run)
+        entry = self._entries.get(answered_by_own_code(request))
+        if run.experiment.allow_unstable or (entry is not None and not entry.is_unstable):
+            return entry
+        return self._entries.get(answered_by_own_code(refusal_of(request)))
+
+    def finished(self, run: Run) -> FinishedRun | None:
+        """The run with its result, read back, or the one that a search came to; None: neither."""
+        entry = None if self.is_fresh else self._find(run)
+        if entry is None:
+            return None
+        record = entry.record()
         with damage_told(self.path):
-            groups = [group for _, _, group in run_groups(self._main.file)]
-            return frozenset(str(one.group.name) for one in groups if not one.is_complete)
+            found = run_of(run, record.attributes)
+            finished = None if found is None else finished_of(record, found)
+        if finished is not None:
+            self._mark(finished.run, entry)
+        return finished
 
     def add(self, batch: Sequence[FinishedRun]) -> None:
-        """Write finished runs, which differ in their places, at once and as one part.
+        """Keep finished runs; a kill after this loses none of them."""
+        records = [record_of(finished) for finished in batch]
+        # experiments may share a run, which is then computed twice
+        new = {one.identity: one for one in records if one.identity not in self._added}
+        if new:
+            self._learn(self._journal.append(list(new.values())))
+            self._added |= new.keys()
+            remove_checkpoints(self.parts, new)
+        for finished, record in zip(batch, records, strict=True):
+            self._mark(finished.run, self._entries[record.identity])
 
-        Raises
-        ------
-        StorageError
-            If it cannot be written; other runs stay as they are.
-        """
-        with told(self.parts):
-            self.parts.mkdir(exist_ok=True)
-        # some systems replace no file that is open
-        self._close_parts()
-        locations, new = write_part(self.parts, batch)
-        remove_checkpoints(self.parts, (location.identity for location in locations))
-        self._index.learn(locations)
-        for finished, location in zip(batch, locations, strict=True):
-            self._ask(finished.run, location)
-        held = sum(part.size for part in self._written.values())
-        if new is not None and held + new.size <= BLOCK_BYTES:
-            self._written[locations[0].file] = new
+    def _mark(self, run: Run, entry: Entry) -> None:
+        """What is requested belongs where the file's configuration points to."""
+        kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
+        number = -1 if run.member is None else run.member.number
+        is_described = (kind.experiment, kind.norm, kind.swept) == (name, norm, swept_by(run))
+        if not is_described:
+            self._inputs |= specification_of(run)[1]
+        path = group_path(name, kind.case, kind.n_steps)
+        self._requested[path, entry.identity] = (number, None if is_described else run)
 
-    def _ask(self, run: Run, location: Location) -> None:
-        """What is asked for belongs where the file's configuration points to."""
-        key = (place_of(run), *location.key[1:])
-        self._asked[key] = location
-        if run.member is not None:
-            self._numbers[key] = run.member.number
-
-    def take(self, other: Store) -> None:
-        """Learn the runs of another file of the configuration, for :meth:`consolidate`.
-
-        Raises
-        ------
-        StorageError
-            If a run of it was made by other code than one that is here, or has other numbers.
-        """
-        for location in other.locations():
-            held = self._index.by_key.get(location.key)
-            if held is not None and self._data_of(held) != self._data_of(location):
-                raise StorageError(
-                    f"{location.file}: {location.group} has other numbers than the same run in "
-                    f"{held.file}: other code made them; compute one of them again (--fresh)"
-                )
-            if held is None:
-                self._index.learn([location])
-            if location.is_of_configuration:
-                self._asked[location.key] = location
-
-    def arrange(self, runs: Iterable[Run]) -> tuple[int, int]:
-        """Put what was taken in the order of the sweep, when all was taken.
-
-        Parameters
-        ----------
-        runs
-            What the configuration asks for.
+    def mark_requested(self, runs: Iterable[Run]) -> tuple[int, int]:
+        """Say what a configuration requests, in its order.
 
         Returns
         -------
         tuple of int
-            Number of these runs, and how many of them are not here.
+            Number of runs, and how many of them are not here.
         """
         count = missing = 0
-        numbers = {key[0]: -1 for key in self._index.by_key}
         for run in runs:
             count += 1
-            place = place_of(run)
-            if place not in numbers:
+            entry = self._find(run)
+            if entry is None:
                 missing += 1
-            elif run.member is not None:
-                numbers[place] = run.member.number
-        self._asked = {k: self._asked[k] for k in sorted(self._asked, key=lambda k: numbers[k[0]])}
+            else:
+                self._mark(run, entry)
         return count, missing
 
-    def _data_of(self, location: Location) -> tuple[str, str]:
-        """Which run, and the checksum of its numbers."""
-        attributes = self._read(location, "attributes") or {}
-        return location.identity, str(attributes.get("data_sha256"))
+    def merge(self, other: Store) -> None:
+        """Learn the runs of another file of the configuration, for :meth:`consolidate`."""
+        self._merged.append(other)
+        for entry in other.entries():
+            held = self._by_request.get(entry.request)
+            if held is None:
+                self._learn([entry])
+            elif held.identity != entry.identity or (
+                held.checksum != entry.checksum and not _has_same_numbers(held, entry)
+            ):
+                raise StorageError(
+                    f"{other.path}: {entry.path} has other numbers than the same run in "
+                    f"{held.source.path}: other code made them; compute one of them again (--fresh)"
+                )
+
+    def places(self) -> Mapping[Place, Entry]:
+        """The runs by where they belong, those of the configuration before others."""
+        listed = sorted(self._entries.values(), key=lambda one: one.is_of_configuration)
+        return {stored_place(one): one for one in listed}
 
     def consolidate(
         self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
     ) -> Path | None:
-        """Put all finished runs into one file, then remove the parts.
+        """Put all finished runs into one file, then remove the journal.
 
-        Runs that were not asked for this time are kept, those of other values in groups of their
+        Runs that were not requested this time are kept, those of other values in groups of their
         own. What was computed again replaces the earlier run.
 
         Returns
         -------
         Path or None
             The file; None when there is no finished run, unless it is written `even_empty`.
-
-        Raises
-        ------
-        StorageError
-            If it cannot be written; then the file that was there and the parts are untouched.
         """
-        if not self._index.by_key and not even_empty:
+        if not self._entries and not even_empty:
             return None
-        # nothing that is asked for is finished: the file keeps the configuration that it has
-        is_described = self._main is not None and not self._asked
-        said = self._said() if is_described else described(configuration)
-        layout = layout_of(self._index.by_key, self._asked, self._numbers)
+        # nothing that is requested is finished: the file keeps the configuration that it has
+        is_described = self._file is not None and not self._requested
+        said = self._root_words() if is_described else described(configuration, self._inputs)
+        layout = layout_of(self._entries, self._by_request, self._requested)
         if not self._is_current(layout, said):
-            others = sum(len(runs) for path, runs in layout.items() if VARIANT_MARK in path)
+            others = sum(len(rows) for path, rows in layout.items() if VARIANT_MARK in path)
             if others:
                 _logger.info(
                     "%s: holds %d runs of other values as well; `fvi show` lists them, "
@@ -305,73 +282,86 @@ class Store:
                     others,
                 )
             self._write(layout, said)
-        self._remove_parts()
+        self._clear()
         return self.path
 
-    def _said(self) -> dict[str, str]:
-        """What the file says of its configuration."""
-        with damage_told(self.path):
-            root = root_attributes(self._snapshot(self.path).file)
-            return {name: root[name] for name in CONFIGURATION}
+    def _root_words(self) -> dict[str, Any]:
+        """What the file says of the configuration."""
+        root = {} if self._file is None else self._file.root
+        return {name: root[name] for name in CONFIGURATION}
 
-    def forget(self, locations: Collection[Location]) -> None:
-        """Remove runs from the file; what else is in it stays, parts are taken in.
-
-        Raises
-        ------
-        StorageError
-            If it cannot be written; then everything is as it was.
-        """
-        unwanted = {location.key for location in locations}
-        remaining = [one for key, one in self._index.by_key.items() if key not in unwanted]
-        self._asked = {one.key: one for one in remaining if one.is_of_configuration}
-        self._index.by_key = {one.key: one for one in remaining}
+    def forget(self, entries: Collection[Entry]) -> None:
+        """Remove runs from the file; what else is in it stays, the journal is taken in."""
+        unwanted = {entry.identity for entry in entries}
+        remaining = [one for one in self._entries.values() if one.identity not in unwanted]
+        own = {(one.kind.path, one.identity): (k, None) for k, one in enumerate(remaining)
+               if one.is_of_configuration}  # fmt: skip
+        self._entries = {one.identity: one for one in remaining}
         if remaining:
-            self._write(layout_of(self._index.by_key, self._asked, self._numbers), self._said())
+            self._write(layout_of(self._entries, self._by_request, own), self._root_words())
         elif self.path.exists():
             self.close()
             with told(self.path):
                 self.path.unlink()
-        self._remove_parts()
+        self._clear()
 
-    def _is_current(self, layout: Layout, said: Mapping[str, str]) -> bool:
+    def _is_current(self, layout: Mapping[str, Sequence[Placed]], said: Mapping[str, Any]) -> bool:
         """Whether the file holds just that already."""
-        if self._main is None:
-            return False
-        held = {str(group.group.name) for _, _, group in run_groups(self._main.file)}
-        root = self._main.file.attrs
-        return (
-            held == set(layout)
+        if self._file is None or self._file.root[RESOLVED] != said[RESOLVED]:
             # another comment, or the same values written in another way, change no run
-            and root.get(RESOLVED) == said[RESOLVED]
-            and all(
-                (one.file, one.group, one.row) == (self.path, path, row) and one.place == key[0]
-                for path, runs in layout.items()
-                for row, (key, one) in enumerate(runs)
-            )
-        )
+            return False
+        wanted = [
+            (path, row, one.identity if one.run is None and one.entry.source is self._file else "")
+            for path, rows in layout.items()
+            for row, one in enumerate(rows)
+        ]
+        return wanted == [(one.path, one.row, one.identity) for one in self._file.entries()]
 
-    def _write(self, layout: Layout, said: Mapping[str, str]) -> None:
+    def _lookup(self, digest: str) -> NDArray[Any]:
+        """A long list of numbers."""
+        if digest in self._inputs:
+            return self._inputs[digest]
+        for source in {id(one.source): one.source for one in self._entries.values()}.values():
+            if source.has_input(digest):
+                return source.read_input(digest)
+        if self._file is not None:
+            return self._file.read_input(digest)
+        raise StorageError(f"{self.path}: the numbers {digest} are nowhere; begin again")
+
+    def _write(self, layout: Mapping[str, Sequence[Placed]], said: Mapping[str, Any]) -> None:
+        with contextlib.suppress(OSError):
+            self._journal.sync()
         try:
             # some systems replace no file that is open
-            write_file(self.path, layout, said, opened=self._source, done=self.close)
+            write_file(
+                self.path,
+                layout,
+                said,
+                listed=lines_of,
+                lookup=self._lookup,
+                done=self._close_files,
+            )
         except StorageError as error:
-            kept = f"; finished runs are kept in {self.parts}" if part_paths(self.path) else ""
-            raise StorageError(f"{error}{kept}") from error
-        self._asked = {}
-        self._index = Index()
-        self._index.learn(self._snapshot(self.path).locations())
+            kept = self._journal.path
+            held = f"; finished runs are kept in {kept}" if kept.exists() else ""
+            raise StorageError(f"{error}{held}") from error
+        self._file = ResultFile(self.path)
+        self._requested, self._entries, self._by_request = {}, {}, {}
+        self._learn(self._file.entries())
 
-    def _close_parts(self) -> None:
-        while self._parts:
-            self._parts.popitem()[1].close()
-
-    def _remove_parts(self) -> None:
-        self._close_parts()
+    def _clear(self) -> None:
+        """Remove the journal, and checkpoints of what is finished."""
+        self._journal.remove()
         with told(self.parts):
             if self.parts.is_dir():
-                for path in part_paths(self.path):
-                    path.unlink()
-                remove_checkpoints(self.parts, self._index.identities())
+                remove_checkpoints(self.parts, self._entries)
                 with contextlib.suppress(OSError):  # somebody keeps other files there
                     self.parts.rmdir()
+
+
+def _has_same_numbers(one: Entry, other: Entry) -> bool:
+    mine, theirs = one.record(), other.record()
+    return mine.arrays.keys() == theirs.arrays.keys() and all(
+        np.array_equal(values, theirs.arrays[name], equal_nan=True)
+        for name, values in mine.arrays.items()
+    )

@@ -63,13 +63,6 @@ def read_seal(handle: int) -> Seal | None:
     """The seal of an open file; None where there is none.
 
     Not that of a path: another file may take its place between two looks at it.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    DamagedBytesError
-        If the seal is cut off in part, or is not the one that was written.
     """
     whole = os.fstat(handle).st_size
     # a seal is the longer the longer the file: that of all bytes is longer than that of some
@@ -201,13 +194,6 @@ class SealedStream(_Stream):
     ----------
     path
         A file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read.
-    ValueError
-        If its seal is damaged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -222,13 +208,7 @@ class SealedStream(_Stream):
         self._looked_at: set[int] = set()
 
     def readinto(self, target: bytearray | memoryview) -> int:
-        """Read as many bytes as fit and are there.
-
-        Raises
-        ------
-        ValueError
-            If they are not those that were sealed.
-        """
+        """Read as many bytes as fit and are there."""
         view = memoryview(target).cast("B")
         count = max(0, min(len(view), self._size - self._position))
         if self._seal is not None and count:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method
 from fvi_cli.integrator.trajectory import Outcome
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.settings import Fraction, Positive, Setting, key
 
 MeshChoice = Literal["adaptive", "uniform"]
 
@@ -24,48 +25,35 @@ def _adaptive(degree: int, rule: ForcingQuadrature) -> Method:
 
 RULES: tuple[ForcingQuadrature, ...] = ("exact", "galerkin")
 ADAPTIVE_CANDIDATES: tuple[AnyMethod, ...] = tuple(
-    _adaptive(degree, rule) for degree in (10, 8, 6, 5, 4) for rule in RULES
+    _adaptive(degree, rule) for degree in (10, 8, 6, 5, 4, 12) for rule in RULES
 )
 """The methods that runs on adaptive meshes come to."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Accuracy:
-    """A tolerance in place of numbers of steps.
+class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
+    """A tolerance in place of numbers of steps, and the methods of which one is chosen."""
 
-    Parameters
-    ----------
-    tolerance
-        Largest error of the position, absolute, in the norm of the experiment.
-    relative
-        The same as a share of the largest position of the run; one of the two.
-    mesh
-        ``adaptive``: steps are found on the way; ``uniform``: N equal steps are chosen.
-    candidates
-        The methods of which one is chosen.
+    candidates: ClassVar[tuple[AnyMethod, ...]] = USUAL_CANDIDATES
+    tolerance: Positive | None = key(
+        "Largest error of the position, absolute, in report.norm; this or relative.", default=None
+    )
+    relative: Fraction | None = key(
+        "The same as a share of the largest position of the run.", default=None
+    )
+    mesh: MeshChoice | None = key(
+        "adaptive: steps are found on the way, with 4 to 10 stages; uniform: one of the "
+        "methods and a number of equal steps are chosen. Default: adaptive where no method "
+        "is given.",
+        default=None,
+    )
 
-    Raises
-    ------
-    ValueError
-        If not exactly one positive number is given, or there is no candidate.
-    """
-
-    tolerance: float | None = None
-    relative: float | None = None
-    mesh: MeshChoice = "uniform"
-    candidates: tuple[AnyMethod, ...] = USUAL_CANDIDATES
-
-    def __post_init__(self) -> None:
-        if (self.tolerance is None) == (self.relative is None):
-            raise ValueError("tolerance: give either tolerance or relative")
-        for name in ("tolerance", "relative"):
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value < math.inf:
-                raise ValueError(f"{name}: {value!r} is not allowed; it must be positive")
-        if self.relative is not None and self.relative >= 1:
-            raise ValueError(f"relative: {self.relative!r} is not allowed; it must be less than 1")
-        if not self.candidates:
-            raise ValueError("candidates: at least one method is needed")
+    @classmethod
+    def check_presence(cls, at: Cursor) -> None:
+        """Either a tolerance or a share is given."""
+        if at.has("tolerance") and at.has("relative"):
+            at.refuse_key("relative", "not together with tolerance: give one of them")
+        if not at.has("tolerance") and not at.has("relative"):
+            at.refuse("missing; give a tolerance, such as 1e-8, or relative", "tolerance")
 
     @property
     def words(self) -> str:
@@ -85,27 +73,13 @@ class Accuracy:
 
 @dataclass(frozen=True, kw_only=True)
 class Assurance:
-    """What is known of the error of a run that was chosen for a tolerance.
+    """What is known of the error of a run that was chosen for a tolerance."""
 
-    Parameters
-    ----------
-    tolerance
-        What was asked for, a length.
-    estimate
-        Estimated error; nan where there was nothing to compare.
-    choice
-        In one line: which method on how many steps, and why.
-    attempts
-        One line for every run that was made on the way, this one included.
-    outcome
-        ``met``, ``unreliable`` or ``refused``.
-    relative
-        What was asked for as a share of the largest position; None: a length.
-    """
-
-    tolerance: float
-    estimate: float
-    choice: str
-    attempts: tuple[str, ...]
+    tolerance: float  # what was asked for, a length
+    estimate: float  # estimated error; nan where there was nothing to compare
+    choice: str  # in one line: which method on how many steps, and why
+    attempts: tuple[str, ...]  # one line for every run that was made on the way, this one included
     outcome: Outcome = "met"
+    """``met``, ``unreliable`` or ``refused``."""
     relative: float | None = None
+    """What was asked for as a share of the largest position; None: a length."""

@@ -16,15 +16,15 @@ import statistics
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run, lookup_case
 from fvi_cli.studies.norms import Norm
 from fvi_cli.studies.study import execute, reference_of
 
@@ -39,46 +39,28 @@ ENOUGH_SECONDS = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class CostRow:
-    """One method on one number of steps; by default nothing could be measured.
-
-    Parameters
-    ----------
-    n_steps, step_size
-        N and h.
-    error, floor
-        In the experiment's norm; errors below the floor are round-off or the reference's own.
-    setup_seconds
-        Everything of a run but its steps (weights, rates, matrices): least of the repeats.
-    stepping_seconds_min, stepping_seconds_median
-        The steps.
-    storage_seconds
-        Time to write the run into a result file; nan where that was not asked for.
-    spread
-        Interquartile range of the stepping times over their median; nan for a single one.
-    repeats
-        Number of timed runs.
-    peak_memory_bytes
-        Traced peak of one more run.
-    history_operations, newton_iterations
-        Work as it was counted.
-    status, message
-        What was observed.
-    """
+    """One method on one number of steps; by default nothing could be measured."""
 
     n_steps: int
     step_size: float
     status: Observed
     error: float = math.nan
     floor: float = 0.0
+    """In the experiment's norm; errors below the floor are round-off or the reference's own."""
     setup_seconds: float = math.nan
+    """Everything of a run but its steps (weights, rates, matrices): least of the repeats."""
     stepping_seconds_min: float = math.nan
     stepping_seconds_median: float = math.nan
     storage_seconds: float = math.nan
+    """Time to write the run into a result file; nan where that was not asked for."""
     spread: float = math.nan
+    """Interquartile range of the stepping times over their median; nan for a single one."""
     repeats: int = 0
     peak_memory_bytes: int = 0
+    """Traced peak of one more run."""
     history_operations: int = 0
     newton_iterations: int = 0
+    """Work as it was counted."""
     message: str = ""
 
     @property
@@ -102,67 +84,56 @@ class CostCase:
 
 @dataclass(frozen=True, kw_only=True)
 class ToleranceRow:
-    """An accuracy that is asked for by tolerance, search and all.
-
-    Parameters
-    ----------
-    tolerance
-        What was asked for: the largest error of the position at any time, in its unit.
-    outcome
-        ``met``, ``unreliable`` or ``refused``.
-    error
-        At the points of the finest ladder, in the experiment's norm.
-    estimate
-        What the search says of the error at any time.
-    n_steps, degree
-        Steps and stages of the run that was delivered.
-    rounds
-        Runs of the search.
-    seconds
-        Of the whole search, from a cold start; least of the repeats.
-    """
+    """An accuracy that is asked for by tolerance, search and all."""
 
     tolerance: float
+    """What was asked for: the largest error of the position at any time, in its unit."""
     outcome: Outcome
     error: float
+    """At the points of the finest ladder, in the experiment's norm."""
     estimate: float
+    """What the search says of the error at any time."""
     n_steps: int
     degree: int
+    """Steps and stages of the run that was delivered."""
     rounds: int
+    """Runs of the search."""
     seconds: float
+    """Of the whole search, from a cold start; least of the repeats."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CostTable:
-    """What the methods of one experiment cost.
-
-    Parameters
-    ----------
-    experiment, equation, reference
-        Name, equation of motion, and what errors are measured against.
-    gamma
-        Orders of the damping, joined by ``;``.
-    norm
-        Norm of the errors.
-    final_time
-        T.
-    cases
-        One per method, in the order of the configuration.
-    by_tolerance
-        Accuracies that were asked for by tolerance, beside the ladders.
-    has_laws
-        Whether laws take part in the damping.
-    """
+    """What the methods of one experiment cost."""
 
     experiment: str
     equation: str
     reference: str
+    """Name, equation of motion, and what errors are measured against."""
     gamma: str
+    """Orders of the damping, joined by ``;``."""
     norm: Norm
     final_time: float
     cases: tuple[CostCase, ...]
+    """One per method, in the order of the configuration."""
     by_tolerance: tuple[ToleranceRow, ...] = ()
+    """Accuracies that were asked for by tolerance, beside the ladders."""
     has_laws: bool = False
+    """Whether laws take part in the damping."""
+    expect: Mapping[str, str] = field(default_factory=dict)
+    """Failures that are known, as of the experiment."""
+
+    @property
+    def unexpected(self) -> list[str]:
+        """One line for every run that failed although the configuration did not say so."""
+        return [
+            f"{self.experiment} {case.method.case} N={row.n_steps}: {row.status}"
+            + (f" ({row.message})" if row.message else "")
+            for case in self.cases
+            if lookup_case(self.expect, case.method) is None
+            for row in case.rows
+            if row.status not in ("ok", "floor")
+        ]
 
     @property
     def has_memory(self) -> bool:
@@ -183,15 +154,8 @@ def measure_costs(
 ) -> Iterator[CostRow]:
     """Every run of `experiment`, measured: method by method, steps increasing.
 
-    Parameters
-    ----------
-    experiment
-        What to do; it must have a scene, and no sweep.
-    store
-        Writes a run; its time is taken.
-    failed
-        Says in words what an exception in the midst of a run means: the run is ``failed`` then, and
-        the others go on. None: it ends everything.
+    `store` writes a run, and its time is taken. `failed` says in words what an exception in the
+    midst of a run means; without it an exception ends everything.
 
     Raises
     ------
@@ -281,6 +245,7 @@ def cost_table(
         ),
         by_tolerance=tuple(by_tolerance),
         has_laws=isinstance(problem, Problem) and bool(problem.scene.active_laws),
+        expect=experiment.expect,
     )
 
 

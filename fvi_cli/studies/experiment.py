@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.diagnostics_request import NOTHING, Asked
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.observations.asked import Observations
@@ -19,7 +19,7 @@ from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import Member
-from fvi_cli.studies.norms import Norm
+from fvi_cli.studies.norms import Measured, Norm
 from fvi_cli.studies.stability_settings import USUAL, StabilitySettings
 
 T = TypeVar("T")
@@ -51,72 +51,48 @@ NEEDS_LADDER = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """One problem, several methods, a ladder of step counts.
-
-    Parameters
-    ----------
-    name
-        Used for files: letters, digits, ``-`` and ``_``.
-    problem
-        Scene and exact solution; of a sweep those of the first member.
-    problem_specification
-        The resolved mapping that made the problem (JSON values only); it enters the identity.
-    methods
-        Every combination, in the order of the configuration.
-    steps
-        Step counts N, increasing.
-    grading
-        r of the mesh :math:`a + (b - a) (k/N)^r` between break points; 1: equal steps.
-    norm
-        Norm of the error.
-    expect
-        Failures that are known: case name, or its first part such as ``bdf5``, to
-        ``unstable``.
-    allow_unstable
-        Compute runs that are predicted to blow up.
-    store_every
-        Keep every n-th grid point in files.
-    claims
-        Orders that the source of the experiment claims, by case name or its first part.
-    figures
-        Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``.
-    members
-        The members of a sweep; none: the experiment has the one problem.
-    diagnostics
-        What is computed and stored beside every trajectory.
-    observations
-        Times, quantities and events that are asked of every run.
-    stability
-        What is looked at beside the runs where stability is studied.
-    accuracy
-        A tolerance in place of `steps`, which are empty until a method and a number of steps
-        are chosen; then these are the only ones.
-    fit
-        What is fitted to which measurements; None: nothing is.
-    units
-        Names of units for figures and tables, of what :data:`UNITS` names, coordinates and
-        quantities; nothing is converted.
-    """
+    """One problem, several methods, a ladder of step counts."""
 
     name: str
+    """Used for files: letters, digits, ``-`` and ``_``."""
     problem: AnyProblem
+    """Scene and exact solution; of a sweep those of the first member."""
     problem_specification: Mapping[str, Any]
+    """The resolved mapping that made the problem (JSON values only); it enters the identity."""
     methods: tuple[AnyMethod, ...]
+    """Every combination, in the order of the configuration."""
     steps: tuple[int, ...]
+    """Step counts N, increasing."""
     grading: float = 1.0
+    """r of the mesh :math:`a + (b - a) (k/N)^r` between break points; 1: equal steps."""
     norm: Norm = "max"
+    """Norm of the error."""
     expect: Mapping[str, str] = field(default_factory=dict)
+    """Failures that are known: case name, or its first part such as ``bdf5``, to ``unstable``."""
     allow_unstable: bool = False
+    """Compute runs that are predicted to blow up."""
     store_every: int = 1
+    """Keep every n-th grid point in files."""
     claims: Mapping[str, float] = field(default_factory=dict)
+    """Orders that the source of the experiment claims, by case name or its first part."""
     figures: tuple[str, ...] = ()
+    """Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``."""
     members: tuple[Member, ...] = ()
+    """The members of a sweep; none: the experiment has the one problem."""
     stability: StabilitySettings = USUAL
-    diagnostics: Asked = NOTHING
+    """What is looked at beside the runs where stability is studied."""
+    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS
+    """What is computed and stored beside every trajectory."""
     observations: Observations = field(default_factory=Observations)
+    """Times, quantities and events that are asked of every run."""
     accuracy: Accuracy | None = None
+    """A tolerance in place of `steps`, which are empty until a method and a number of steps are
+    chosen; then these are the only ones."""
     fit: FitSettings | None = None
+    """What is fitted to which measurements; None: nothing is."""
     units: Mapping[str, str] = field(default_factory=dict)
+    """Names of units for figures and tables, of what :data:`UNITS` names, coordinates and
+    quantities; nothing is converted."""
 
     def __repr__(self) -> str:
         """Name, methods and steps; the scene is too long for a line."""
@@ -192,6 +168,11 @@ class Run:
         return self.experiment.problem if self.member is None else self.member.problem
 
     @property
+    def is_search(self) -> bool:
+        """Whether method and steps are chosen for a tolerance."""
+        return self.experiment.accuracy is not None
+
+    @property
     def step_size(self) -> float:
         """H = T / N, on a graded mesh the mean step; the final time is never swept."""
         return self.experiment.problem.final_time / self.n_steps
@@ -229,29 +210,30 @@ class Run:
 
     def specification(self) -> dict[str, Any]:
         """What determines the numbers, as JSON values."""
+        problem = self.experiment.problem_specification
+        if self.member is not None:
+            problem = self.member.specification
+        return {"problem": json.loads(json.dumps(problem)), **self.settings()}
+
+    def settings(self) -> dict[str, Any]:
+        """What determines the numbers beside the problem, as JSON values."""
         method = self.method
         fields = {key: value for key, value in vars(method).items() if key != "quadrature"}
         quadrature = getattr(method, "quadrature", None)
         if quadrature is not None:
             fields["quadrature"] = quadrature.label
-        problem = self.experiment.problem_specification
-        if self.member is not None:
-            problem = self.member.specification
         return {
-            "problem": json.loads(json.dumps(problem)),
             "method": fields,
             "n_steps": self.n_steps,
             **({} if self.experiment.grading == 1.0 else {"grading": self.experiment.grading}),
-            "norm": self.experiment.norm,
             "store_every": self.experiment.store_every,
-            "allow_unstable": self.experiment.allow_unstable,
             **_asked(self.experiment.diagnostics),
             **self.experiment.observations.specification(),
-            **_wanted(self.experiment.accuracy),
+            **_wanted(self.experiment),
         }
 
 
-def _asked(diagnostics: Asked) -> dict[str, Any]:
+def _asked(diagnostics: DiagnosticsRequest) -> dict[str, Any]:
     """The diagnostics as JSON values; nothing where none are asked for."""
     if diagnostics.is_empty:
         return {}
@@ -262,46 +244,38 @@ def _asked(diagnostics: Asked) -> dict[str, Any]:
     return {"diagnostics": {"energy_balance": diagnostics.energy_balance, "symmetries": symmetries}}
 
 
-def _wanted(accuracy: Accuracy | None) -> dict[str, Any]:
-    """The tolerance as JSON values; nothing where numbers of steps are given."""
-    return {} if accuracy is None else {"accuracy": accuracy.specification()}
+def _wanted(experiment: Experiment) -> dict[str, Any]:
+    """The tolerance and its norm as JSON values; nothing where numbers of steps are given."""
+    if experiment.accuracy is None:
+        return {}
+    return {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class FinishedRun:
-    """A run with its trajectory and error.
-
-    Parameters
-    ----------
-    run
-        What was asked for.
-    trajectory
-        What came out.
-    error
-        In the experiment's norm; nan when it has no meaning.
-    floor
-        Errors below this are round-off or the reference's own error.
-    status
-        Observed: ``ok``, ``floor``, ``diverged``, ``failed`` or ``refused``.
-    predicted
-        ``stable``, ``unstable`` or ``unknown``.
-    expected_order
-        Order that theory expects on this scene in this norm; nan when none is stated.
-    reference
-        What the error is measured against.
-    assurance
-        Estimate and choice, of a run for a tolerance.
-    """
+    """A run with its trajectory and error."""
 
     run: Run
+    """What was asked for."""
     trajectory: Trajectory
+    """What came out."""
     error: float
+    """In the experiment's norm; nan when it has no meaning."""
     floor: float
+    """Errors below this are round-off or the reference's own error."""
     status: Observed
+    """Observed: ``ok``, ``floor``, ``diverged``, ``failed`` or ``refused``."""
     predicted: Predicted = "unknown"
+    """``stable``, ``unstable`` or ``unknown``."""
     expected_order: float = float("nan")
+    """Order that theory expects on this scene in this norm; nan when none is stated."""
     reference: str = "unknown"
+    """What the error is measured against."""
     assurance: Assurance | None = None
+    """Estimate and choice, of a run for a tolerance."""
+    measured: Measured | None = None
+    """The error in every norm, and what it is held against; None where it is an estimate, or
+    nothing was computed."""
 
     def __repr__(self) -> str:
         """The run in one line, with its error."""

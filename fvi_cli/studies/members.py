@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,25 +31,15 @@ MOST_VALUES = 6
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class Member:
-    """One choice of values for the keys that an experiment sweeps over.
+    """One choice of values for the keys that an experiment sweeps over."""
 
-    Parameters
-    ----------
-    number
-        Place in the sweep, from 0.
-    values
-        Key paths such as ``problem.damping.0.order`` with the value (JSON) that this member has.
-    template
-        The resolved ``problem`` mapping of any member, as JSON text; what is not swept is taken
-        from it.
-    dimension
-        Number of degrees of freedom, the same for all members.
-    """
-
-    number: int
+    number: int  # place in the sweep, from 0
     values: Mapping[str, Any]
+    """Key paths such as ``problem.damping.0.order`` with the value (JSON) that this member has."""
     template: str
-    dimension: int = 1
+    """The resolved ``problem`` mapping of any member, as JSON text; what is not swept is taken from
+    it."""
+    dimension: int = 1  # number of degrees of freedom, the same for all members
 
     @property
     def specification(self) -> dict[str, Any]:
@@ -109,15 +100,9 @@ def value_in_words(value: object) -> str:
 
 
 def with_values(template: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """A ``problem`` mapping with other values at some key paths; `template` stays as it is.
+    """A ``problem`` mapping with other values at some key paths that begin with ``problem.``.
 
-    Parameters
-    ----------
-    template
-        JSON values.
-    values
-        Key paths that begin with ``problem.``, with what shall stand there; lists are entered by
-        their indices.
+    Lists are entered by their indices; `template` stays as it is.
 
     Raises
     ------
@@ -169,6 +154,14 @@ def leads_somewhere(specification: Mapping[str, Any], path: str) -> bool:
 def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
     """The mapping with ``swept`` in place of what members differ in: the same for all of them."""
     return with_values(template, dict.fromkeys(keys, "swept"))
+
+
+def counts_in_words(values: Iterable[str]) -> str:
+    """``ok: 998; diverged: 2``, or the one word that all members have."""
+    counts = Counter(values)
+    if len(counts) == 1:
+        return next(iter(counts))
+    return "; ".join(f"{value}: {count}" for value, count in counts.most_common())
 
 
 def swept_in_words(key: str, values: Sequence[object]) -> str:

@@ -2,25 +2,59 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
 
 Norm = Literal["max", "final", "l2"]
+NORMS: Final[tuple[Norm, ...]] = ("max", "final", "l2")
 
 
-def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:
-    """Lengths of time that points stand for in l2; kept ones reach half-way to their neighbours.
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """How far a run is from its reference, in every norm; its points need not be kept for that.
 
     Parameters
     ----------
-    time
-        Of the points, shape ``(n,)``.
-    step_size, every, grading
-        h, which points are kept, and how steps are graded.
+    max, final, l2
+        The error in that norm.
+    largest
+        Largest position of the reference, or of the run where there is no reference.
+    round_off
+        Error by round-off, relative to that.
+    reference
+        Error of the reference in the maximum norm; nan: there is none.
     """
+
+    max: float
+    final: float
+    l2: float
+    largest: float
+    round_off: float
+    reference: float
+
+    def unit(self, norm: Norm, final_time: float) -> float:
+        """What an error of one everywhere comes to: in l2 it grows with the length of the run."""
+        return math.sqrt(final_time) if norm == "l2" else 1.0
+
+    def scale(self, norm: Norm, final_time: float) -> float:
+        """The error of a run that does not move."""
+        return self.unit(norm, final_time) * self.largest
+
+    def floor(self, norm: Norm, final_time: float) -> float:
+        """Errors below this are round-off or the reference's own error."""
+        round_off = self.scale(norm, final_time) * self.round_off
+        if math.isnan(self.reference):
+            return round_off
+        return max(round_off, 10 * self.unit(norm, final_time) * self.reference)
+
+
+def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:
+    """Lengths of time that points stand for in l2; kept ones reach half-way to their neighbours."""
     if every > 1:
         gaps = np.diff(time, prepend=time[0] - step_size, append=time[-1] + step_size)
         return np.asarray(0.5 * (gaps[:-1] + gaps[1:]))

@@ -29,38 +29,25 @@ NEAR_FLOOR = 1000.0
 
 @dataclass(frozen=True, kw_only=True)
 class OrderRow:
-    """One run in an order table.
-
-    Parameters
-    ----------
-    n_steps, step_size
-        N and h.
-    error
-        In the table's norm; nan where it has no meaning.
-    floor
-        Errors below are round-off or the reference's own.
-    pairwise_order
-        log(e_previous / e) / log(N / N_previous); nan in the first row, after rows without an
-        error, and where either error is near the floor.
-    used_in_fit
-        Whether the slope uses it: the status is ``ok`` and the error is not near the floor.
-    status, predicted
-        Observed and predicted.
-    message, remarks
-        What happened, in words, and what the reader should know.
-    """
+    """One run in an order table."""
 
     n_steps: int
     step_size: float
     error: float
+    """In the table's norm; nan where it has no meaning."""
     floor: float
+    """Errors below are round-off or the reference's own."""
     pairwise_order: float
+    """log(e_previous / e) / log(N / N_previous); nan in the first row, after rows without an error,
+    and where either error is near the floor."""
     used_in_fit: bool
+    """Whether the slope uses it: the status is ``ok`` and the error is not near the floor."""
     status: Observed
     predicted: Predicted
     expected_order: float
     message: str = ""
     remarks: tuple[str, ...] = ()
+    """What happened, in words, and what the reader should know."""
 
     @property
     def is_near_floor(self) -> bool:
@@ -70,30 +57,18 @@ class OrderRow:
 
 @dataclass(frozen=True, kw_only=True)
 class OrderCase:
-    """One method's rows with the slope through those that are used.
-
-    Parameters
-    ----------
-    method
-        The method.
-    rows
-        Steps increasing.
-    slope
-        Least-squares slope of log(error) against log(h); nan with fewer than two rows.
-    fit_residual
-        Root mean square of the residuals in log10(error).
-    claim
-        The order that the source of the experiment claims; nan where it claims none.
-    expected_failure
-        Whether the configuration expects this method to fail here.
-    """
+    """One method's rows with the slope through those that are used."""
 
     method: AnyMethod
     rows: tuple[OrderRow, ...]
     slope: float
+    """Least-squares slope of log(error) against log(h); nan with fewer than two rows."""
     fit_residual: float
+    """Root mean square of the residuals in log10(error)."""
     claim: float = math.nan
+    """The order that the source of the experiment claims; nan where it claims none."""
     expected_failure: bool = False
+    """Whether the configuration expects this method to fail here."""
 
     @property
     def last_order(self) -> float:
@@ -117,34 +92,18 @@ class OrderCase:
 
 @dataclass(frozen=True, kw_only=True)
 class OrderTable:
-    """The order table of one experiment.
-
-    Parameters
-    ----------
-    experiment
-        Its name.
-    equation
-        The equation of motion in plain text.
-    gamma
-        Orders of damping in the equation, joined by ``;``.
-    reference
-        What the errors are measured against.
-    norm, final_time
-        Norm of the error and T.
-    cases
-        One per method.
-    swept
-        Of a member of a sweep: its values by key path.
-    """
+    """The order table of one experiment."""
 
     experiment: str
     equation: str
     gamma: str
+    """Orders of damping in the equation, joined by ``;``."""
     reference: str
     norm: Norm
     final_time: float
     cases: tuple[OrderCase, ...]
     swept: Mapping[str, Any] = field(default_factory=dict)
+    """Of a member of a sweep: its values by key path."""
 
     @property
     def title(self) -> str:

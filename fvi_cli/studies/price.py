@@ -28,20 +28,12 @@ class Curve:
     """The runs of one method that reached something, as points of error and time.
 
     ``dop853`` chooses its own steps: its runs of all tolerances are one curve.
-
-    Parameters
-    ----------
-    key
-        Case of the method, or its name where tolerances make the curve.
-    methods
-        The methods on it.
-    points
-        In the order of N, or of falling errors where tolerances make the curve.
     """
 
-    key: str
+    key: str  # case of the method, or its name where tolerances make the curve
     methods: tuple[AnyMethod, ...]
     points: tuple[CostRow, ...]
+    """In the order of N, or of falling errors where tolerances make the curve."""
 
     @property
     def is_baseline(self) -> bool:

@@ -30,22 +30,14 @@ TOLERANCES = (1e-13, 1e-11, 1e-9)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference:
-    """Values to compare with on the grids of a ladder.
-
-    Parameters
-    ----------
-    values
-        Function of the times of a grid, shape ``(n,)`` to ``(n, d)``; nan where nothing is known.
-    error
-        Estimated error of the values in the maximum norm; 0 for an exact solution, nan where
-        nothing is known.
-    source
-        What the reader of a table is told.
-    """
+    """Values to compare with on the grids of a ladder."""
 
     values: Callable[[Array], Array]
+    """Function of the times of a grid, shape ``(n,)`` to ``(n, d)``; nan where nothing is known."""
     error: float
-    source: str
+    """Estimated error of the values in the maximum norm; 0 for an exact solution, nan where nothing
+    is known."""
+    source: str  # what the reader of a table is told
 
     @property
     def is_known(self) -> bool:

@@ -3,40 +3,75 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+from fvi_cli.keys.containers import OneOrMany
+from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
+from fvi_cli.keys.nodes import MappingNode
+from fvi_cli.keys.ranges import RANGE
+from fvi_cli.keys.scalars import Number, Schema, Shape
+from fvi_cli.keys.settings import Setting, key
+
+MOST_POINTS: Final = 250_000
+"""Points of one stability region."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RegionSettings:
-    r"""A part of the plane in which stability regions are drawn.
+class PositiveRange(Shape):
+    """A rising range of positive numbers, written as a range or as a list."""
 
-    Parameters
-    ----------
-    orders
-        Orders of damping, one plane for each.
-    stiffness, damping
-        Values of :math:`h^2 k / m` and :math:`\mu h^{2 - \gamma} / m`, increasing and positive.
-    """
+    expected: str = "{from: 0.01, to: 1e6, number: 100, spacing: log}, or an increasing list"
 
-    orders: tuple[float, ...]
-    stiffness: tuple[float, ...]
-    damping: tuple[float, ...]
+    def read(self, at: Cursor) -> Any:
+        """A list of floats."""
+        listed: Shape = OneOrMany(shape=Number())
+        values = (RANGE if isinstance(at.node, MappingNode) else listed).read(at)
+        if not is_complete(values):
+            return INVALID
+        for before, value in zip([0.0, *values], values, strict=False):
+            if not value > before:
+                return at.refuse(f"{value:g} is not allowed; numbers must be positive and increase")
+        return values
 
+    def build(self, value: Any) -> Any:
+        """A tuple."""
+        return tuple(value) if isinstance(value, list) else value
 
-@dataclass(frozen=True, kw_only=True)
-class StabilitySettings:
-    """What is looked at.
-
-    Parameters
-    ----------
-    is_observed
-        Whether runs from random data are compared with the predictions.
-    region
-        Where stability regions are drawn; None: nowhere.
-    """
-
-    is_observed: bool = True
-    region: RegionSettings | None = None
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema."""
+        listed = {"type": "array", "items": Number().schema(defs), "minItems": 1}
+        return {"anyOf": [RANGE.schema(defs), listed]}
 
 
-USUAL = StabilitySettings()
+Rising = Annotated[tuple[float, ...], PositiveRange()]
+Orders = Annotated[tuple[float, ...], OneOrMany(shape=Number(above=0.0, below=2.0), most=20)]
+
+
+class Region(Setting, words="{orders: [...], stiffness: {...}, damping: {...}}"):
+    """A part of the plane in which stability regions are drawn."""
+
+    orders: Orders = key("Orders of damping, in (0, 2): one plane for each.")
+    stiffness: Rising = key("Values of h**2 k / m, the stiffness as one step sees it.")
+    damping: Rising = key("Values of mu h**(2 - order) / m, the damping as one step sees it.")
+
+    def check(self, at: Cursor, values: dict[str, Any]) -> Any:
+        """The values, where they are not too many."""
+        points = len(self.stiffness) * len(self.damping)
+        if points > MOST_POINTS:
+            return at.refuse(f"{points} points; at most {MOST_POINTS} are allowed")
+        return values
+
+
+class StabilitySettings(Setting):
+    """What is looked at."""
+
+    observe: bool = key(
+        "Run every method from random data and compare with what is predicted.", default=True
+    )
+    region: Region | None = key(
+        "Draw stability regions in the plane of stiffness and damping of a step.", default=None
+    )
+
+
+USUAL = StabilitySettings.of({})
 """What is looked at where nothing else is said."""

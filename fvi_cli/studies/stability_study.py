@@ -50,25 +50,16 @@ _SEED = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a run from random data did.
-
-    Parameters
-    ----------
-    verdict
-        By the definition of this module.
-    n_steps
-        Number of steps of the run.
-    growth_per_step
-        Logarithm of the growth from the first to the last quarter, per step, up to where numbers
-        overflow.
-    predicted
-        The prediction for the same number of steps.
-    """
+    """What a run from random data did."""
 
     verdict: Verdict
+    """By the definition of this module."""
     n_steps: int
     growth_per_step: float
+    """Logarithm of the growth from the first to the last quarter, per step, up to where numbers
+    overflow."""
     predicted: Verdict
+    """The prediction for the same number of steps."""
 
     @property
     def agrees(self) -> bool | None:
@@ -80,31 +71,20 @@ class Observation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityRow:
-    """One method on one member with one step size.
-
-    Parameters
-    ----------
-    run
-        Experiment, method, number of steps and member.
-    prediction
-        For the run as it is configured.
-    largest_stable_step
-        Largest step of the method from which on smaller ones are stable, over the same time;
-        nan where there is none, or where nothing is predicted.
-    lasting_step
-        The same over a thousand times that time: up to it nothing grows, however slowly.
-    observation
-        None where it was not asked for, or cannot be made.
-    failure
-        What the program's own mistake was, where nothing came of it.
-    """
+    """One method on one member with one step size."""
 
     run: Run
     prediction: StabilityPrediction
+    """For the run as it is configured."""
     largest_stable_step: float
+    """Largest step of the method from which on smaller ones are stable, over the same time; nan
+    where there is none, or where nothing is predicted."""
     lasting_step: float
+    """The same over a thousand times that time: up to it nothing grows, however slowly."""
     observation: Observation | None = None
+    """None where it was not asked for, or cannot be made."""
     failure: str = ""
+    """What the program's own mistake was, where nothing came of it."""
 
     @property
     def verdict(self) -> Verdict:
@@ -140,15 +120,8 @@ def stability_rows(
 ) -> Iterator[StabilityRow]:
     """Every run of the experiment, looked at but not computed.
 
-    Parameters
-    ----------
-    experiment
-        What to look at.
-    with_observation
-        Whether random data are run as well.
-    failed
-        Says in words what an exception other than a `ValueError` means: nothing is known of that
-        run then, and the others go on. None: it ends everything.
+    `failed` says in words what an exception other than a `ValueError` means; without it an
+    exception ends everything.
 
     Raises
     ------
@@ -216,19 +189,10 @@ def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
 
 
 def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None:
-    """What random data do in steps of this size.
+    """What random data do in steps of T / `n_steps`.
 
     None for a scene that cannot be linearised, and where the equations of a step have no unique
     solution.
-
-    Parameters
-    ----------
-    scene
-        Its forcing and start values do not matter; a nonlinear one is linearised at the start.
-    method
-        Any method.
-    n_steps
-        Number of steps over the scene's own time, which gives the step size.
     """
     h = scene.final_time / n_steps
     try:

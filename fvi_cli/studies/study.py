@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,7 @@ from fvi_cli.integrator.stability.prediction import (
     stability_along,
 )
 from fvi_cli.integrator.starts.interpolation_limit import interpolation_remarks
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.resolution import resolution_remarks
@@ -35,7 +37,7 @@ from fvi_cli.studies.experiment import (
     Run,
 )
 from fvi_cli.studies.members import Member
-from fvi_cli.studies.norms import error_norm, point_weights
+from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights
 from fvi_cli.studies.reference import Reference, find_reference, find_references, unknown_reference
 
 DIVERGED_RATIO = 10.0
@@ -72,15 +74,7 @@ def study(
 
 
 def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
-    """Compute one run and its error, unless it is predicted to blow up and that is not wanted.
-
-    Parameters
-    ----------
-    run
-        The run.
-    checkpoints
-        Where it keeps its checkpoint, and may have one from before.
-    """
+    """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
     problem, prediction = run.problem, prediction_of(run)
     if is_refused(run, prediction):
         return refused(run, prediction, reference_of(run))
@@ -154,34 +148,43 @@ def assessed(
     remarks += stability_remarks(run, trajectory, prediction)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
-    # what an error of one everywhere comes to: an error in l2 grows with the length of the run, and
-    # is not to be held against a position without that
-    unit = float(np.sqrt(run.problem.final_time)) if experiment.norm == "l2" else 1.0
-    scale = unit * float(np.abs(compared).max(initial=0.0))
     scene = run.problem.scene if isinstance(run.problem, Problem) else None
-    round_off = scale * relative_round_off(scene, run.method, run.n_steps)
-    floor = max(round_off, 10 * unit * reference.error) if reference.is_known else round_off
-    if floor > UNRELIABLE * scale > 0:
+    spacing = point_weights(trajectory.time, run.step_size, trajectory.every, experiment.grading)
+    errors = dict.fromkeys(NORMS, float("nan"))
+    if trajectory.status != "failed":
+        errors = {norm: error_norm(trajectory.position, exact, spacing, norm) for norm in NORMS}
+    measured = Measured(
+        **errors,
+        largest=float(np.abs(compared).max(initial=0.0)),
+        round_off=relative_round_off(scene, run.method, run.n_steps),
+        reference=reference.error,
+    )
+    if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
         remarks += (
             "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
             "motion too rough for them): the error says nothing",
         )
     names = run.problem.coordinates if isinstance(run.problem, Problem) else ()
     trajectory = dataclasses.replace(trajectory, remarks=remarks, coordinates=names)
-    spacing = point_weights(trajectory.time, run.step_size, trajectory.every, experiment.grading)
-    error = error_norm(trajectory.position, exact, spacing, experiment.norm)
     return FinishedRun(
         run=run,
         trajectory=trajectory,
-        error=error if trajectory.status != "failed" else float("nan"),
-        floor=floor,
-        status=_observed(trajectory, error, floor, scale)
-        if reference.is_known
-        else trajectory.status,
+        **judged(run, trajectory.status, measured),
         predicted=prediction.verdict,
-        expected_order=_expected_order(run),
+        expected_order=expected_order_of(run),
         reference=reference.source,
+        measured=measured,
     )
+
+
+def judged(run: Run, status: Status, measured: Measured) -> dict[str, Any]:
+    """Error, floor and status of a finished run in the norm of its experiment."""
+    norm, final_time = run.experiment.norm, run.experiment.problem.final_time
+    error, floor = getattr(measured, norm), measured.floor(norm, final_time)
+    known: Observed = status
+    if not math.isnan(measured.reference):
+        known = _observed(status, error, floor, measured.scale(norm, final_time))
+    return {"error": error, "floor": floor, "status": known}
 
 
 def _resolved(run: Run, problem: Problem) -> tuple[str, ...]:
@@ -282,7 +285,7 @@ def refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> 
         floor=0.0,
         status="refused",
         predicted=prediction.verdict,
-        expected_order=_expected_order(run),
+        expected_order=expected_order_of(run),
         reference=reference.source,
     )
 
@@ -308,16 +311,17 @@ def _reference_of(experiment: Experiment) -> Reference:
     return find_reference(experiment.problem, experiment.steps, grading=experiment.grading)
 
 
-def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) -> Observed:
-    if trajectory.status != "ok":
-        return trajectory.status
+def _observed(status: Status, error: float, floor: float, scale: float) -> Observed:
+    if status != "ok":
+        return status
     # an error of ten times the whole solution is no approximation of it
     if not np.isfinite(error) or error > DIVERGED_RATIO * scale > 0:
         return "diverged"
     return "floor" if error < floor else "ok"
 
 
-def _expected_order(run: Run) -> float:
+def expected_order_of(run: Run) -> float:
+    """The order that theory expects of a run in the norm of its experiment; nan: none is stated."""
     problem = run.problem
     if not isinstance(problem, Problem):
         return float("nan")

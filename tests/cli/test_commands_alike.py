@@ -1,7 +1,5 @@
 """What commands have in common they do alike."""
 
-import inspect
-
 import pytest
 from command_line import fvi
 
@@ -11,7 +9,7 @@ from fvi_cli.cli.app import COMMANDS
 QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
 
-@pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost"])
+@pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost", "stability"])
 def test_a_dry_run_prints_plans_in_full_when_asked(command, tmp_path):
     arguments = [command, *QUICK, "--dry-run", "--output", str(tmp_path)]
     brief = fvi(*arguments)
@@ -41,5 +39,5 @@ def test_runs_are_called_stored_only_where_they_are(options, is_kept, capsys):
 
 
 def test_the_commands_that_can_ignore_stored_runs_are_those_that_store_them():
-    with_fresh = {c.__name__ for c in COMMANDS if "fresh" in inspect.signature(c).parameters}
+    with_fresh = {one.name for one in COMMANDS if "fresh" in one.shared}
     assert with_fresh == {"run", "convergence", "plot", "quantities"}

@@ -56,6 +56,44 @@ def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path):
     assert set(values) == {1.0, 1e5}
 
 
+REPORTS = {  # what each command is asked, a table of its document, and whether it can be checked
+    ("modes", "sandwich-beam"): ("modes", True),
+    ("response", "sandwich-beam", "--over", "frequency=0.1:1:5", "--force", "w1"): ("peaks", True),
+    ("stability", *QUICK, "--no-observe"): ("runs", True),
+    ("convergence", *QUICK): ("runs", True),
+    ("cost", *QUICK, "--set", "method={bdf: [1, 2]}", "--set", "claims={}"): ("summary", False),
+}
+
+
+@pytest.mark.parametrize("arguments", REPORTS, ids=lambda one: one[0])
+def test_reports_are_documents_of_the_rows_of_their_tables(arguments, tmp_path):
+    sheet, is_checked = REPORTS[arguments]
+    made = document(*arguments, "--json", "-o", str(tmp_path))
+    assert isinstance(made[sheet], list)
+    assert all(Path(file).is_file() for file in made["files"])
+    planned = document(*arguments, "--dry-run", "--json", "-o", str(tmp_path))
+    (rows,) = planned.values()
+    assert {row["experiment"] for row in rows}
+    if is_checked:
+        again = document(*arguments, "--check", "--json", "-o", str(tmp_path))
+        assert again.pop("differences") == []
+        assert again == {name: rows for name, rows in made.items() if name != "files"}
+
+
+@pytest.mark.parametrize("name", ["cost", "modes"])
+def test_figures_of_every_command_take_formats_and_styles(name, tmp_path):
+    (arguments,) = (one for one in REPORTS if one[0] == name)
+    style = tmp_path / "thesis.mplstyle"
+    style.write_text("font.size: 7\n")
+    made = document(*arguments, "--json", "--format", "svg", "--style", style, "-o", tmp_path)
+    figures = {Path(file).suffix for file in made["files"] if "figures/" in file}
+    assert figures == {".svg", ".json"}
+    style.write_text("no.such.key: 7\n")
+    refused = command(*arguments, "--style", style, "-o", tmp_path, code=2)
+    assert "--style: " in refused.stderr
+    assert "--format: 'gif' is not one of" in command(*arguments, "--format", "gif", code=2).stderr
+
+
 def test_a_check_tells_mistakes_as_well():
     good = document("check", "bagley-torvik-1-2", "accuracy", "--json")
     (experiment,) = good["configurations"][0]["experiments"]

@@ -4,7 +4,7 @@ import pytest
 from command_line import fvi
 from typer.testing import CliRunner
 
-from fvi_cli.cli.app import COMMANDS, app
+from fvi_cli.cli.app import COMMANDS, GROUPS, app
 
 QUICK = (
     "bagley-torvik-1-2",
@@ -29,7 +29,18 @@ def test_summaries_are_whole_on_a_screen_of_80_columns():
     assert max(map(len, shown.splitlines())) <= 80
     words = " ".join(shown.split())
     for command in COMMANDS:
-        summary = (command.__doc__ or "").partition("\n")[0]
-        assert summary.endswith(".")
-        assert summary in words
+        assert command.summary.endswith(".")
+        assert command.summary in words
     assert "..." not in words.replace("[ARGS]...", "")
+
+
+def test_short_help_lists_commands_in_groups_and_shows_examples():
+    words = fvi("-h", code=0).stdout
+    places = [words.index(f"\n{title}:\n") for title in GROUPS]
+    assert places == sorted(places)
+    for name in ("run", "convergence", "plot", "cost", "fit"):
+        shown = fvi(name, "-h", code=0).stdout
+        assert f"  fvi {name} " in shown.partition("Examples:")[2]
+    clusters = fvi("run", "-h").stdout.partition("Options for clusters:")[2]
+    assert {"--dask", "--shard", "--wait"} <= set(clusters.split())
+    assert "Examples" not in fvi("merge", "-h", code=0).stdout

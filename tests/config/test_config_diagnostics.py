@@ -10,9 +10,9 @@ from command_line import configuration
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.plotting.motions.balance import balance_figure
+from fvi_cli.plotting.motions.time_series import balance_figure
 from fvi_cli.storage import open_results, read_results
-from fvi_cli.storage.provenance import identity
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies.study import study
 
 KEPLER = configuration(
@@ -66,7 +66,7 @@ def test_runs_without_diagnostics_keep_their_identity():
     bare = "\n".join(KEPLER.splitlines()[:-1]) + "\nstore: {every: 3}\n"
     empty = bare.replace("{every: 3}", "{every: 3, diagnostics: []}")
     identities = [
-        identity(parse_config(text, "planet.yaml").experiments[0].runs()[0])
+        identity_of(parse_config(text, "planet.yaml").experiments[0].runs()[0])
         for text in (bare, empty, KEPLER)
     ]
     assert identities[0] == identities[1] != identities[2]
@@ -152,5 +152,4 @@ def test_energy_that_the_damping_stores_is_kept(tmp_path):
     with xarray.open_dataset(tmp_path / "planet.h5", engine="h5netcdf", group=group) as data:
         assert data["stored_energy"].dims == ("time",)
     figure = balance_figure(config.experiments[0], [next(study(config.experiments[0]))])
-    shown = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert shown[1].startswith("stored in the damping")
+    assert "stored $E_s$" in [text.get_text() for text in figure.legends[0].get_texts()]

@@ -148,4 +148,4 @@ def test_a_parameter_without_influence_is_told_at_its_line(folder):
 
 def test_a_configuration_without_fit_is_told(folder):
     done = fvi("fit", "damped-oscillator", "-o", str(folder / "out"), code=2)
-    assert "nothing is fitted; write fit: with data and parameters" in done.stderr
+    assert "there is no fit: write one with data and parameters" in done.stderr

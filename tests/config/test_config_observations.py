@@ -119,41 +119,6 @@ def test_a_tolerance_with_quantities(tmp_path):
     assert observed.extents["spring"].peak == pytest.approx(2.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("output: {step: 3}\n", "13:16: output.step: 3 is longer than final_time = 2"),
-        ("output: {}\n", "13:9: output: exactly one of step, count and times is needed"),
-        ("output: {step: 1, count: 3}\n", "13:9: output: exactly one of step, count and times"),
-        ("output: {times: [0, 3]}\n", "13:21: output.times.1: 3 is after final_time = 2"),
-        ("output: {times: [1, 1]}\n", "13:21: output.times.1: 1 is not after 1; times must"),
-        ("output: {step: 1e-7}\n", "13:16: output.step: 2e+07 times are too many; at most 1000"),
-        ("output: {step: 1e-320}\n", "13:16: output.step: inf times are too many; at most 1000"),
-        ("output: {count: 1}\n", "13:17: output.count: 1 is not allowed; it must be an integer"),
-        ("quantities: {a: x + z}\n", "13:21: quantities.a: unknown name 'z'"),
-        ("quantities: {x: 2*x}\n", "13:14: quantities.x: is the name of something that is stored"),
-        ("quantities: {1a: x}\n", "13:14: quantities.1a: a name has letters, digits and _"),
-        ("events: {e: {when: sin(2x)}}\n", "13:25: events.e.when: '*' is missing: write 2*x"),
-        ("events: {e: {when: x, direction: up}}\n", "13:34: events.e.direction: the text"),
-        ("events: {e: {}}\n", "13:13: events.e.when: missing"),
-        ("output: {step: 1}\nstore: {every: 2}\n", "store.every: not together with output"),
-        ("output: {step: 1}\nstore: {diagnostics: [energy-balance]}\n", "not together with output"),
-        (
-            "impacts: {e: {when: x}}\nsweep: {problem.parameters.k: [1, 2]}\n",
-            "13:1: impacts: in a sweep every member has a mesh of its own; give output too",
-        ),
-        ("impacts: {f: {when: vx}}\n", "13:21: impacts.f.when: vx is no place; a surface is"),
-        ("impacts: {f: {when: x, restitution: 2}}\n", "13:37: impacts.f.restitution: 2 is above 1"),
-        ("impacts: {f: {when: t}}\n", "impacts.f.when: no coordinate occurs in it (x, y)"),
-        ("impacts: {f: {when: x}}\nevents: {f: {when: x}}\n", "is the name of an event already"),
-    ],
-)
-def test_mistakes_are_told_with_their_place(tmp_path, text, complaint):
-    with pytest.raises(fvi.ConfigError) as caught:
-        _load(tmp_path, text)
-    assert complaint in str(caught.value)
-
-
 def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_path):
     with pytest.raises(fvi.ConfigError, match="output: bdf2-points-s1-gauss1-none keeps no poly"):
         _load(tmp_path, "output: {step: 1}\n", "method={bdf: 2}")
@@ -196,26 +161,6 @@ def test_parameters_of_a_force_are_known_everywhere_and_swept(tmp_path):
     path.write_text(numbers.partition("sweep")[0], encoding="utf-8")
     (plain,) = fvi.run(path)
     assert np.array_equal(plain.finished[0].trajectory.position, weak.position)
-
-
-@pytest.mark.parametrize(
-    ("given", "complaint"),
-    [
-        ("forcing: a*sin(w*t)", ":5:18: problem.forcing: unknown name 'w' (known: a, e, pi, t)"),
-        ("forcing: sin(t)\n  exact: [b]", "problem.exact.0: unknown name 'b'"),
-        ("parameters: {x: 1}", "problem.parameters: given twice"),
-    ],
-)
-def test_names_that_are_no_parameters(tmp_path, given, complaint):
-    path = tmp_path / "one.yaml"
-    path.write_text(
-        "name: one\nproblem:\n  kind: pendulum\n  parameters: {a: 1}\n"
-        f"  {given}\n  final_time: 1\nladder: {{steps: [4]}}\n",
-        encoding="utf-8",
-    )
-    with pytest.raises(fvi.RequestError) as raised:
-        fvi.load(path)
-    assert complaint in str(raised.value)
 
 
 def test_a_parameter_must_have_a_name_of_its_own(tmp_path):

@@ -11,7 +11,7 @@ from fvi_cli.config import find_config, json_schema, load_config, shipped_config
 from fvi_cli.config import parse_config as parse
 from fvi_cli.config.memory import bytes_at_most
 from fvi_cli.errors import RequestError
-from fvi_cli.planning.plan import planned_bytes
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.scenes.problem import Problem
 
@@ -60,7 +60,7 @@ def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(n
         for method in experiment.methods:
             for n_steps in {2, *experiment.steps[-1:]}:
                 bound = bytes_at_most(method, n_steps, scene.dimension)
-                assert planned_bytes(scene, method, n_steps) < bound
+                assert plan_run(scene, method, n_steps).memory_bytes < bound
                 checked += 1
     assert checked or name == "saturation"
 

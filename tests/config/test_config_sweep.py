@@ -104,42 +104,6 @@ def test_overrides_reach_into_a_sweep():
     assert experiment(listed, "sweep.1.problem.mass=5").members[1].values == {"problem.mass": 5.0}
 
 
-@pytest.mark.parametrize(
-    ("sweep", "told"),
-    [
-        ("sweep: {problem.damping.0.order: [0.5, 2.5]}",
-         "many.yaml:8:40: problem.damping.0.order: 2.5 is not allowed; it must be a number "
-         "between 0 and 2, both excluded"),
-        ("sweep: {problem.stifness: [1, 2]}",
-         "many.yaml:8:9: problem.stifness: not known; did you mean 'stiffness'?"),
-        ("sweep: {problem.damping.3.order: [1]}",
-         "many.yaml:8:9: sweep.problem.damping.3.order: there is no problem.damping.3"),
-        ("sweep: {problem.damping.-1: [1]}",
-         "many.yaml:8:9: sweep.problem.damping.-1: there is no problem.damping.-1"),
-        ("sweep: {method.degree: [1, 2]}", "many.yaml:8:9: sweep.method.degree: only keys of the"),
-        ("sweep: {problem.kind: [pendulum]}", "many.yaml:8:9: sweep.problem.kind: members are of"),
-        ("sweep: {problem.final_time: [1, 2]}", "sweep.problem.final_time: members share"),
-        ("sweep: {problem.mass: [1, 2, 1.0]}", "many.yaml:8:30: sweep.problem.mass.2: 1.0 stands"),
-        ("sweep: {problem.mass: []}", "many.yaml:8:23: sweep.problem.mass: no entries"),
-        ("sweep: {problem.mass: 3}", "many.yaml:8:23: sweep.problem.mass: 3 is not allowed"),
-        ("sweep: 3", "many.yaml:8:8: sweep: 3 is not allowed; it must be a mapping such as"),
-        ("sweep: {problem.mass: {from: 1, to: -1, number: 3, spacing: log}}",
-         "many.yaml:8:37: sweep.problem.mass.to: -1 is not allowed with spacing: log"),
-        ("sweep: {problem.mass: {from: 1, to: 2}}",
-         "many.yaml:8:23: sweep.problem.mass.number: missing"),
-        ("sweep: [{problem.mass: 1}, {problem.stiffness: 1}]",
-         "many.yaml:8:28: sweep.1: every member must have the same keys: problem.mass"),
-        ("sweep: [{problem.mass: 1}, {problem.mass: 1.0}]",
-         "many.yaml:8:28: sweep.1: the same values stand in the list already"),
-        ("sweep: {problem.damping: [[]], problem.damping.0.order: [1]}",
-         "many.yaml:8:32: sweep.problem.damping.0.order: lies inside of problem.damping"),
-    ],
-)  # fmt: skip
-def test_a_mistake_is_told_with_its_place(sweep, told):
-    found = complaints(sweep)
-    assert any(told in one for one in found), found
-
-
 def test_all_mistakes_of_a_sweep_are_told_at_once():
     found = complaints(
         "sweep: {problem.damping.0.order: [2.5], problem.mass: [-1], problem.x: [1], ladder: [1]}"

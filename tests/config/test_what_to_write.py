@@ -38,11 +38,6 @@ def test_a_method_by_its_name(name):
     assert not digits or digits[0] in case
 
 
-@pytest.mark.parametrize("name", ["gaus3", "bdf7", "gauss0", "gauss33", "runge"])
-def test_what_is_no_name_of_a_method_gets_no_advice(name):
-    assert "write" not in refused(SPRING, method=name)
-
-
 def test_numbers_in_place_of_a_matrix():
     rest = "initial: {}, final_time: 1.0, exact: none"
     told = refused(f"kind: structure, mass: [1, 2.5, 3e-1], stiffness: 1, {rest}")

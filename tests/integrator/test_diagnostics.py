@@ -1,6 +1,6 @@
 """Works, energy balance and momentum maps: exact where promised, of the method's order elsewhere.
 
-With ``NOTHING`` asked nothing of it is computed.
+With ``NO_DIAGNOSTICS`` asked nothing of it is computed.
 """
 
 import dataclasses
@@ -11,8 +11,8 @@ from letters import in_pieces, spring, swing
 from spread import spread
 from written_out import integrate_written_out, left_operator_rk
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -94,7 +94,7 @@ def pendulum():
 
 
 def diagnosed(scene, method, n_steps, *symmetries):
-    asked = Asked(energy_balance=True, symmetries=symmetries)
+    asked = DiagnosticsRequest(energy_balance=True, symmetries=symmetries)
     return integrate(scene, method, n_steps, diagnostics=asked).diagnostics
 
 
@@ -178,7 +178,9 @@ def test_a_graded_start_takes_the_forcing_as_the_scheme_does():
         initial={"position": [0.1, 0.0], "velocity": 0.0},
         final_time=8.0,
     )
-    trajectory = integrate(scene, GAUSS3_GRADED, 600, diagnostics=Asked(energy_balance=True))
+    trajectory = integrate(
+        scene, GAUSS3_GRADED, 600, diagnostics=DiagnosticsRequest(energy_balance=True)
+    )
     found = trajectory.diagnostics
     assert np.abs(found.energy_defect).max() < 1e-9
     assert found.forcing_work[-1] > 0.05
@@ -204,7 +206,7 @@ def test_works_are_those_of_the_exact_motion(order):
         pulled[0] + pulled[-1] + 4 * pulled[1:-1:2].sum() + 2 * pulled[2:-1:2].sum()
     )
     exact_work = position[-1] * 1.6 - simpson
-    asked = Asked(energy_balance=True)
+    asked = DiagnosticsRequest(energy_balance=True)
     trajectory = integrate(problem.scene, GAUSS3_GRADED, 256, diagnostics=asked)
     found = trajectory.diagnostics
     assert found.forcing_work[-1] == pytest.approx(exact_work, abs=1e-9)
@@ -267,16 +269,18 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
     ):
         calls.clear()
         assert integrate(scene, method, 64).diagnostics is None
-        assert integrate(scene, method, 64, diagnostics=NOTHING).diagnostics is None
+        assert integrate(scene, method, 64, diagnostics=NO_DIAGNOSTICS).diagnostics is None
         assert not calls
-        found = integrate(scene, method, 64, diagnostics=Asked(symmetries=(TURN,))).diagnostics
+        found = integrate(
+            scene, method, 64, diagnostics=DiagnosticsRequest(symmetries=(TURN,))
+        ).diagnostics
         assert calls == made
         assert found.energy_defect is None
         assert found.map_names == ("angular",)
 
 
 def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
-    scene, asked = oscillator(0.5), Asked(energy_balance=True)
+    scene, asked = oscillator(0.5), DiagnosticsRequest(energy_balance=True)
     plain = integrate(scene, GAUSS3_GRADED, 256)
     with_more = integrate(scene, GAUSS3_GRADED, 256, diagnostics=asked)
     assert np.abs(plain.position - with_more.position).max() < 1e-13
@@ -286,13 +290,13 @@ def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
 
 
 def test_methods_without_increments_are_refused():
-    asked = Asked(energy_balance=True)
+    asked = DiagnosticsRequest(energy_balance=True)
     with pytest.raises(ValueError, match="keeps no increments"):
         integrate(oscillator(0.5), Baseline(name="implicit-euler"), 16, diagnostics=asked)
 
 
 def test_states_for_the_past_have_the_works_of_sums_over_it():
-    asked = Asked(energy_balance=True)
+    asked = DiagnosticsRequest(energy_balance=True)
     scene, method, n_steps = oscillator(0.5), Method(cq="gauss", degree=2), 64
     free = integrate(scene, method, n_steps, diagnostics=asked).diagnostics
     velocity = integrate_written_out(scene, method, n_steps).velocity
@@ -318,7 +322,7 @@ def test_symmetries_that_are_none_are_refused(generator, shift, message):
 
 
 def works(scene, method, n_steps):
-    found = integrate(scene, method, n_steps, diagnostics=Asked(energy_balance=True))
+    found = integrate(scene, method, n_steps, diagnostics=DiagnosticsRequest(energy_balance=True))
     return found, np.stack(
         [
             found.diagnostics.dissipated_work,
@@ -351,7 +355,9 @@ def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
 def test_asking_for_a_balance_does_the_same_steps():
     for method in (GAUSS2, NODES, POINTS):
         for scene in (oscillator(0.5), two_masses(), pendulum(), kepler(0.0)):
-            asked = integrate(scene, method, 200, diagnostics=Asked(energy_balance=True))
+            asked = integrate(
+                scene, method, 200, diagnostics=DiagnosticsRequest(energy_balance=True)
+            )
             alone = integrate(scene, method, 200)
             assert asked.history_operations == alone.history_operations
             assert asked.newton.iterations == alone.newton.iterations
@@ -366,7 +372,9 @@ def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slo
     scene = spring((0.6, 0.7), T=2.0, x=1.0, v=0.5, derivative=derivative)
     defects = []
     for n_steps in (64, 128):
-        found = integrate(scene, method, n_steps, diagnostics=Asked(energy_balance=True))
+        found = integrate(
+            scene, method, n_steps, diagnostics=DiagnosticsRequest(energy_balance=True)
+        )
         defects.append(abs(found.diagnostics.energy_defect[-1]))
     if slope is None:
         assert max(defects) < 1e-12

@@ -202,6 +202,10 @@ class _Problem:
         coefficients = np.array([total[p] for p in powers])
         speeds = coefficients * (length ** (powers + 1) / (powers + 1))[:, None]
         most = np.max(np.abs(speeds), axis=0)
+        left_out = np.max(np.abs(speeds[powers > last - 0.1]), axis=0, initial=0.0)
+        known = np.abs(np.sum(speeds, axis=0)) + np.abs(self.velocity)
+        if np.any(left_out > 1e-13 * known):
+            raise ArithmeticError("series: it does not converge; take a smaller C")
         if np.any(most > 1e4 * np.abs(np.sum(speeds, axis=0)) + 1e-13 * np.abs(self.velocity)):
             raise ArithmeticError("series: it cancels on the first element; take a smaller C")
         return Series(length, powers, coefficients)

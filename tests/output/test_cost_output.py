@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 
 from benchmarks.robustness import LADDER
 from fvi_cli.integrator.baselines import peers
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.plotting.ladders import cost as cost_plots
 from fvi_cli.plotting.ladders.cost import cost_figure, cost_figures
-from fvi_cli.plotting.methods import BASELINE_COLOURS
+from fvi_cli.plotting.looks import BASELINE_COLOURS
 from fvi_cli.render.cost import write_page
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.cost import SUMMARY_COLUMNS, cost_report
@@ -143,16 +144,18 @@ class TestFigure:
         labels = [axes.get_ylabel() for axes in drawn().axes]
         assert labels == ["set-up and stepping, seconds", "multiply-adds on the history"]
 
-    def test_the_broad_line_is_the_time_of_the_method_that_the_strip_names(self):
+    def test_the_broad_line_lies_behind_the_runs_of_the_method_that_the_strip_names(self):
         table = measured()
         curves = cost_curves(table)
         axes = drawn().axes[0]
         bands = cheapest_bands(curves)
-        broad = [line for line in axes.lines if line.get_label() == "_cheapest time"]
+        broad = [line for line in axes.lines if line.get_label() == "_cheapest"]
         assert len(broad) == len(bands) > 1
+        assert sum(line.get_xdata().size for line in broad) > len(bands)
         for line, band in zip(broad, bands, strict=True):
-            times = [band.curve.seconds_to(error) for error in line.get_xdata()]
-            assert list(line.get_ydata()) == times
+            runs = {(p.error, p.seconds) for p in band.curve.points}
+            assert set(zip(line.get_xdata(), line.get_ydata(), strict=True)) <= runs
+            assert all(band.fine <= error <= band.coarse for error in line.get_xdata())
 
     def test_what_is_exact_by_chance_is_named_and_not_drawn(self):
         table = measured()
@@ -251,6 +254,11 @@ class TestCommand:
     def test_peers_are_put_beside(self, monkeypatch):
         monkeypatch.setattr(cost_runner, "peers_objection", lambda: "")
         monkeypatch.setattr(peers, "peers_objection", lambda: "")
+        # a dry run takes the time of a few steps; the package of peers need not be there
+        own = Baseline(name="product-integration")
+        monkeypatch.setattr(
+            peers, "integrate_peer", lambda scene, _, n_steps: integrate(scene, own, n_steps)
+        )
         result = self.run("small.yaml", "--peers", "--dry-run")
         assert result.exit_code == 0
         assert result.stdout.count("pycaputo-pece") == 3

@@ -20,9 +20,8 @@ from fvi_cli import plotting
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.plotting.ladders.saturation import leading_exponent
-from fvi_cli.plotting.methods import common_features, method_labels, series_styles
+from fvi_cli.plotting.looks import common_features, method_labels, method_looks
 from fvi_cli.plotting.motions.time_series import exact_energy
-from fvi_cli.plotting.style import COLUMN_WIDTH
 from fvi_cli.render.figures import compare_figures, write_figures
 from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
@@ -115,11 +114,23 @@ def small(factor: float = 1.0) -> Figure:
     return figure
 
 
-def lines(figure: Figure, gid: str | None = None) -> list[Line2D]:
+def lines(figure: Figure, *beginnings: str) -> list[Line2D]:
+    """Lines whose label begins so; without a beginning those that a legend names."""
     found = [line for axes in figure.axes for line in axes.lines]
-    if gid is None:
-        return [line for line in found if str(line.get_gid()).startswith("floor")]
-    return [line for line in found if line.get_gid() == gid]
+    named = [line for line in found if not str(line.get_label()).startswith("_")]
+    return (
+        [one for one in found if str(one.get_label()).startswith(beginnings)]
+        if beginnings
+        else named
+    )
+
+
+def guides(figure: Figure) -> list[Line2D]:
+    return lines(figure, "_order", "_stated")
+
+
+def failures(figure: Figure) -> list[Line2D]:
+    return [line for line in lines(figure, "_") if ": " in str(line.get_label())]
 
 
 def words(figure: Figure) -> list[str]:
@@ -189,7 +200,7 @@ def test_what_methods_have_in_common_is_said_of_those_alone():
 
 def test_reference_slopes_have_the_slope_that_their_label_says():
     figure = usual()
-    found = {line.get_label(): slope(line) for line in lines(figure, "guide")}
+    found = {line.get_label(): slope(line) for line in guides(figure)}
     assert set(found) == {"_order 1", "_order 2"}
     assert found["_order 1"] == pytest.approx(1, abs=1e-9)
     assert found["_order 2"] == pytest.approx(2, abs=1e-9)
@@ -199,7 +210,7 @@ def test_reference_slopes_have_the_slope_that_their_label_says():
 def test_slopes_that_the_source_states_are_dashed():
     one = dataclasses.replace(experiment(), claims={"bdf2": 1.8, "bdf3": 2.0})
     figure = plotting.convergence_figure([(one, finish(one))])
-    found = {line.get_label(): line for line in lines(figure, "guide")}
+    found = {line.get_label(): line for line in guides(figure)}
     # 2 is expected anyhow
     assert set(found) == {"_order 1", "_order 2", "_stated 1.8"}
     assert slope(found["_stated 1.8"]) == pytest.approx(1.8)
@@ -216,7 +227,7 @@ def test_many_methods_of_one_experiment_have_a_panel_for_every_variant():
     title = r"Bagley–Torvik, $\gamma = 3/2$"
     assert [axes.get_title() for axes in figure.axes] == [f"{title}, degree {d}" for d in (1, 2)]
     for axes in figure.axes:
-        drawn = [line for line in axes.lines if str(line.get_gid()).startswith("floor")]
+        drawn = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
         assert [line.get_label() for line in drawn] == ["BDF1", "BDF2", "BDF3", "BDF4"]
     assert len(lines(figure)) == len(methods)
     few = experiment(methods=methods[:6])
@@ -226,7 +237,7 @@ def test_many_methods_of_one_experiment_have_a_panel_for_every_variant():
 def test_observed_slopes_stand_in_where_theory_says_nothing():
     one = experiment(methods=[Baseline(name="explicit-euler"), Baseline(name="implicit-euler")])
     figure = plotting.convergence_figure([(one, finish(one))])
-    assert [slope(line) for line in lines(figure, "guide")] == pytest.approx([1.0])
+    assert [slope(line) for line in guides(figure)] == pytest.approx([1.0])
 
 
 def test_a_slope_triangle_stands_beside_the_curve_that_is_expected_to_have_it():
@@ -239,12 +250,10 @@ def test_a_slope_triangle_stands_beside_the_curve_that_is_expected_to_have_it():
         return scale * run.step_size**order
 
     figure = plotting.convergence_figure([(one, finish(one, error=error))])
-    guides = {
-        line.get_label(): np.mean(np.log(line.get_ydata())) for line in lines(figure, "guide")
-    }
+    heights = {line.get_label(): np.mean(np.log(line.get_ydata())) for line in guides(figure)}
     curves = [np.mean(np.log(line.get_ydata())) for line in lines(figure)]
     for label, own, other in (("_order 1", 0, 1), ("_order 2", 1, 0)):
-        assert abs(guides[label] - curves[own]) < abs(guides[label] - curves[other])
+        assert abs(heights[label] - curves[own]) < abs(heights[label] - curves[other])
 
 
 def fallen_back(coarse: Sequence[int]) -> Figure:
@@ -259,12 +268,12 @@ def fallen_back(coarse: Sequence[int]) -> Figure:
 
 def test_the_expected_order_is_that_of_the_smallest_steps():
     figure = fallen_back(LADDER[:3])
-    (guide,) = lines(figure, "guide")
+    (guide,) = guides(figure)
     assert guide.get_label() == "_order 2"
     # beside rows that have this order, not beside the coarse ones
     assert max(guide.get_xdata()) <= (8.0 / LADDER[3]) * (1 + 1e-9)
     # the other way round the fine rows decide
-    (control,) = lines(fallen_back(LADDER[3:]), "guide")
+    (control,) = guides(fallen_back(LADDER[3:]))
     assert control.get_label() == "_order 33/10"
 
 
@@ -277,7 +286,7 @@ def test_rows_at_round_off_do_not_decide_on_the_expected_order():
         for item in finish(one)
     ]
     figure = plotting.convergence_figure([(one, finished)])
-    assert [line.get_label() for line in lines(figure, "guide")] == ["_order 2"]
+    assert [line.get_label() for line in guides(figure)] == ["_order 2"]
 
 
 def test_without_any_error_there_is_neither_a_triangle_nor_a_range():
@@ -285,7 +294,7 @@ def test_without_any_error_there_is_neither_a_triangle_nor_a_range():
     gone = finish(one, status=lambda run: "diverged")
     figure = plotting.convergence_figure([(one, gone)])
     figure.draw_without_rendering()
-    assert not lines(figure, "guide")
+    assert not guides(figure)
     assert words(figure) == ["diverged"]
     assert len(figure.axes[0].get_yticks()) == 0
     control = usual()
@@ -296,7 +305,7 @@ def test_slope_triangles_keep_clear_of_curves():
     figure = usual()
     axes = figure.axes[0]
     curves = [line.get_transform().transform(line.get_xydata()) for line in lines(figure)]
-    for guide in lines(figure, "guide"):
+    for guide in guides(figure):
         ends = guide.get_transform().transform(guide.get_xydata())
         for curve in curves:
             along = np.linspace(*ends[:, 0], 50)
@@ -316,7 +325,7 @@ def test_diverged_runs_stand_hollow_at_the_top_under_their_word():
 
     finished = finish(one, status=status)
     figure = plotting.convergence_figure([(one, finished)])
-    (marks,) = lines(figure, "failure")
+    (marks,) = failures(figure)
     gone = {f.run.step_size for f in finished if f.status == "diverged"}
     assert set(marks.get_xdata()) == gone
     assert marks.get_markerfacecolor() == "none"
@@ -338,7 +347,7 @@ def test_diverged_runs_stand_hollow_at_the_top_under_their_word():
     assert ticks
     assert (np.log(max(ticks)) - bottom) / (high - bottom) <= band
     control = usual()
-    assert not lines(control, "failure")
+    assert not failures(control)
     assert "diverged" not in words(control)
 
 
@@ -348,7 +357,7 @@ def test_other_failures_have_their_own_word(word):
     finished = finish(one, error=lambda run: float("nan"), status=lambda run: word)
     figure = plotting.convergence_figure([(one, finished)])
     assert word in words(figure)
-    assert len(lines(figure, "failure")[0].get_xdata()) == len(LADDER)
+    assert len(failures(figure)[0].get_xdata()) == len(LADDER)
 
 
 def test_round_off_is_hatched_only_where_it_is_reached():
@@ -373,14 +382,24 @@ def test_methods_are_told_apart_in_colour_and_in_grey():
         Method(cq="gauss", degree=3, start="graded"),
         Baseline(name="explicit-euler"),
     ]
-    styles = series_styles(methods)
-    assert len(styles) == len(methods)
-    assert len({style.label for style in styles.values()}) == len(methods)
-    for a, b in combinations(list(styles.values()), 2):
-        assert (a.marker, a.is_filled, a.line_style) != (b.marker, b.is_filled, b.line_style)
-        assert (a.colour, a.is_filled, a.line_style) != (b.colour, b.is_filled, b.line_style)
-    for look in ("colour", "marker"):
-        assert len({getattr(style, look) for style in list(styles.values())[:6]}) == 6
+    found = method_looks(methods)
+    assert len({one.label for one in found.values()}) == len(found) == len(methods)
+    looks = [one.look for one in found.values()]
+    for a, b in combinations(looks, 2):
+        assert (a.marker, a.is_filled, a.dashes) != (b.marker, b.is_filled, b.dashes)
+        assert (a.colour, a.is_filled, a.dashes) != (b.colour, b.is_filled, b.dashes)
+    for part in ("colour", "marker"):
+        assert len({getattr(look, part) for look in looks[:6]}) == 6
+
+
+def test_variants_of_one_quadrature_have_colours_of_their_own():
+    four = [
+        Method(cq="bdf3", degree=d, start=start) for d in (1, 2) for start in ("none", "weights")
+    ]
+    assert len({one.look.colour for one in method_looks(four).values()}) == 4
+    # the control: beside another family a quadrature keeps its colour
+    both = method_looks([*four, Method(cq="bdf2", degree=1)])
+    assert both[four[0].case].look.colour == method_looks(four[:1])[four[0].case].look.colour
 
 
 def test_a_method_looks_the_same_in_every_figure():
@@ -389,13 +408,12 @@ def test_a_method_looks_the_same_in_every_figure():
         *(Method(cq=cq, degree=s) for cq in ("gauss", "radau-iia") for s in range(1, 5)),
         Baseline(name="explicit-euler"),
     ]
-    together = series_styles(families)
+    together = {case: one.look for case, one in method_looks(families).items()}
     for method in families:
-        (alone,) = series_styles([method]).values()
-        among = together[method.case]
-        assert dataclasses.replace(alone, label="") == dataclasses.replace(among, label="")
+        (alone,) = method_looks([method]).values()
+        assert alone.look == together[method.case]
     # the control: another quadrature looks otherwise
-    assert len({(style.colour, style.is_filled) for style in together.values()}) == len(families)
+    assert len({(look.colour, look.is_filled) for look in together.values()}) == len(families)
 
 
 def test_labels_say_no_more_than_is_needed():
@@ -419,7 +437,8 @@ def test_trajectory_energy_and_error_show_every_method_and_the_exact_solution():
     methods = [NODES[0], Baseline(name="explicit-euler"), Baseline(name="implicit-euler")]
     names = ["BDF1", "explicit Euler", "implicit Euler"]
     one = experiment(methods=methods, steps=[64])
-    finished = finish(one)
+    errors = {method.case: 0.2 * k for k, method in enumerate(methods, start=1)}
+    finished = finish(one, error=lambda run: errors[run.method.case])
     made = plotting.figures_for([(one, finished)])
     assert set(made) == {"made-up-trajectory", "made-up-energy", "made-up-error"}
     for kind, symbol in (("trajectory", "x(t)"), ("energy", "H(x, p)"), ("error", "x_k - x(t_k)")):
@@ -432,7 +451,19 @@ def test_trajectory_energy_and_error_show_every_method_and_the_exact_solution():
         assert "0.125" in axes.get_xlabel()
     drawn = made["made-up-error"].axes[0].lines[0].get_ydata()
     assert np.isnan(drawn[0])
-    np.testing.assert_allclose(drawn[1:], power_law(finished[0].run), rtol=1e-10)
+    np.testing.assert_allclose(drawn[1:], 0.2, rtol=1e-10)
+
+
+def test_curves_that_the_eye_cannot_tell_apart_are_one():
+    methods = [NODES[0], NODES[1], Baseline(name="explicit-euler")]
+    one = experiment(methods=methods, steps=[64])
+    sizes = {method.case: size for method, size in zip(methods, (1e-3, 2e-3, 0.2), strict=True)}
+    figure = plotting.trajectory_figure(one, finish(one, error=lambda run: sizes[run.method.case]))
+    assert [line.get_label() for line in figure.axes[0].lines] == [
+        "exact",
+        "BDF1 and BDF2",
+        "explicit Euler",
+    ]
 
 
 def test_exact_energy_needs_no_velocity():
@@ -501,27 +532,18 @@ def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm():
         for limit in (f"{2 * b - 1}/2", b + 1)
     ]
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes[:2]]
-    assert titles == ["largest on the grid", "at the final time"]
+    assert titles == ["largest on the grid", "at $t = 1$"]
     # every panel has the range of its own errors
     ranges = [axes.get_ylim() for axes in figure.axes[::2]]
     assert ranges[0] != ranges[1]
     assert len(lines(figure)) == 24
-    heading = figure.get_suptitle()
-    for phrase in ("b - 1/2", "b + 1", "captions of the paper say $b$", r"t^{\,b-1} \sin t"):
-        assert phrase in heading
+    heading = figure.legends[0].get_title().get_text()
+    assert r"$t^{\,b-1} \sin t$" in heading
+    assert "order 1/2" in heading
     # the second column is measured at the end of the trajectory
     (_, finished) = derivative_study(1)
     last = [abs(f.trajectory.position[-1, 0] - np.sin(1.0)) for f in finished[: len(LADDER)]]
     np.testing.assert_allclose(lines(figure)[3].get_ydata(), last[::-1], rtol=1e-12)
-
-
-def test_the_heading_of_a_saturation_figure_fits():
-    figure = saturated()
-    heading = next(text for text in figure.texts if text.get_text() == figure.get_suptitle())
-    extent = heading.get_window_extent()
-    assert extent.x0 > 0
-    assert extent.x1 < figure.bbox.x1
-    assert extent.y1 <= figure.bbox.y1
 
 
 def test_leading_exponent_is_read_off_the_function():
@@ -673,7 +695,7 @@ def test_formats_are_those_that_are_asked_for(tmp_path):
 def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path):
     one = experiment(methods=NODES[:2])
     style = tmp_path / "mine.mplstyle"
-    style.write_text("axes.labelsize: 13.0  # large\nlines.linewidth: 3\nbackend: svg\n")
+    style.write_text("axes.labelsize: 13.0  # large\nlines.linewidth: 3\n")
 
     def drawn() -> tuple[float, list[object], list[float]]:
         figure = plotting.convergence_figure([(one, finish(one))])
@@ -698,12 +720,61 @@ def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path):
     assert path.read_bytes() == picture
 
 
+@pytest.mark.parametrize("font", ["STIXGeneral", "DejaVu Sans Mono"])
+@pytest.mark.parametrize("kind", ["convergence", "saturation", "error", "sketch"])
+def test_words_stay_on_the_figure_in_any_font(tmp_path, font, kind):
+    style = tmp_path / "mine.mplstyle"
+    style.write_text(f"font.family: {font}\n")
+    one = experiment(methods=NODES)
+    with plotting.style_file(style):
+        figure = {
+            "convergence": lambda: plotting.convergence_figure([(one, finish(one))]),
+            "saturation": saturated.__wrapped__,
+            "error": lambda: plotting.error_figure(one, finish(one)),
+            "sketch": plotting.interpolation_figure,
+        }[kind]()
+        figure.draw_without_rendering()
+    whole = figure.bbox
+    words = [text for one in figure.legends for text in (*one.get_texts(), one.get_title())]
+    for axes in figure.axes:
+        words += [axes.title, axes.xaxis.label, axes.yaxis.label]
+    for text in filter(mpl.text.Text.get_text, words):
+        box = text.get_window_extent()
+        assert box.x0 >= whole.x0 - 1, text
+        assert box.x1 <= whole.x1 + 1, text
+
+
+def test_a_style_file_sets_the_size_and_the_dots(tmp_path):
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("figure.figsize: 5, 5\nsavefig.dpi: 80\n")
+
+    def size() -> tuple[int, int]:
+        figure = plotting.convergence_figure([(one, finish(one))])
+        (path,) = plotting.save_figure(figure, tmp_path, "made-up", ("png",))
+        header = path.read_bytes()[16:24]
+        return int.from_bytes(header[:4]), int.from_bytes(header[4:])
+
+    one = experiment(methods=NODES[:1])
+    plain = size()
+    with plotting.style_file(style):
+        styled = size()
+    assert styled[0] == 400
+    assert plain[0] == 669
+    # twice as high at two fifths of the dots
+    assert styled[1] == pytest.approx(plain[1] * 2 * 80 / 200, abs=2)
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
         ("axes.grid: on\nline.width: 3\n", "line 2: 'line.width' is not a setting"),
         ("font.size\n", "line 1: 'font.size' is not a setting"),
         ("font.size: big\n", "font.size"),
+        ("font.sizes: 8\n", "did you mean 'font.size'"),
+        ("backend: svg\n", "line 1: 'backend' is no matter of looks"),
+        ("savefig.format: svg\n", "remove the line and write --format"),
+        ("font.family: Times Nwe Roman\n", "Times Nwe Roman is not installed; write another"),
+        ("font.family: serif\nfont.serif: Garamondo\n", "Garamondo is not installed"),
         (None, "cannot be read"),
     ],
 )
@@ -733,6 +804,26 @@ def test_the_command_takes_formats_and_a_style(tmp_path):
     refused = fvi(*asked, code=2)
     assert "--style" in refused.stderr
     assert "line 1: 'font.sise' is not a setting of matplotlib" in refused.stderr
+
+
+def test_commands_of_tables_draw_in_a_format_and_a_style_too(tmp_path):
+    config = tmp_path / "two.yaml"
+    config.write_text(
+        "name: two\nproblem: {kind: chain, masses: 2, final_time: 1.0, exact: none}\n"
+        "method: {rk: gauss, degree: 2}\nladder: {steps: [8]}\n"
+    )
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("figure.figsize: 5, 5\n")
+    asked = ["modes", str(config), "-q", "--output", str(tmp_path), "--format", "svg"]
+    fvi(*asked, code=0)
+    picture = tmp_path / "figures" / "two-modes.svg"
+    assert not picture.with_suffix(".pdf").exists()
+    plain = picture.read_text(encoding="utf-8")
+    fvi(*asked, "--style", str(style), code=0)
+    assert 'width="360pt"' in picture.read_text(encoding="utf-8")
+    assert 'width="360pt"' not in plain
+    fvi(*asked, "--style", str(style), "--check", code=0)
+    assert "not one of pdf, png, svg" in fvi(*asked, "--format", "gif", code=2).stderr
 
 
 def test_drawn_data_survives_its_file(tmp_path):
@@ -795,7 +886,7 @@ def test_nothing_is_written_too_small_to_read():
         plotting.error_figure(one, finish(one)),
     ]
     for figure in made:
-        assert figure.get_figwidth() == COLUMN_WIDTH
+        assert figure.get_figwidth() == pytest.approx(85 / 25.4)
         sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
         assert min(sizes) >= 7
 
@@ -811,7 +902,7 @@ def test_a_curve_that_breaks_off_explains_no_slope():
 
     def height(**how: Callable[[Run], str]) -> float:
         figure = plotting.convergence_figure([(one, finish(one, error=error, **how))])
-        (guide,) = lines(figure, "guide")
+        (guide,) = guides(figure)
         return float(np.mean(np.log(guide.get_ydata())))
 
     # beside the lower curve, which has no gap

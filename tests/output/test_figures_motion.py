@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 
 from fvi_cli import plotting
 from fvi_cli.config import parse_config
-from fvi_cli.plotting.motions.balance import balance_figure, momenta_figure
 from fvi_cli.plotting.motions.paths import path_figure, phase_figure, waterfall_figure
-from fvi_cli.plotting.style import COLUMN_WIDTH
+from fvi_cli.plotting.motions.time_series import balance_figure, momenta_figure
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import study
 
@@ -181,7 +180,9 @@ def test_a_string_is_drawn_in_its_shapes():
     # plucked at 0.3 of its length, as far as six modes can tell
     assert abs(start["x"][start["y"].argmax()] - 0.6) < 0.1
     # the bar: a round displacement that is not larger than the largest
-    (bar,) = (float(text.get_text().removeprefix("$u$ = ")) for text in figure.axes[0].texts)
+    (bar,) = (
+        float(text.get_text().strip("$").removeprefix("u = ")) for text in figure.axes[0].texts
+    )
     assert bar in (0.05, 0.1)
 
 
@@ -206,7 +207,7 @@ def test_everything_is_legible_and_told_apart_without_colour(oscillator, planet)
         path_figure(*planet),
         momenta_figure(*planet),
     ):
-        assert figure.get_figwidth() == COLUMN_WIDTH
+        assert figure.get_figwidth() == pytest.approx(85 / 25.4)
         figure.draw_without_rendering()
         sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
         assert min(sizes) >= 7

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.plotting.motions.labels import in_formula
-from fvi_cli.plotting.style import lowest, new_figure, panel_grid
+from fvi_cli.plotting import left_out
+from fvi_cli.plotting.style import new_figure, panel_grid
+from fvi_cli.plotting.words import in_formula
 
 CONFIG = {
     "name": "seen",
@@ -37,7 +38,8 @@ def test_quantities_over_time_with_their_peaks(outcome):
     assert [axes.get_ylabel() for axes in panels] == ["force", "a"]
     observed = outcome.finished[-1].trajectory.observed
     for axes, name in zip(panels, ("force", "a"), strict=True):
-        drawn = axes.lines[1].get_ydata()
+        # what two methods draw alike is one curve
+        drawn = axes.lines[0].get_ydata()
         assert np.array_equal(drawn, observed.quantities[name])
         (peak_time,), (height,) = axes.lines[-1].get_data()
         assert abs(height) == observed.extents[name].peak
@@ -82,14 +84,15 @@ def test_members_of_a_sweep(count):
     (outcome,) = fvi.run(swept)
     figures = fvi.figures(outcome)
     assert set(figures) == {"seen-quantities", "seen-section"}
-    (panel,) = figures["seen-quantities"].axes
+    panel, *bars = figures["seen-quantities"].axes
+    assert len(bars) == (count > 6)
     assert panel.get_ylabel() == "force (N)"
-    assert panel.get_xlabel() == "time $t$ (ms)"
+    assert panel.get_xlabel() == "time $t$ (ms), step size $h = 0.33333$ ms"
     seen = [one.trajectory.observed for one in outcome.finished]
     if count <= 6:
         for number, one in enumerate(seen):
-            assert np.array_equal(panel.lines[number].get_ydata(), one.quantities["force"])
-            peak = panel.lines[count + number]
+            line, peak = panel.lines[2 * number : 2 * number + 2]
+            assert np.array_equal(line.get_ydata(), one.quantities["force"])
             assert abs(peak.get_ydata()[0]) == one.extents["force"].peak
     first, *others = figures["seen-section"].axes
     assert len(first.lines) == count
@@ -125,7 +128,7 @@ def test_figures_of_sweeps_name_coordinates_and_events(count, name):
     }
     figures = fvi.figures(fvi.run(config))
     typeset = {"x": "x", "phi": r"\varphi", "r1": "r_{1}"}[name]
-    (axes,) = figures["named-trajectory"].axes
+    axes = figures["named-trajectory"].axes[0]
     assert axes.get_ylabel() == f"position ${typeset}(t)$"
     (legend,) = figures["named-section"].legends
     words = [text.get_text() for text in legend.get_texts()]
@@ -156,8 +159,21 @@ def test_small_steps_are_written_as_powers_of_ten():
 
 
 def test_a_column_that_ends_early_has_numbers_below_its_last_panel():
-    grid, used = panel_grid(new_figure(3.0), 3, 2, sharex=True)
-    assert [axes.axison for axes in grid.flat] == [True, True, True, False]
-    assert lowest(grid) == [used[2], used[1]]
+    columns, used = panel_grid(new_figure(3.0), 3, 2, sharex=True)
+    assert columns == [[used[0], used[2]], [used[1]]]
     told = [axes.xaxis.get_tick_params()["labelbottom"] for axes in used]
     assert told == [False, True, True]
+
+
+def test_what_a_figure_leaves_out_is_said():
+    many = {f"q{k}": f"{k}*dx" for k in range(1, 10)}
+    config = {**CONFIG, "quantities": many, "method": {"rk": "gauss", "degree": 3}}
+    (outcome,) = fvi.run({**config, "figures": ["quantities"]})
+    study = (outcome.experiment, outcome.finished)
+    assert left_out([study]) == ["seen: the quantities figure shows 6 of 9 quantities"]
+    (figure,) = fvi.figures(outcome).values()
+    assert len(figure.axes) == 6
+    assert figure.legends[0].get_title().get_text() == "the first 6 of 9 quantities"
+    # the control: fewer are all drawn
+    (outcome,) = fvi.run({**CONFIG, "figures": ["quantities"]})
+    assert left_out([(outcome.experiment, outcome.finished)]) == []

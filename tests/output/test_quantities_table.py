@@ -104,3 +104,25 @@ def test_errors_stand_beside_peaks_wherever_they_are_known(tmp_path, how, is_kno
         assert ("error of position" in words) == is_known
         for line, error in zip(lines, errors, strict=True):
             assert (f"{error:.1e}" in line) == is_known
+
+
+def test_runs_that_fail_are_named_in_every_table(tmp_path):
+    # a repelling cubic force: the motion becomes infinite
+    text = configuration(
+        "kind: duffing, stiffness: -1.0, cubic_stiffness: -1.0, initial: {position: 0.5}, "
+        "final_time: 10.0, exact: none",
+        name="lost",
+        method="{rk: gauss, degree: 2}",
+        steps="1000",
+        more="quantities: {v: dx}\nevents: {e: {when: sin(40*t)}}\n",
+    )
+    for name, status in (("lost", "failed"), ("found", "ok")):
+        path = tmp_path / f"{name}.yaml"
+        until = "10.0" if status == "failed" else "1.0"
+        path.write_text(text.replace("lost", name).replace("10.0", until))
+        command("quantities", str(path), "-o", str(tmp_path), code=int(status == "failed"))
+        for kind in ("quantities", "quantities-events"):
+            with (tmp_path / "tables" / f"{name}-{kind}.csv").open(encoding="utf-8") as file:
+                assert {row["status"] for row in csv.DictReader(file)} == {status}
+        shown = (tmp_path / "tables" / f"{name}-quantities.md").read_text(encoding="utf-8")
+        assert shown.count("failed") == (2 if status == "failed" else 0)

@@ -33,9 +33,11 @@ def test_it_draws_largest_displacements_over_periods():
     assert set(figures) == {"spectra-spectrum"}
     upper, lower = figures["spectra-spectrum"].axes
     assert [line.get_label() for line in upper.lines] == [
-        "damping.0.coefficient = 0.1",
-        "damping.0.coefficient = 0.4",
+        "0.1",
+        "0.4",
     ]
+    (legend,) = figures["spectra-spectrum"].legends
+    assert legend.get_title().get_text() == "coefficient of the damping"
     (outcome,) = outcomes
     for line, other in zip(upper.lines, lower.lines, strict=True):
         period, largest = np.array(line.get_xdata()), np.array(line.get_ydata())

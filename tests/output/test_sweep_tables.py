@@ -15,6 +15,7 @@ from fvi_cli.plotting import drawn_data, figures_for, left_out
 from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
+from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.outcome import Outcome
@@ -150,11 +151,12 @@ def test_a_line_tells_the_median_and_the_largest_error_and_where_it_is(two_keys)
         return [re.split("  +", line) for line in text.splitlines()[1:]]
 
     assert len(lines(finished)) == 8
-    for _, case, n_steps, *told in lines(finished):
+    names = method_names([one.run.method for one in finished])
+    for _, name, n_steps, *told in lines(finished):
         own = [
             one
             for one in finished
-            if (one.run.method.case, str(one.run.n_steps)) == (case, n_steps)
+            if (names[one.run.method.case].label, str(one.run.n_steps)) == (name, n_steps)
         ]
         errors = [one.error for one in own]
         numbers = [f"{number:.3e}" for number in (np.median(errors), max(errors))]

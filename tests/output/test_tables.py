@@ -257,7 +257,7 @@ GOLDEN_MARKDOWN = """\
 Entries: the least-squares slope of log(error) against log(h) over all rows that can be used, \
 then the order between the two finest of them. Where the two disagree, the slope is not \
 asymptotic. One number alone comes from two rows. Errors are measured in the maximum norm over \
-components and grid points. A star marks methods that came to nothing on some step sizes.
+components and grid points. A star marks methods that failed on some step sizes.
 
 | problem | gamma | N      |   BDF2 |
 | ------- | ----- | ------ | -----: |
@@ -285,7 +285,7 @@ the exact solution, an expression of the configuration; floor 1e-13.
 | expected |       |            |     2 |
 
 - Rows in parentheses are not used for orders; floor: round-off, or ten times the error of the \
-reference; errors below 1000 floors are told by a power of ten, in full in the CSV form.
+reference; errors below 1000 floors are given as a power of ten, in full in the CSV form.
 """
 
 GOLDEN_TABULAR = r"""{\footnotesize\setlength{\tabcolsep}{4pt}

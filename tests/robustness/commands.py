@@ -6,11 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
-
 import fvi_cli
 from benchmarks.robustness import LADDER
-from fvi_cli.storage.groups import run_groups
+from fvi_cli.storage import read_results
 
 QUICK = LADDER.replace("48]", "48, 64, 96]")
 N_RUNS = 24
@@ -87,17 +85,9 @@ def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | No
 
 
 def complete_runs(path: Path) -> set[str]:
-    """Complete runs in a file, which must be readable, and in the parts beside it."""
-    found: set[str] = set()
-    for one in [path, *path.with_suffix(".parts").glob("[!.]*.h5")]:
-        if one.exists():
-            with h5py.File(one, "r") as file:
-                found |= {
-                    f"{case} N={group.said['n_steps']}"
-                    for _, case, group in run_groups(file)
-                    if group.is_complete
-                }
-    return found
+    """Runs in a file, which must be readable, and in the journal beside it."""
+    with read_results(path, may_be_missing=True) as store:
+        return {f"{one.kind.case} N={one.kind.n_steps}" for one in store.entries()}
 
 
 def children(process_id: int) -> list[int]:

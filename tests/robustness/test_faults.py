@@ -30,7 +30,7 @@ from spread import spread
 
 from fvi_cli.cli import app as app_module
 from fvi_cli.config import load_config
-from fvi_cli.planning.plan import planned_bytes
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.storage.atomic import replace_file
 
@@ -80,9 +80,6 @@ def kill_and_resume(folder, chance, *options):
     found = complete_runs(stored)
     told = told_runs(lines)
     assert told <= found
-    # what is stored but was not told: what was just being written
-    parts = stored.with_suffix(".parts").glob("[!.]*.h5")
-    assert found == told or any(found - told <= complete_runs(part) for part in parts)
     resumed = here("run", "quick.yaml", code=0)
     assert f"quick: {N_RUNS} runs, {len(found)} of them stored" in resumed.stderr
     assert len(complete_runs(stored)) == N_RUNS
@@ -199,7 +196,7 @@ def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(fo
     monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", dies_of_64)
     result = here("run", "quick.yaml", "--workers", "2", code=1)
     failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
-    assert [row[1:3] for row in failed] == [["bdf2-nodes-s1-gauss1-none", "64"]]
+    assert [row[1:3] for row in failed] == [["BDF2", "64"]]
     assert "ended by SIGKILL (out of memory?), 2 times" in result.stderr
     assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS - 1
     monkeypatch.undo()
@@ -220,8 +217,8 @@ $FVI run quick.yaml --output disk -q
 echo "code $?"
 cmp disk/quick.h5 before.h5 && echo "as it was"
 set -e
-cp -r disk/quick.parts before.parts
-test -z "$(ls -A disk/quick.parts | grep part$ || true)"
+cp disk/quick.journal before.journal
+test -z "$(ls -A disk | grep part$ || true)"
 mount -o remount,size=64m tmpfs disk
 $FVI run quick.yaml --output disk
 cp disk/quick.h5 after.h5
@@ -241,7 +238,7 @@ def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder)
     assert "as it was" in done.stdout
     stored = len(complete_runs(folder / "before.h5"))
     assert 3 < stored < N_RUNS
-    # those in the file and those in parts are not computed again
+    # those in the file and those in the journal are not computed again
     assert f"quick: {N_RUNS} runs, {stored} of them stored" in done.stderr
     assert len(complete_runs(folder / "after.h5")) == N_RUNS
 
@@ -264,7 +261,7 @@ def test_where_files_may_not_grow_it_says_so(folder, limit):
     assert done.exit_code == 2, done.stderr
     assert "cannot be written: File too large" in done.stderr
     assert not (folder / "results" / "quick.h5").exists()
-    # parts that were written are whole, and taken the next time
+    # runs that were added are whole, and taken the next time
     found = complete_runs(folder / "results" / "quick.h5")
     assert (len(found) == N_RUNS) == (limit == 250_000)
     assert f"{N_RUNS} runs, {len(found)} of them stored" in here("run", "quick.yaml").stderr
@@ -392,7 +389,9 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
     (experiment,) = load_config(folder / "quick.yaml", overrides=[steps]).experiments
     methods = experiment.methods
     sizes = [
-        planned_bytes(experiment.problem.scene, m, n) for m in methods for n in experiment.steps
+        plan_run(experiment.problem.scene, m, n).memory_bytes
+        for m in methods
+        for n in experiment.steps
     ]
     largest = sorted(sizes, reverse=True)
     room = (sum(largest[:2]) + sum(largest[:3])) // 2

@@ -8,7 +8,6 @@ import pytest
 from command_line import MANY, configuration
 
 from fvi_cli.config import parse_config
-from fvi_cli.runner import compute
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.executor import InProcess, packs_longest_first
 from fvi_cli.runner.executors.processes import LocalProcesses
@@ -146,30 +145,3 @@ def test_processes_give_the_same_members():
     assert len(found) == 24
     for here, there in found.values():
         np.testing.assert_array_equal(here, there)
-
-
-def test_short_runs_are_given_together_and_none_is_lost_or_waits_for_a_long_one(monkeypatch):
-    alone = OSCILLATORS[: OSCILLATORS.index("sweep")]
-    batches = batches_of(experiment(alone, "ladder.steps=[4, 8, 16]").runs())
-    clock = iter(np.arange(0.0, 100.0, 0.004))
-    monkeypatch.setattr(compute.time, "monotonic", lambda: next(clock))
-    finished = list(InProcess().compute(batches, execute_batch))
-
-    def given(computed, sizes):
-        return [len(together) for together in compute._together(computed, sizes)]
-
-    short = [4] * len(finished)
-    assert len(given(finished, short)) < len(finished) == sum(given(finished, short))
-    assert given(finished, ()) == [1] * len(finished)
-    # before a run that may take long, everything is kept that is finished
-    longer = [4, 4, 4000, 4, 4, 4]
-    assert given(finished, longer)[:2] == [1, 1]
-
-    def interrupted():
-        yield from finished
-        raise KeyboardInterrupt
-
-    passed = compute._together(interrupted(), [*short, 4])
-    assert sum(len(next(passed)) for _ in given(finished, short)) == len(finished)
-    with pytest.raises(KeyboardInterrupt):
-        next(passed)

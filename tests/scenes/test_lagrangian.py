@@ -10,7 +10,6 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import RequestError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.chains import chain
@@ -148,29 +147,6 @@ def test_a_configuration_names_its_coordinates():
     scene = experiment.problem.scene
     assert scene.damping[0].coefficient.tolist() == [[1.0, -1.0], [-1.0, 1.0]]
     assert scene.potential.stiffness.tolist() == [[2.0, -2.0], [-2.0, 2.0]]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "messages"),
-    [
-        ("[x, y]", "[x, vx]", ["a.yaml:4", "problem.coordinates.1", "velocity of x"]),
-        ("(x - y)**2", "(x - z)**2", ["a.yaml:6", "problem.lagrangian", "unknown name 'z'"]),
-        ("{m: 1.0}", "{m: a}", ["a.yaml:5", "problem.parameters.m", "a finite number"]),
-        ("{m: 1.0}", "{t: 1.0}", ["problem.parameters.t", "the time"]),
-        ("[x - y]", "[x - z]", ["problem.damping.0.acts_on.0", "unknown name 'z'"]),
-        ("lagrangian: m", "lagrange: m", ["problem.lagrange", "lagrangian"]),
-        (
-            "  final",
-            "  initial: {position: [1]}\n  final",
-            ["problem.initial", "coordinates for 2"],
-        ),
-    ],
-)
-def test_mistakes_in_a_configuration(old, new, messages):
-    with pytest.raises(RequestError) as caught:
-        parse_config(CASE.replace(old, new), "a.yaml")
-    for message in messages:
-        assert message in str(caught.value)
 
 
 def test_a_dense_relaxed_stiffness_beside_a_formula():

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from fvi_cli.config import parse_config
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import RequestError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.chains import pluck_amplitudes
@@ -147,44 +145,3 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(kind, keys):
         assert potential.gradient(q)[i] == pytest.approx(slope, rel=1e-8)
         curvature = (potential.gradient(up) - potential.gradient(down)) / (2 * step)
         assert potential.hessian(q)[i] == pytest.approx(curvature, rel=1e-8)
-
-
-def case(body: str) -> str:
-    return f"name: a\nproblem: {{{body}, final_time: 1}}\nladder: {{steps: [4]}}\n"
-
-
-@pytest.mark.parametrize(
-    ("body", "messages"),
-    [
-        ("kind: chain, masses: 0", ["problem.masses", "from 1 to 1000"]),
-        ("kind: chain, ends: right", ["problem.ends", "both, left or none"]),
-        (
-            "kind: chain, masses: 3, initial: {position: [1, 0]}",
-            ["problem.initial.position", "2 coordinates, but masses for 3"],
-        ),
-        (
-            "kind: chain, masses: 3, damping: [{order: 1, coefficient: 1, acts_on: [x4]}]",
-            ["problem.damping.0.acts_on.0", "unknown name 'x4'"],
-        ),
-        (
-            "kind: chain, damping: [{order: 1, coefficient: 1, acts_on: [x1*x2]}]",
-            ["problem.damping.0.acts_on.0", "not linear"],
-        ),
-        (
-            "kind: chain, damping: [{order: 1, coefficient: [[1, 0], [0, 1]], acts_on: [x1]}]",
-            ["problem.damping.0.coefficient", "size 2 for 1 entries"],
-        ),
-        ("kind: frame, storeys: 2, mass: [1, 2, 3]", ["problem.mass", "storeys for 2"]),
-        ("kind: frame, ground_acceleration: sin(u)", ["problem.ground_acceleration", "'u'"]),
-        ("kind: frame, ground_acceleration: 1/(t-1)", ["problem.ground_acceleration", "infinite"]),
-        ("kind: frame, forcing: t", ["problem.forcing", "not known"]),
-        ("kind: string, pluck: {at: 1.5}", ["problem.pluck.at", "between 0 and 1"]),
-        ("kind: duffing, initial: {position: [1, 2]}", ["problem.initial.position", "duffing"]),
-        ("kind: kepler", ["problem.initial.position", "infinite in the centre"]),
-    ],
-)
-def test_mistakes_are_answered_at_their_place(body, messages):
-    with pytest.raises(RequestError) as caught:
-        parse_config(case(body), "a.yaml")
-    for message in messages:
-        assert message in str(caught.value)

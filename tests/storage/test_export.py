@@ -1,6 +1,7 @@
 """Exported numbers are the stored ones, in every format, whatever a group holds."""
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 from command_line import configuration, fvi
 from scipy.io import loadmat
 
+import fvi_cli as api
+from fvi_cli.config import parse_config
 from fvi_cli.errors import RequestError, StorageError
 from fvi_cli.storage.export import FORMATS, StoredArrays, export_file, stored_arrays
 
@@ -138,20 +141,38 @@ def lines_of(run: StoredArrays) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("problem", "size", "names"),
+    ("told", "size", "names"),
     [
-        ({"kind": "pendulum"}, 1, "x,p_x"),
-        ({"kind": "chain"}, 3, "x1,x2,x3,p_x1,p_x2,p_x3"),
-        ({"kind": "kepler"}, 2, "x,y,p_x,p_y"),
-        ({"kind": "lagrangian", "coordinates": ["r", "energy"]}, 2,
-         "r,position_energy,p_r,p_energy"),
-        ({"kind": "sandwich-beam", "elements": 1}, 4, "w1,r1,a1,b1,p_w1,p_r1,p_a1,p_b1"),
-        ({"kind": "sandwich-beam"}, 4, "x1,x2,x3,x4,p_x1,p_x2,p_x3,p_x4"),
+        ([], 1, "x,p_x"),
+        ([], 3, "x1,x2,x3,p_x1,p_x2,p_x3"),
+        (["x", "y"], 2, "x,y,p_x,p_y"),
+        (["r", "energy"], 2, "r,position_energy,p_r,p_energy"),
+    ],
+)
+def test_columns_are_called_as_the_coordinates(told, size, names):
+    run = one_run({}, np.array([0.0, 1.0]), size)
+    attributes = {**run.attributes, **({"coordinates": json.dumps(told)} if told else {})}
+    header = lines_of(dataclasses.replace(run, attributes=attributes))[0]
+    assert header == f"time,{names},energy"
+
+
+@pytest.mark.parametrize(
+    ("problem", "names"),
+    [
+        ("kind: kepler, initial: {position: [1, 0], velocity: [0, 1]}, final_time: 1.0",
+         "x,y,p_x,p_y"),
+        ("kind: chain, masses: 3, final_time: 1.0", "x1,x2,x3,p_x1,p_x2,p_x3"),
+        ("kind: sandwich-beam, elements: 1, final_time: 1.0e-3, exact: none",
+         "w1,r1,a1,b1,p_w1,p_r1,p_a1,p_b1"),
     ],
 )  # fmt: skip
-def test_columns_are_called_as_the_coordinates(problem, size, names):
-    header = lines_of(one_run(problem, np.array([0.0, 1.0]), size))[0]
-    assert header == f"time,{names},energy"
+@pytest.mark.parametrize("sweep", ["", "sweep: {problem.derivative: [caputo]}\n"])
+def test_coordinates_of_kinds_are_stored_with_their_runs(tmp_path, problem, names, sweep):
+    api.run(parse_config(configuration(problem, name="named") + sweep, "n.yaml"), output=tmp_path)
+    paths = export_file(tmp_path / "named.h5", "csv", tmp_path)
+    path = next(one for one in paths if "members" not in one.name)
+    header = path.read_text().splitlines()[0]
+    assert f",{names},energy" in header
 
 
 def test_times_are_rounded_once_and_others_left():

@@ -51,18 +51,14 @@ experiments:
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """The file of results, and the parts in which they are kept until it is written."""
+    """The file of results."""
     folder = tmp_path_factory.mktemp("interchange")
     loaded = parse_config(CONFIG, "everything.yaml")
     settings = Settings(output=folder, show_progress=False)
-    kept = folder / "kept"
-    kept.mkdir()
     with open_results(folder, loaded.name) as results:
         compute_runs(loaded.experiments, settings, title="all", keep=results.add)
-        for part in (folder / "everything.parts").glob("*.h5"):
-            (kept / part.name).write_bytes(part.read_bytes())
         results.consolidate(loaded)
-    return [folder / "everything.h5", *sorted(kept.glob("*.h5"))]
+    return [folder / "everything.h5"]
 
 
 def groups_of(path: Path) -> dict[str, dict[str, Any]]:
@@ -103,13 +99,3 @@ def test_every_file_is_opened_with_the_numbers_in_it(files, engine):
                     assert found.tolist() == np.asarray(values).tolist()
             statuses |= {str(data.attrs.get("status"))}
     assert {"ok", "refused"} <= statuses
-
-
-def test_parts_are_among_them(files):
-    names = set(groups_of(files[0]))
-    parts = [set(groups_of(path)) for path in files[1:]]
-    assert sum(map(len, parts)) >= 8
-    runs = set().union(*parts)
-    assert runs < names
-    experiments = {name.split("/")[1] for name in runs}
-    assert experiments == {"plain", "thinned", "not-finished", "swept", "derivative"}

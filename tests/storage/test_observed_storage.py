@@ -73,7 +73,7 @@ def test_a_changed_number_is_noticed(stored, tmp_path):
     copy.write_bytes(stored[0].read_bytes())
     with h5py.File(copy, "r+") as file:
         file["seen/gauss-s4-graded/n000032/events/turn/time"][0] += 1.0
-    with pytest.raises(fvi.StorageError, match="not those that were written"):
+    with pytest.raises(fvi.StorageError, match="is not what was written"):
         fvi.recall(copy)
 
 

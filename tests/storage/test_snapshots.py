@@ -9,8 +9,7 @@ import pytest
 import test_storage as t
 from command_line import fvi
 
-from fvi_cli.runner import compute
-from fvi_cli.storage import open_results, read_results, store, stream
+from fvi_cli.storage import open_results, read_results, stream
 from fvi_cli.studies.experiment import FinishedRun
 
 CONFIG = """\
@@ -45,8 +44,7 @@ def test_a_command_opens_its_file_at_most_twice(tmp_path, monkeypatch, opened):
         fvi(*arguments, code=0)
         return len(opened)
 
-    monkeypatch.setattr(compute, "LARGEST_SHARE", 1e9)
-    assert count("run", "ten.yaml") > 10  # control: a part for every run
+    assert count("run", "ten.yaml") == 2  # control: it is written, and read
     assert count("run", "ten.yaml") == 1
     assert count("run", "ten.yaml", "--dry-run") == 1
     assert count("convergence", "ten.yaml") == 1
@@ -97,8 +95,7 @@ def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path):
         writer.join()
 
 
-def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "PARTS_KEPT", 1)
+def test_a_journal_that_goes_into_the_file_while_it_is_read_is_read_as_it_was(tmp_path):
     runs = stamped(1.0)
     with open_results(tmp_path, "sample") as results:
         for finished in runs:
@@ -107,15 +104,14 @@ def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(tmp_pat
             results.consolidate(t.CONFIGURATION)
             for finished in runs:
                 t.assert_same(stored.finished(finished.run), finished)
+    assert not (tmp_path / "sample.journal").exists()
     # control: what is nowhere any more is not there
     others = t.experiment(stiffness=3.0).runs()[:2]
     with open_results(tmp_path, "sample") as results:
-        for run in others:
-            results.add([t.made_up(run)])
+        results.add([t.made_up(run) for run in others])
+    (tmp_path / "sample.journal").unlink()
     with read_results(tmp_path / "sample.h5") as stored:
-        for part in (tmp_path / "sample.parts").iterdir():
-            part.unlink()
-        assert None in [stored.finished(run) for run in others]
+        assert [stored.finished(run) for run in others] == [None, None]
         assert stored.finished(runs[0].run) is not None
 
 

@@ -28,16 +28,15 @@ from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import (
-    atomic,
+    identity,
     list_runs,
     open_results,
-    provenance,
     read_configuration,
     read_results,
-    writing,
 )
 from fvi_cli.storage import stream as stream_module
 from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.groups import writing
 from fvi_cli.storage.stream import SafeStream
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -215,7 +214,7 @@ def test_runs_of_an_older_program_are_not_taken(path, monkeypatch, constant):
     run = experiment().runs()[0]
     with read_results(path) as results:
         assert results.finished(run) is not None
-        monkeypatch.setattr(provenance, constant, getattr(provenance, constant) + 1)
+        monkeypatch.setattr(identity, constant, getattr(identity, constant) + 1)
         assert results.finished(run) is None
 
 
@@ -302,7 +301,7 @@ def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path):
     assert len(seen) > 40
     assert without == []
     for name, value in attributes_of(path):
-        if name.split("@")[1].isupper():  # those of dimension scales
+        if name.rpartition("@")[2].isupper():  # those of dimension scales
             continue
         assert type(value) in (str, np.int64, np.float64, np.ndarray), name
     for wrong in (True, None, np.bool_(True), {"a": 1}, np.array([])):
@@ -319,7 +318,7 @@ def test_the_root_says_where_the_file_comes_from(path):
     said = list_runs(path).provenance
     digest = hashlib.sha256(stored.resolved.encode()).hexdigest()
     assert said["resolved_config_sha256"] == digest
-    assert said["format"] == "2"
+    assert said["format"] == "3"
     assert json.loads(said["packages"])["numpy"] == np.__version__
     assert json.loads(said["packages"])["fvi-cli"] == fvi_cli.__version__
     assert said["created"].endswith("+00:00")
@@ -376,7 +375,7 @@ def test_without_a_finished_run_there_is_no_file(tmp_path):
 def test_runs_that_were_not_asked_for_again_are_kept(path, runs):
     longer = experiment(steps=(16,))
     store(path.parent, [made_up(run) for run in longer.runs()])
-    store(path.parent, [made_up(run) for run in experiment(name="another").runs()])
+    store(path.parent, [made_up(run) for run in experiment(name="another", stiffness=3.0).runs()])
     assert len(places(path)) == len(runs) + 4 + 8
     with read_results(path) as results:
         assert_same(results.finished(runs[0].run), runs[0])
@@ -396,7 +395,7 @@ BESIDE = "problem.exact = t**3, problem.stiffness = 1"
 
 
 def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was(path, runs):
-    other = experiment(name="other")
+    other = experiment(name="other", stiffness=3.0)
     store(path.parent, [made_up(run) for run in other.runs()])
     changed = experiment(stiffness=2.0, steps=(8, 16), methods=(BDF,))
     store(path.parent, [made_up(run) for run in changed.runs()])
@@ -460,17 +459,18 @@ KILLED = """
     import os, signal, sys
     from pathlib import Path
     import test_storage as t
-    folder, moment = Path(sys.argv[1]), int(sys.argv[2])
+    from fvi_cli.storage.journal import Journal
+    folder, place, moment = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
     runs = [t.made_up(run) for run in t.experiment().runs()]
-    calls = 0
-    real = Path.replace
-    def replace(self, target):
+    owner = Path if place == "replace" else Journal
+    real, calls = getattr(owner, place), 0
+    def killed(*arguments):
         global calls
         calls += 1
         if calls == moment:
             os.kill(os.getpid(), signal.SIGKILL)
-        return real(self, target)
-    Path.replace = replace
+        return real(*arguments)
+    setattr(owner, place, killed)
     with t.open_results(folder, "sample") as results:
         for finished in runs:
             results.add([finished])
@@ -479,19 +479,20 @@ KILLED = """
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("moment", [1, 9])
-def test_killed_between_write_and_rename_only_that_run_is_lost(tmp_path, runs, moment):
-    done = in_a_process(KILLED, tmp_path, moment)
+@pytest.mark.parametrize(
+    ("place", "moment", "left"),
+    [("append", 1, 0), ("append", 5, 4), ("replace", 1, 8), ("remove", 1, 8)],
+)
+def test_killed_at_any_moment_no_run_is_lost_that_was_added(tmp_path, runs, place, moment, left):
+    done = in_a_process(KILLED, tmp_path, place, moment)
     assert done.returncode == -signal.SIGKILL, done.stderr
-    left = [name for name in tree(tmp_path) if name.endswith(".part")]
-    assert len(left) == 1
-    assert not (tmp_path / "sample.h5").exists()
+    assert (tmp_path / "sample.h5").exists() == (place == "remove")
     with open_results(tmp_path, "sample") as results:
         found = [results.finished(finished.run) for finished in runs]
-        assert [f is not None for f in found] == [k < moment - 1 for k in range(8)]
-        for one, finished in zip(found[: moment - 1], runs, strict=False):
+        assert [f is not None for f in found] == [k < left for k in range(8)]
+        for one, finished in zip(found[:left], runs, strict=False):
             assert_same(one, finished)
-        for finished in runs[moment - 1 :]:
+        for finished in runs[left:]:
             results.add([finished])
         results.consolidate(CONFIGURATION)
     # nothing half written is left
@@ -499,7 +500,7 @@ def test_killed_between_write_and_rename_only_that_run_is_lost(tmp_path, runs, m
     assert len(places(tmp_path / "sample.h5")) == 8
 
 
-def test_parts_that_wait_are_read_beside_and_without_the_file(tmp_path, runs):
+def test_runs_of_a_journal_are_read_beside_and_without_the_file(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
         results.add([runs[0]])
     path = tmp_path / "sample.h5"
@@ -540,7 +541,7 @@ def test_a_full_disk_is_told_and_destroys_nothing(tmp_path, runs, limit):
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert told[0] == (
         f"{path}: cannot be written: File too large; finished runs are kept in "
-        f"{tmp_path / 'sample.parts'}"
+        f"{tmp_path / 'sample.journal'}"
     )
     if limit <= 5000:
         assert told[1].endswith("cannot be written: File too large")
@@ -573,8 +574,10 @@ def test_a_folder_that_may_not_be_written_is_told(path, runs, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     with open_results(path.parent, "sample", fresh=True) as results:
-        monkeypatch.setattr(atomic.tempfile, "mkstemp", refuse)
-        with pytest.raises(StorageError, match=r"\.h5: cannot be written: Permission denied"):
+        monkeypatch.setattr(Path, "touch", refuse)
+        with pytest.raises(
+            StorageError, match=r"sample\.journal: cannot be written: Permission denied"
+        ):
             results.add([runs[0]])
     monkeypatch.undo()
     assert tree(path.parent) == before
@@ -594,13 +597,10 @@ def damaged(path: Path, how: str) -> None:
             file["x"] = 1.0
     elif how == "newer":
         with h5py.File(path, "r+") as file:
-            file.attrs["format"] = 3
+            file.attrs["format"] = 4
     elif how == "strange":
         with h5py.File(path, "r+") as file:
             file["sample/x"] = 1.0
-    elif how == "nameless":
-        with h5py.File(path, "r+") as file:
-            del file["sample/implicit-euler/n000004"].attrs["specification"]
     else:
         path.unlink()
         path.mkdir()
@@ -611,9 +611,8 @@ KINDS = {
     "text": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
     "cut": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
     "foreign": "was not written by fvi",
-    "newer": "has format 3, this version of fvi reads 2",
+    "newer": "has format 4, this version of fvi reads 3",
     "strange": "is damaged or not a result file",
-    "nameless": "is damaged or not a result file",
     "folder": "is a folder",
 }
 
@@ -631,9 +630,8 @@ def test_a_file_that_is_not_ours_or_not_whole_is_named_and_left_as_it_is(path, h
             open_results(path.parent, "sample", fresh=fresh),
         ):
             pass
-    if how != "nameless":
-        with pytest.raises(StorageError, match=expected):
-            list_runs(path)
+    with pytest.raises(StorageError, match=expected):
+        list_runs(path)
     assert tree(path.parent) == before
 
 
@@ -645,13 +643,56 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         read_results(tmp_path / "absent.h5").__enter__()
 
 
-def test_a_damaged_part_is_named(tmp_path, runs):
+def journal_of(folder: Path, runs: list[FinishedRun]) -> tuple[Path, list[int]]:
+    """A journal of so many runs, and where each ends."""
+    path, ends = folder / "sample.journal", []
+    with open_results(folder, "sample") as results:
+        for finished in runs:
+            results.add([finished])
+            ends.append(path.stat().st_size)
+    return path, ends
+
+
+def found_in(folder: Path, runs: list[FinishedRun]) -> list[bool]:
+    """Which of the runs are there, as they were."""
+    found = []
+    with read_results(folder / "sample.h5", may_be_missing=True) as results:
+        for finished in runs:
+            one = results.finished(finished.run)
+            found.append(one is not None)
+            if one is not None:
+                assert_same(one, finished)
+    return found
+
+
+def test_cut_anywhere_a_journal_loses_what_is_behind_the_cut_and_nothing_else(tmp_path, runs):
+    path, ends = journal_of(tmp_path, runs[:3])
+    content = path.read_bytes()
+    random = np.random.default_rng(2)
+    for length in [*random.integers(0, len(content), 60).tolist(), *ends, ends[1] - 1, ends[1] + 1]:
+        path.write_bytes(content[:length])
+        assert found_in(tmp_path, runs[:3]) == [end <= length for end in ends]
+    # whoever writes drops what is torn, and goes on behind the last whole run
+    path.write_bytes(content[: ends[1] + 40])
     with open_results(tmp_path, "sample") as results:
-        results.add([runs[0]])
-    (part,) = (tmp_path / "sample.parts").iterdir()
-    damaged(part, "cut")
-    with pytest.raises(StorageError, match=part.name), open_results(tmp_path, "sample"):
-        pass
+        results.add([runs[3]])
+    assert found_in(tmp_path, runs[:4]) == [True, True, False, True]
+
+
+def test_a_changed_byte_of_a_journal_is_told_and_gives_no_wrong_number(tmp_path, runs):
+    path, ends = journal_of(tmp_path, runs[:3])
+    content = path.read_bytes()
+    random = np.random.default_rng(3)
+    told = 0
+    for place in random.integers(0, len(content), 150).tolist():
+        path.write_bytes(content[:place] + bytes([content[place] ^ 4]) + content[place + 1 :])
+        try:
+            found = found_in(tmp_path, runs[:3])
+        except StorageError as error:
+            told += "sample.journal" in str(error)
+        else:  # of the last entry nobody can tell whether it was ever whole
+            assert (found, place >= ends[1]) == ([True, True, False], True)
+    assert told > 80
 
 
 def recall(path: Path, runs: list[FinishedRun]) -> int:
@@ -686,7 +727,7 @@ def test_numbers_that_have_changed_since_are_noticed(path, runs):
     path.write_bytes(content[: -len(seal_of(content))])
     with read_results(path) as results:
         assert_same(results.finished(runs[0].run), runs[0])
-        with pytest.raises(StorageError, match="not those that were written"):
+        with pytest.raises(StorageError, match=r"n000008 is not what was written"):
             results.finished(runs[1].run)
 
 
@@ -700,15 +741,6 @@ def test_a_file_that_the_library_would_search_for_ever_is_told_to_be_damaged(pat
         recall(path, runs)
     with pytest.raises(StorageError, match="its bytes are not those that were written"):
         list_runs(path)
-
-
-def test_a_run_that_is_not_complete_is_not_finished(path, runs):
-    with h5py.File(path, "r+") as file:
-        del file[f"sample/{BDF.case}/n000004"].attrs["complete"]
-    with read_results(path) as results:
-        assert results.finished(runs[0].run) is None
-        assert results.finished(runs[1].run) is not None
-    assert [run.is_complete for run in list_runs(path).runs] == [False] + 7 * [True]
 
 
 def test_after_a_failure_a_stream_goes_on_in_memory(tmp_path):

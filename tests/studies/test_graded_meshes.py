@@ -15,7 +15,7 @@ from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.storage.provenance import identity
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope
@@ -129,8 +129,8 @@ def test_the_mesh_is_part_of_a_run_and_is_stored(tmp_path):
         own = experiment(ladder, free(0.5), rk="gauss", start="none")
         runs += own.runs()
     plain = experiment({"steps": [16]}, free(0.5), rk="gauss", start="none").runs()[0]
-    assert len({identity(run) for run in runs}) == 3
-    assert identity(plain) == identity(runs[-1])
+    assert len({identity_of(run) for run in runs}) == 3
+    assert identity_of(plain) == identity_of(runs[-1])
 
 
 def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path):

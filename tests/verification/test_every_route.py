@@ -16,7 +16,7 @@ from letters import spring, swing
 from written_out import integrate_written_out
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -207,7 +207,7 @@ def check_thinned(case: Case, usual: Trajectory) -> None:
 
 
 def check_watched(case: Case, usual: Trajectory) -> None:
-    asked, with_steps = Asked(energy_balance=True), case.method.is_runge_kutta
+    asked, with_steps = DiagnosticsRequest(energy_balance=True), case.method.is_runge_kutta
     found = integrate(
         case.scene, case.method, case.n_steps, diagnostics=asked, with_steps=with_steps
     )

@@ -181,6 +181,14 @@ def test_convergence_of_the_volterra_equation():
     assert errors[0] > 10 * errors[1] > 100 * errors[2] > 0
 
 
+@pytest.mark.parametrize("coefficient", [2.55, 30.0])
+def test_a_series_that_does_not_converge_is_refused(coefficient):
+    # C s**1.983 is as large as s**2 until s = C**59
+    scene = {"x0": 0, "v0": 1, "final_time": 5, "derivative": "riemann-liouville"}
+    with pytest.raises(ArithmeticError, match="series"):
+        solve_volterra(1, [(1.983, coefficient)], None, None, None, **scene)
+
+
 def test_components_of_unlike_scales_do_not_meet():
     def gradient(x):
         return np.stack([x[:, 0], np.sin(x[:, 1])], axis=1)

@@ -233,7 +233,7 @@ def test_uncoupled_degrees_of_freedom_are_a_batch(monkeypatch):
     watch(monkeypatch, made, Operator, "_by_impulses")
     one, four = oscillator(0.5), oscillator(0.5, dimension=4)
     plan = plan_run(four, PLAIN, 1000)
-    assert (plan.systems, plan.coupled) == (4, 1)
+    assert (plan.systems, plan.mesh.coupled) == (4, 1)
     works = [integrate(scene, PLAIN, 1000).history_operations for scene in (one, four)]
     assert [one.at.mass.shape for one, _ in made] == [(1, 1, 1), (4, 1, 1)]
     assert works[1] <= 4 * works[0]

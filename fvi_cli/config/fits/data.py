@@ -6,9 +6,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from fvi_cli.config.keys.fit import Data
 from fvi_cli.integrator.observations.asked import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.settings import as_plain
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
@@ -29,17 +31,17 @@ def read_data(
     """The measured motions and responses, as far as they can be read."""
     items = at.items() or [at]
     found: list[DataSet] = []
-    for one, under in zip(given if isinstance(given, list) else [], items, strict=False):
-        if not isinstance(one, Mapping) or not is_complete(one):
+    for one, under in zip(given if isinstance(given, tuple) else (), items, strict=False):
+        if not isinstance(one, Data) or not is_complete(one):
             continue
-        changed_problem(described, one["set"], under.under("set"))
-        if not one["columns"]:
+        changed_problem(described, one.set, under.under("set"))
+        if not one.columns:
             under.refuse("no columns; name what was measured", "columns")
-        if "frequency" in one:
+        if one.frequency is not None:
             forces, series = _response(one, described, problem, under)
         else:
             forces, series = (), _motion(one, described, problem, quantities, under)
-        name = str(one.get("name", Path(one["file"]).stem))
+        name = one.name if one.name is not None else Path(one.file).stem
         if any(other.name == name for other in found):
             under.refuse(f"{excerpt(name)!r} is the name of another motion; give each a name")
         if series:
@@ -47,7 +49,7 @@ def read_data(
                 DataSet(
                     name=name,
                     series=tuple(series),
-                    changes=dict(one["set"]),
+                    changes=dict(one.set),
                     forces=forces,
                     coordinates=problem.coordinates,
                 )
@@ -56,20 +58,20 @@ def read_data(
 
 
 def _motion(
-    given: Mapping[str, Any],
+    given: Data,
     described: Mapping[str, Any],
     problem: Problem,
     quantities: Mapping[str, Expression],
     at: Cursor,
 ) -> list[Series]:
     """The columns of a motion."""
-    if "force" in given:
+    if given.force is not None:
         at.refuse("only for responses; write frequency: and its column in place of time", "force")
-    time = given.get("time", "t")
+    time = given.time or "t"
     coordinates, found = problem.coordinates, []
     parameters = described.get("parameters", {})
     known = known_names(coordinates, (*parameters, *problem.inputs))
-    for name, column in given["columns"].items():
+    for name, column in given.columns.items():
         if not isinstance(column, str):
             at.under("columns").refuse("parts are those of a response; name one column", name)
             continue
@@ -107,15 +109,15 @@ def _motion(
 
 
 def _response(
-    given: Mapping[str, Any], described: Mapping[str, Any], problem: Problem, at: Cursor
+    given: Data, described: Mapping[str, Any], problem: Problem, at: Cursor
 ) -> tuple[tuple[str, ...], list[Series]]:
     """The forces of a response, and its columns."""
     coordinates, found = problem.coordinates, []
-    if "time" in given:
+    if given.time is not None:
         at.refuse("not together with frequency: the data are a motion or a response", "time")
     if not problem.scene.is_linear:
         at.refuse(f"{problem.kind} is not linear and has no harmonic response", "frequency")
-    forces = tuple(given.get("force", ()))
+    forces = given.force or ()
     if not forces and described.get("ground_acceleration", "0") != "0":
         forces = (GROUND,)
     if not forces:
@@ -125,7 +127,7 @@ def _response(
             harmonic_force(text, problem.scene, coordinates)
         except ValueError as error:
             at.refuse(str(error), "force")
-    for name, columns in given["columns"].items():
+    for name, columns in given.columns.items():
         rate = 0 if name in coordinates or name[1:] not in coordinates else "xva".find(name[0])
         under = at.under("columns")
         try:
@@ -133,11 +135,11 @@ def _response(
         except ValueError as error:
             under.refuse_key(name, f"not known: {error}")
             continue
-        parts = {"magnitude": columns} if isinstance(columns, str) else columns
+        parts = {"magnitude": columns} if isinstance(columns, str) else as_plain(columns)
         if not parts:
             under.refuse(f"no column; name that of {listed(PARTS)}", name)
         for part, column in parts.items():
-            samples = _samples(given, given["frequency"], column, problem, at)
+            samples = _samples(given, given.frequency or "", column, problem, at)
             if samples is not None:
                 found.append(
                     Series(
@@ -152,11 +154,11 @@ def _response(
 
 
 def _samples(
-    given: Mapping[str, Any], first: str, column: str, problem: Problem, at: Cursor
+    given: Data, first: str, column: str, problem: Problem, at: Cursor
 ) -> CsvSamples | None:
     """A column of the file beside that of times or frequencies; None with complaints."""
-    path, shown = file_under(given, at)
-    is_motion = "frequency" not in given
+    path, shown = file_under(given.file, at)
+    is_motion = given.frequency is None
     try:
         samples = read_csv_samples(path, shown, first, column)
         if is_motion:

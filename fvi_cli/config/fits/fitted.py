@@ -25,17 +25,6 @@ def fitted_text(
 ) -> str:
     """YAML of the experiment with fitted numbers; one experiment for every motion.
 
-    Parameters
-    ----------
-    loaded
-        The configuration that was fitted.
-    number
-        Which of its experiments.
-    specification
-        The ``problem`` mapping of the model.
-    motions
-        Name and values by key path of every motion.
-
     Raises
     ------
     RequestError

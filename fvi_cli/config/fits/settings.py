@@ -13,9 +13,11 @@ from fvi_cli.config.fits.data import (
     read_data,
     refuse_path,
 )
+from fvi_cli.config.keys.fit import Fit, Model, Parameter
 from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import NowhereError, with_node
+from fvi_cli.keys.settings import keys_of
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem, Problem
@@ -34,49 +36,39 @@ LARGEST_LAW_ORDER: Final = 0.999
 
 
 def fit_settings(
-    values: Mapping[str, Any],
+    fit: Fit,
     described: Mapping[str, Any],
     problem: AnyProblem,
     quantities: Mapping[str, Expression],
     at: Cursor,
     tree: Cursor,
 ) -> FitSettings | None:
-    """The settings that a mapping read by FIT describes; None with complaints.
+    """What is fitted to what; None with complaints.
 
-    Parameters
-    ----------
-    values
-        What was read; may hold INVALID.
-    described
-        The resolved ``problem`` mapping.
-    problem
-        What it makes.
-    quantities
-        Those of the experiment.
-    at, tree
-        Where ``fit`` stands, and where the problem does.
+    `described` is the resolved ``problem`` mapping, which made `problem`; ``fit``, which may hold
+    INVALID, stands at `at`, the problem at `tree`.
     """
     before = len(at.complaints)
     if not isinstance(problem, Problem):
         at.refuse("there is no motion to be fitted: the problem is a derivative")
         return None
-    data = read_data(values.get("data"), described, problem, quantities, at.under("data"))
-    if not is_complete(values):
+    data = read_data(fit.data, described, problem, quantities, at.under("data"))
+    if not is_complete(fit):
         return None
     models = []
-    common = values["parameters"]
-    for name, model in values.get("models", {"": {"set": {}}}).items():
+    common = fit.parameters
+    for name, model in (fit.models or {"": Model.of({})}).items():
         under = at.under("models", name) if name else at
         specification: Mapping[str, Any] | None = described
-        if model["set"]:
-            specification = _changed(described, model["set"], under.under("set"), tree)
-        own = model.get("parameters")
-        chosen = own if own is not None else _without(common, model["set"])
+        if model.set:
+            specification = _changed(described, model.set, under.under("set"), tree)
+        own = model.parameters
+        chosen = own if own is not None else _without(common, model.set)
         where = under.under("parameters") if own is not None or not name else at.under("parameters")
         if specification is None:
             continue
         found = _parameters(chosen, specification, where)
-        fixed = {k: v["fixed"] for k, v in chosen.items() if "fixed" in v}
+        fixed = {k: v.fixed for k, v in chosen.items() if v.fixed is not None}
         if len(at.complaints) > before:
             continue
         full = with_values(specification, {**fixed, **{one.key: one.start for one in found}})
@@ -85,11 +77,11 @@ def fit_settings(
         models.append(
             FitModel(name=name, specification=with_values(specification, fixed), parameters=found)
         )
-    deviations = _deviations(values["noise"], data, at.under("noise"))
+    deviations = _deviations(fit.noise, data, at.under("noise"))
     if len(at.complaints) > before:
         return None
-    for model in models:
-        free = sum(len(data) if one.is_own else 1 for one in model.parameters if not one.tied_to)
+    for made in models:
+        free = sum(len(data) if one.is_own else 1 for one in made.parameters if not one.tied_to)
         size = sum(one.size for one in data)
         if size <= free:
             at.refuse(
@@ -121,7 +113,7 @@ def _changed(
             return None
     names = tuple(described.get("parameters", ()))
     whole = replace(tree, node=node, names=names)
-    shapes = {one.name: one.shape for one in KINDS[described["kind"]].record.keys}
+    shapes = {one.name: one.shape for one in keys_of(KINDS[described["kind"]])}
     read = {
         outer: shapes[outer].read(whole.under(outer))
         for outer in dict.fromkeys(key.split(".")[1] for key in changes)
@@ -132,7 +124,9 @@ def _changed(
     return full if is_possible(full, at) else None
 
 
-def _without(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _without(
+    parameters: Mapping[str, Parameter], changes: Mapping[str, Any]
+) -> dict[str, Parameter]:
     """Parameters that are not set, nor tied to one that is, by a model."""
     left = {
         key: value
@@ -140,7 +134,7 @@ def _without(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[
         if not any(key == one or key.startswith(f"{one}.") for one in changes)
     }
     gone = set(parameters) - set(left)
-    return {key: value for key, value in left.items() if value.get("tied") not in gone}
+    return {key: value for key, value in left.items() if value.tied not in gone}
 
 
 def _is_of_law(described: Mapping[str, Any], key: str) -> bool:
@@ -150,7 +144,7 @@ def _is_of_law(described: Mapping[str, Any], key: str) -> bool:
 
 
 def _parameters(
-    given: Mapping[str, Any], described: Mapping[str, Any], at: Cursor
+    given: Mapping[str, Parameter], described: Mapping[str, Any], at: Cursor
 ) -> tuple[FitParameter, ...]:
     found = []
     for key, value in given.items():
@@ -158,24 +152,25 @@ def _parameters(
         if isinstance(number, bool) or not isinstance(number, int | float):
             refuse_path(described, key, at)
             continue
-        if "fixed" in value:
+        if value.fixed is not None:
             continue
         under = at.under(key)
-        tied = value.get("tied", "")
-        if tied and (tied not in given or {"tied", "fixed"} & set(given[tied])):
+        tied = value.tied or ""
+        other = given.get(tied)
+        if tied and (other is None or other.tied is not None or other.fixed is not None):
             under.refuse(f"{excerpt(tied)!r} is no parameter that is fitted", "tied")
             continue
         is_order = key.endswith(".order")
-        low = value.get("from", LEAST_ORDER if is_order else -math.inf)
+        low = (LEAST_ORDER if is_order else -math.inf) if value.from_ is None else value.from_
         largest = LARGEST_LAW_ORDER if _is_of_law(described, key) else LARGEST_ORDER
-        high = value.get("to", largest if is_order else math.inf)
-        start = value.get("start", float(number))
+        high = (largest if is_order else math.inf) if value.to is None else value.to
+        start = float(number) if value.start is None else value.start
         if not low < high:
             under.refuse(f"from = {low:g} is not below to = {high:g}")
         elif not tied and not low <= start <= high:
             under.refuse(
                 f"{start:g} lies outside of the bounds, {low:g} to {high:g}",
-                *(("start",) if "start" in value else ()),
+                *(() if value.start is None else ("start",)),
             )
         found.append(
             FitParameter(
@@ -183,9 +178,9 @@ def _parameters(
                 start=start,
                 low=low,
                 high=high,
-                is_own=value["own"],
+                is_own=value.own,
                 tied_to=tied,
-                factor=value["factor"],
+                factor=value.factor,
                 place=f"{under.node.place}: ",
             )
         )

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Final, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Final
 
-from fvi_cli.config.keys.accuracy import ACCURACY
-from fvi_cli.config.keys.fit import FIT
-from fvi_cli.config.keys.ladder import LADDER
+from fvi_cli.config.keys.fit import Fit
+from fvi_cli.config.keys.ladder import Ladder
 from fvi_cli.config.keys.methods import METHODS
-from fvi_cli.config.keys.observations import EVENTS, IMPACTS, OUTPUT, QUANTITIES, UNITS_KEY
-from fvi_cli.config.keys.stability import STABILITY
-from fvi_cli.config.keys.store import STORE
+from fvi_cli.config.keys.observations import (
+    EXAMPLE,
+    Events,
+    Impacts,
+    Output,
+    Quantities,
+    Units,
+)
+from fvi_cli.config.keys.store import Store
 from fvi_cli.config.keys.sweep import SweepShape
 from fvi_cli.keys.containers import ListOf, Named
-from fvi_cli.keys.records import Key, Record, optional
-from fvi_cli.keys.scalars import Choice, Flag, Number, Text
+from fvi_cli.keys.scalars import Choice, Number, Text
+from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.scenes.kinds import PROBLEM
+from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import FIGURE_KINDS
 from fvi_cli.studies.norms import Norm
+from fvi_cli.studies.stability_settings import StabilitySettings
 
 NAME: Final = Text(
     what="letters, digits, - and _, beginning with a letter or digit",
@@ -26,110 +34,125 @@ NAME: Final = Text(
 )
 """A name that can be part of a file name."""
 
-_REPORT: Final = Record(
-    keys=(
-        Key(
-            "norm",
-            Choice(words=get_args(Norm)),
-            "Norm of the error: max (over components and grid points), final (at final_time) or "
-            "l2 (weighted by the step size).",
-            default="max",
-        ),
-    )
-)
+Name = Annotated[str, NAME]
 _CASES: Final = "methods, such as bdf5,"
-
-_KEYS: Final = (
-    Key("problem", PROBLEM, "What is solved."),
-    optional(
-        "method",
-        METHODS,
-        "One method or several; every entry is a value or a list of values, and lists are "
-        "combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods.",
-    ),
-    optional("ladder", LADDER, "Numbers of steps; this or accuracy is required."),
-    optional(
-        "accuracy",
-        ACCURACY,
-        "In place of ladder: method (one of those given, or of Gauss methods) and number of steps "
-        "are chosen for a tolerance, which an estimate is held against.",
-    ),
-    optional(
-        "sweep",
-        SweepShape(),
-        "Members: every combination of values of some keys of the problem, or a list of mappings "
-        "with the values of each member. They are computed together.",
-    ),
-    Key("report", _REPORT, "How errors are measured.", default={"norm": "max"}),
-    Key(
-        "expect",
-        Named(shape=Choice(words=("unstable", "diverged", "failed")), names=_CASES),
-        "Failures that are known; they do not make the exit code 1.",
-        default={},
-    ),
-    Key(
-        "claims",
-        Named(shape=Number(), names=_CASES),
-        "Orders that the source claims, to stand beside what is measured.",
-        default={},
-    ),
-    Key(
-        "figures",
-        ListOf(shape=Choice(words=FIGURE_KINDS), least=0, example="[convergence]"),
-        "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
-        "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
-        "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "
-        "largest displacement over the period.",
-        default=[],
-    ),
-    Key("allow_unstable", Flag(), "Compute runs that are predicted to blow up.", default=False),
-    Key("store", STORE, "What is kept in files.", default={"every": 1}),
-    OUTPUT,
-    QUANTITIES,
-    EVENTS,
-    IMPACTS,
-    UNITS_KEY,
-    Key(
-        "stability",
-        STABILITY,
-        "What fvi stability looks at, beside the methods and steps.",
-        default={"observe": True},
-    ),
-    optional("fit", FIT, "Which numbers of the problem fvi fit fits to which measurements."),
-)
+_FAILURES: Final = Choice(words=("unstable", "diverged", "failed"))
+_FIGURES: Final = ListOf(shape=Choice(words=FIGURE_KINDS), least=0, example="[convergence]")
 _REFUSED: Final = {
     "methods": "not a key: write method",
     "steps": "not a key: write ladder: {steps: [16, 32, 64]}",
     "tolerance": "not a key: write accuracy: {tolerance: 1e-8}",
     "parameters": "not a key here: write it under problem",
-    "plot": "not a key: write figures, such as figures: [convergence]",
-    "plots": "not a key: write figures, such as figures: [convergence]",
-    "figure": "not a key: write figures, such as figures: [convergence]",
+    **dict.fromkeys(
+        ("plot", "plots", "figure"), "not a key: write figures, such as figures: [convergence]"
+    ),
 }
 
 
-def _experiment(name: Key) -> Record:
-    return Record(keys=(name, *_KEYS), refused=_REFUSED, alternatives=("ladder", "accuracy"))
+class Report(Setting):
+    """How errors are measured."""
+
+    norm: Norm = key(
+        "Norm of the error: max (over components and grid points), final (at final_time) or "
+        "l2 (weighted by the step size).",
+        default="max",
+    )
 
 
-EXPERIMENT: Final = _experiment(
-    Key("name", NAME, "Name of the experiment; file names come from it.")
-)
-SINGLE: Final = _experiment(
-    optional(
-        "name",
-        NAME,
+class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",))):
+    """An experiment."""
+
+    name: Name | None = key(
         "Name of the experiment; file names come from it. Default: name of this file; "
         "required in a list of experiments.",
+        default=None,
     )
-)
-SEVERAL: Final = Record(
-    keys=(
-        optional("name", NAME, "File names come from it. Default: name of this file."),
-        Key(
-            "experiments",
-            ListOf(shape=EXPERIMENT, most=1000),
-            "Experiments, each with its name.",
-        ),
+    problem: Annotated[Any, PROBLEM] = key("What is solved.")
+    method: Annotated[Any, METHODS] = key(
+        "One method or several; every entry is a value or a list of values, and lists are "
+        "combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods.",
+        default=None,
     )
-)
+    ladder: Ladder | None = key("Numbers of steps; this or accuracy is required.", default=None)
+    accuracy: Accuracy | None = key(
+        "In place of ladder: method (one of those given, or of Gauss methods) and number of steps "
+        "are chosen for a tolerance, which an estimate is held against.",
+        default=None,
+    )
+    sweep: Annotated[Any, SweepShape()] = key(
+        "Members: every combination of values of some keys of the problem, or a list of mappings "
+        "with the values of each member. They are computed together.",
+        default=None,
+    )
+    report: Report = key("How errors are measured.", default={"norm": "max"})
+    expect: Annotated[Mapping[str, str], Named(shape=_FAILURES, names=_CASES)] = key(
+        "Failures that are known; they do not make the exit code 1.", default={}
+    )
+    claims: Annotated[Mapping[str, float], Named(shape=Number(), names=_CASES)] = key(
+        "Orders that the source claims, to stand beside what is measured.", default={}
+    )
+    figures: Annotated[tuple[str, ...], _FIGURES] = key(
+        "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
+        "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
+        "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "
+        "largest displacement over the period.",
+        default=[],
+    )
+    allow_unstable: bool = key("Compute runs that are predicted to blow up.", default=False)
+    store: Store = key("What is kept in files.", default={"every": 1})
+    output: Output | None = key(
+        "Times at which a run is stored, whatever its steps: "
+        f"{EXAMPLE}. Default: the points of the mesh. For Runge-Kutta methods.",
+        default=None,
+    )
+    quantities: Quantities = key(
+        "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the "
+        "equation of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t, "
+        "parameters and, where the ground moves, ground_acceleration; stored beside the position, "
+        "with peak and RMS. For Runge-Kutta methods.",
+        default=None,
+    )
+    events: Events = key(
+        "Times at which expressions change their sign, found on the motion between the mesh "
+        "points; stored with position and velocity. For Runge-Kutta methods.",
+        default=None,
+    )
+    impacts: Impacts = key(
+        "Surfaces on which the motion bounces. The damping remembers what was before; endless "
+        "rebounds end the run, which says when. Stored like events. For Runge-Kutta methods and a "
+        "ladder.",
+        default=None,
+    )
+    units: Units = key(
+        "Names of units that stand beside the axes of figures: of time, length, velocity, "
+        "acceleration, momentum, energy, of coordinates and of quantities. Nothing is converted.",
+        default=None,
+    )
+    stability: StabilitySettings = key(
+        "What fvi stability looks at, beside the methods and steps.", default={"observe": True}
+    )
+    fit: Fit | None = key(
+        "Which numbers of the problem fvi fit fits to which measurements.", default=None
+    )
+
+
+class NamedExperiment(ExperimentKeys):
+    """An experiment in a list of them."""
+
+    name: Name = key("Name of the experiment; file names come from it.")
+
+
+SINGLE: Final = record_of(ExperimentKeys)
+EXPERIMENT: Final = record_of(NamedExperiment)
+
+
+class SeveralExperiments(Setting):
+    """A list of experiments."""
+
+    name: Name | None = key("File names come from it. Default: name of this file.", default=None)
+    experiments: Annotated[tuple[NamedExperiment, ...], ListOf(shape=EXPERIMENT, most=1000)] = key(
+        "Experiments, each with its name."
+    )
+
+
+SEVERAL: Final = record_of(SeveralExperiments)

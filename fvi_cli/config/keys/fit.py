@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from fvi_cli.keys.containers import ByForm, Named, OneOrMany
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import MappingNode, plain
-from fvi_cli.keys.records import Key, Record, optional
-from fvi_cli.keys.scalars import Flag, Number, Schema, Text
-from fvi_cli.studies.fits.settings import PARTS
+from fvi_cli.keys.scalars import Number, Schema, Shape, Text
+from fvi_cli.keys.settings import Setting, key, record_of
 
 MOST_SETS: Final = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class Anything:
+class Anything(Shape):
     """Whatever stands there, read again where it is used."""
 
     expected: str = "what may stand under that key"
@@ -25,13 +25,13 @@ class Anything:
         """Plain values."""
         return plain(at.node)
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class Noise(Shape):
     """``auto``, a standard deviation, or one for each column."""
 
     expected: str = "auto, a positive number, or a mapping such as {displacement: 0.01}"
@@ -46,9 +46,9 @@ class Noise:
             return Number(above=0.0).read(at)
         return at.needs(self.expected)
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
-        number = Number(above=0.0).schema()
+        number = Number(above=0.0).schema(defs)
         return {
             "anyOf": [
                 {"const": "auto"},
@@ -59,116 +59,124 @@ class Noise:
 
 
 _COLUMN: Final = Text(what="the name of a column")
-_NAMES: Final = "coordinates, quantities, or expressions in coordinates"
-_DATA: Final = Record(
-    keys=(
-        Key(
-            "file",
-            Text(what="the path of a CSV file"),
-            "CSV file, from the configuration's folder.",
-        ),
-        optional("time", _COLUMN, "Column of the times; default: t."),
-        optional(
-            "frequency",
-            _COLUMN,
-            "Column of frequencies, oscillations per unit of time, in place of time: the data are "
-            "a steady response to harmonic forces.",
-        ),
-        optional(
-            "force",
-            OneOrMany(shape=Text(what="a coordinate, a combination of them, or ground")),
-            "Where the harmonic force of a response acts, as for fvi response.",
-        ),
-        Key(
-            "columns",
-            Named(
-                shape=ByForm(
-                    single=_COLUMN,
-                    mappings=(
-                        Record(
-                            keys=tuple(
-                                optional(part, _COLUMN, f"Column of the {part}.") for part in PARTS
-                            )
-                        ),
-                    ),
-                ),
-                names=_NAMES,
-                example="{x: displacement}",
-            ),
-            "What was measured, each with its column: coordinates (x, or x1, x2, ...), v and the "
-            "name of one for its velocity, a for its acceleration, names under quantities, or "
-            "expressions in these. Of a response: coordinates, their combinations, v or a and the "
-            "name of one, with the column of the magnitude or {magnitude: ..., phase: ...} "
-            "(degrees) or {real: ..., imaginary: ...}.",
-        ),
-        optional("name", Text(what="a name"), "Of the motion; default: the name of the file."),
-        Key(
-            "set",
-            Named(shape=Number(), names="key paths", example="{problem.initial.position: 2.0}"),
-            "Numbers of the problem that are different in this motion.",
-            default={},
-        ),
-    )
+Column = Annotated[str, _COLUMN]
+
+
+class Parts(Setting):
+    """Columns of the parts of an amplitude."""
+
+    magnitude: Column | None = key("Column of the magnitude.", default=None)
+    phase: Column | None = key("Column of the phase.", default=None)
+    real: Column | None = key("Column of the real.", default=None)
+    imaginary: Column | None = key("Column of the imaginary.", default=None)
+
+
+_FORCE: Final = OneOrMany(shape=Text(what="a coordinate, a combination of them, or ground"))
+_COLUMNS: Final = Named(
+    shape=ByForm(single=_COLUMN, mappings=(record_of(Parts),)),
+    names="coordinates, quantities, or expressions in coordinates",
+    example="{x: displacement}",
 )
-_PARAMETER: Final = Record(
-    keys=(
-        optional("start", Number(), "Where the search begins; default: the value in the problem."),
-        optional("from", Number(), "Lower bound; with from: 0 the logarithm is fitted."),
-        optional("to", Number(), "Upper bound."),
-        optional("fixed", Number(), "Not fitted, but held at this value."),
-        optional(
-            "tied",
-            Text(what="the key path of another parameter"),
-            "Not fitted on its own: factor times this parameter.",
-        ),
-        Key("factor", Number(), "Of the tie.", default=1.0),
-        Key("own", Flag(), "Every motion in data has its own value.", default=False),
-    ),
+_CHANGES: Final = Named(
+    shape=Number(), names="key paths", example="{problem.initial.position: 2.0}"
+)
+
+
+class Data(Setting):
+    """A measured motion, or a response."""
+
+    file: Annotated[str, Text(what="the path of a CSV file")] = key(
+        "CSV file, from the configuration's folder."
+    )
+    time: Column | None = key("Column of the times; default: t.", default=None)
+    frequency: Column | None = key(
+        "Column of frequencies, oscillations per unit of time, in place of time: the data are "
+        "a steady response to harmonic forces.",
+        default=None,
+    )
+    force: Annotated[tuple[str, ...] | None, _FORCE] = key(
+        "Where the harmonic force of a response acts, as for fvi response.", default=None
+    )
+    columns: Annotated[Mapping[str, str | Parts], _COLUMNS] = key(
+        "What was measured, each with its column: coordinates (x, or x1, x2, ...), v and the "
+        "name of one for its velocity, a for its acceleration, names under quantities, or "
+        "expressions in these. Of a response: coordinates, their combinations, v or a and the "
+        "name of one, with the column of the magnitude or {magnitude: ..., phase: ...} "
+        "(degrees) or {real: ..., imaginary: ...}."
+    )
+    name: Annotated[str | None, Text(what="a name")] = key(
+        "Of the motion; default: the name of the file.", default=None
+    )
+    set: Annotated[Mapping[str, float], _CHANGES] = key(
+        "Numbers of the problem that are different in this motion.", default={}
+    )
+
+
+class Parameter(
+    Setting,
     refused={
         "min": "not a key: write from",
         "max": "not a key: write to",
         "initial": "not a key: write start",
         "bounds": "not a key: write from and to",
     },
-)
+):
+    """A number of the problem that is fitted."""
+
+    start: float | None = key(
+        "Where the search begins; default: the value in the problem.", default=None
+    )
+    from_: float | None = key("Lower bound; with from: 0 the logarithm is fitted.", default=None)
+    to: float | None = key("Upper bound.", default=None)
+    fixed: float | None = key("Not fitted, but held at this value.", default=None)
+    tied: Annotated[str | None, Text(what="the key path of another parameter")] = key(
+        "Not fitted on its own: factor times this parameter.", default=None
+    )
+    factor: float = key("Of the tie.", default=1.0)
+    own: bool = key("Every motion in data has its own value.", default=False)
+
+
 _PARAMETERS: Final = Named(
-    shape=_PARAMETER,
+    shape=record_of(Parameter),
     names="key paths",
     example="{problem.damping.0.order: {start: 0.5, from: 0.05, to: 1.95}}",
 )
-_MODEL: Final = Record(
-    keys=(
-        Key(
-            "set",
-            Named(shape=Anything(), names="key paths", example="{problem.damping.0.order: 1}"),
-            "What is different from the problem of the experiment.",
-            default={},
-        ),
-        optional(
-            "parameters", _PARAMETERS, "What is fitted; default: those of the fit that are not set."
-        ),
+Parameters = Annotated[Mapping[str, Parameter], _PARAMETERS]
+
+
+class Model(Setting):
+    """A description that is fitted."""
+
+    set: Annotated[
+        Mapping[str, Any],
+        Named(shape=Anything(), names="key paths", example="{problem.damping.0.order: 1}"),
+    ] = key("What is different from the problem of the experiment.", default={})
+    parameters: Annotated[Mapping[str, Parameter] | None, _PARAMETERS] = key(
+        "What is fitted; default: those of the fit that are not set.", default=None
     )
-)
-FIT: Final = Record(
-    keys=(
-        Key("data", OneOrMany(shape=_DATA, most=MOST_SETS), "Measured motions, one or several."),
-        Key("parameters", _PARAMETERS, "Numbers of the problem that are fitted."),
-        Key(
-            "noise",
-            Noise(),
-            "Standard deviation of the noise: auto (estimated from what is left), a number, or a "
-            "mapping from columns to numbers.",
-            default="auto",
-        ),
-        optional(
-            "models",
-            Named(
-                shape=_MODEL,
-                names="names",
-                example="{viscous: {set: {problem.damping.0.order: 1}}}",
-            ),
-            "Several descriptions that are fitted to the same data and compared; default: the one "
-            "of the problem.",
-        ),
+
+
+class Fit(Setting):
+    """What is fitted to which measurements."""
+
+    data: Annotated[tuple[Data, ...], OneOrMany(shape=record_of(Data), most=MOST_SETS)] = key(
+        "Measured motions, one or several."
     )
-)
+    parameters: Parameters = key("Numbers of the problem that are fitted.")
+    noise: Annotated[str | float | Mapping[str, float], Noise()] = key(
+        "Standard deviation of the noise: auto (estimated from what is left), a number, or a "
+        "mapping from columns to numbers.",
+        default="auto",
+    )
+    models: Annotated[
+        Mapping[str, Model] | None,
+        Named(
+            shape=record_of(Model),
+            names="names",
+            example="{viscous: {set: {problem.damping.0.order: 1}}}",
+        ),
+    ] = key(
+        "Several descriptions that are fitted to the same data and compared; default: the one "
+        "of the problem.",
+        default=None,
+    )

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, get_args
+from typing import Annotated, Any, Final, Literal, get_args
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
@@ -27,8 +27,8 @@ from fvi_cli.integrator.method import (
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
-from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Choice, Integer, Number, Shape
+from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
 
 MOST_METHODS: Final = 500
@@ -39,29 +39,28 @@ _FAMILIES: Final = {"gauss": "gauss", "radau": "radau-iia", "lobatto": "lobatto-
 _NAME: Final = re.compile(
     r"bdf-?(?P<bdf>[1-6])|(?P<family>gauss|radau|lobatto)(-?[i]+[ac])?-?(?P<degree>[1-9]?)"
 )
-_RULE: Final = Record(
-    keys=(
-        Key("rule", Choice(words=("gauss", "lobatto")), "Family of the rule."),
-        optional(
-            "points",
-            Integer(least=1, most=LARGEST_RULE),
-            "Number of points; default: degree for gauss, degree + 1 for lobatto.",
-        ),
-    )
-)
-_WEIGHTS: Final = Record(
-    keys=(
-        Key(
-            "weights",
-            ListOf(shape=Number(least=0.0), most=20, example="[2.5]"),
-            "Exponents of t on which the corrected quadrature is exact.",
-        ),
-    )
-)
 
 
-def _several(name: str, shape: Shape, meaning: str) -> Key:
-    return optional(name, OneOrMany(shape=shape, most=100), meaning)
+class Rule(Setting):
+    """A quadrature rule."""
+
+    rule: Literal["gauss", "lobatto"] = key("Family of the rule.")
+    points: Annotated[int | None, Integer(least=1, most=LARGEST_RULE)] = key(
+        "Number of points; default: degree for gauss, degree + 1 for lobatto.", default=None
+    )
+
+    def specification(self, degree: int) -> RuleSpecification:
+        """The rule of a method of so high a degree."""
+        usual = degree + (1 if self.rule == "lobatto" else 0)
+        return RuleSpecification(rule=self.rule, points=self.points or usual)
+
+
+class Weights(Setting):
+    """Starting weights."""
+
+    weights: Annotated[
+        tuple[float, ...], ListOf(shape=Number(least=0.0), most=20, example="[2.5]")
+    ] = key("Exponents of t on which the corrected quadrature is exact.")
 
 
 def _of_name(name: str) -> str:
@@ -77,84 +76,78 @@ def _of_name(name: str) -> str:
     return f"{{rk: {_FAMILIES[found['family']]}, degree: {found['degree'] or 3}}}"
 
 
-_ENTRY: Final = Record(
-    keys=(
-        _several(
-            "bdf", Integer(least=1, most=len(BDF_NAMES)), "Order of the BDF convolution quadrature."
-        ),
-        _several(
-            "rk",
-            Choice(words=RUNGE_KUTTA_NAMES),
-            "Runge-Kutta convolution quadrature; `gauss` is the default when no family is given.",
-        ),
-        _several(
-            "baseline",
-            Choice(words=BASELINE_NAMES),
-            "A method of another kind, for comparison; it takes no other key but tolerance.",
-        ),
-        _several(
-            "tolerance",
-            Number(above=0.0),
-            "For baseline: dop853: relative and absolute tolerance. Default: 1e-9.",
-        ),
-        _several(
-            "sampling",
-            Choice(words=get_args(Sampling)),
-            "Where the fractional action is sampled: nodes (the paper) or quadrature points.",
-        ),
-        _several(
-            "degree",
-            Integer(least=1, most=LARGEST_DEGREE),
-            "Polynomial degree of the trajectory on a step. Default: ceil(p/2) for bdf: p, "
-            "1 with sampling: nodes, 3 for rk.",
-        ),
-        _several(
-            "stages",
-            Integer(least=1, most=LARGEST_DEGREE + 1),
-            "For rk, in place of degree: number of stages (degree; degree + 1 for lobatto-iiic).",
-        ),
-        _several(
-            "quadrature",
-            ByForm(single=Choice(words=("gauss", "lobatto")), mappings=(_RULE,)),
-            "Rule for the action. Default: gauss with as many points as the degree.",
-        ),
-        _several(
-            "start",
-            ByForm(
-                single=Choice(
-                    words=("none", "weights", "graded"),
-                    gone={"series": "write graded with rk: gauss, none or weights with bdf"},
-                ),
-                mappings=(_WEIGHTS,),
-            ),
-            "What is done about a singular start; graded: steps behind it and behind break points "
-            "are halved again and again (rk: gauss only). Default: graded for rk: gauss without "
-            "ladder.grading, else none.",
-        ),
-        _several(
-            "forcing_quadrature",
-            Choice(words=get_args(ForcingQuadrature)),
-            "How the forcing is integrated. Default: exact for bdf at points, else galerkin.",
-        ),
-        _several(
-            "history",
-            Choice(
-                words=get_args(History),
-                gone={"fft": "write auto, which is the same to round-off"},
-            ),
-            "How the convolution is summed. Default: auto.",
-        ),
-    ),
-    refused={
-        "order": "not a key: write bdf for the order of the BDF; Gauss of degree m has order 2 m",
-        "euler": "not a key: write baseline: explicit-euler or implicit-euler",
-        "gauss": "not a key: write rk: gauss, degree: 3",
-        "cq": "not a key: write bdf: 1 to 6, or rk: gauss",
-    },
-    of_word=_of_name,
-)
+def _several(shape: Shape) -> OneOrMany:
+    return OneOrMany(shape=shape, most=100)
 
-METHODS: Final = OneOrMany(shape=_ENTRY)
+
+_RULES: Final = ByForm(single=Choice(words=("gauss", "lobatto")), mappings=(record_of(Rule),))
+_STARTS: Final = ByForm(
+    single=Choice(
+        words=("none", "weights", "graded"),
+        gone={"series": "write graded with rk: gauss, none or weights with bdf"},
+    ),
+    mappings=(record_of(Weights),),
+)
+_HISTORIES: Final = Choice(
+    words=get_args(History), gone={"fft": "write auto, which is the same to round-off"}
+)
+_REFUSED: Final = {
+    "order": "not a key: write bdf for the order of the BDF; Gauss of degree m has order 2 m",
+    "euler": "not a key: write baseline: explicit-euler or implicit-euler",
+    "gauss": "not a key: write rk: gauss, degree: 3",
+    "cq": "not a key: write bdf: 1 to 6, or rk: gauss",
+}
+
+
+class MethodKeys(Setting, refused=_REFUSED, of_word=_of_name):
+    """A method, or the combinations of several values."""
+
+    bdf: Annotated[Any, _several(Integer(least=1, most=len(BDF_NAMES)))] = key(
+        "Order of the BDF convolution quadrature.", default=None
+    )
+    rk: Annotated[Any, _several(Choice(words=RUNGE_KUTTA_NAMES))] = key(
+        "Runge-Kutta convolution quadrature; `gauss` is the default when no family is given.",
+        default=None,
+    )
+    baseline: Annotated[Any, _several(Choice(words=BASELINE_NAMES))] = key(
+        "A method of another kind, for comparison; it takes no other key but tolerance.",
+        default=None,
+    )
+    tolerance: Annotated[Any, _several(Number(above=0.0))] = key(
+        "For baseline: dop853: relative and absolute tolerance. Default: 1e-9.", default=None
+    )
+    sampling: Annotated[Any, _several(Choice(words=get_args(Sampling)))] = key(
+        "Where the fractional action is sampled: nodes (the paper) or quadrature points.",
+        default=None,
+    )
+    degree: Annotated[Any, _several(Integer(least=1, most=LARGEST_DEGREE))] = key(
+        "Polynomial degree of the trajectory on a step. Default: ceil(p/2) for bdf: p, "
+        "1 with sampling: nodes, 3 for rk.",
+        default=None,
+    )
+    stages: Annotated[Any, _several(Integer(least=1, most=LARGEST_DEGREE + 1))] = key(
+        "For rk, in place of degree: number of stages (degree; degree + 1 for lobatto-iiic).",
+        default=None,
+    )
+    quadrature: Annotated[Any, _several(_RULES)] = key(
+        "Rule for the action. Default: gauss with as many points as the degree.", default=None
+    )
+    start: Annotated[Any, _several(_STARTS)] = key(
+        "What is done about a singular start; graded: steps behind it and behind break points "
+        "are halved again and again (rk: gauss only). Default: graded for rk: gauss without "
+        "ladder.grading, else none.",
+        default=None,
+    )
+    forcing_quadrature: Annotated[Any, _several(Choice(words=get_args(ForcingQuadrature)))] = key(
+        "How the forcing is integrated. Default: exact for bdf at points, else galerkin.",
+        default=None,
+    )
+    history: Annotated[Any, _several(_HISTORIES)] = key(
+        "How the convolution is summed. Default: auto.", default=None
+    )
+
+
+METHODS: Final = OneOrMany(shape=record_of(MethodKeys))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,19 +162,7 @@ class ListedMethod:
 def read_methods(
     given: object, at: Cursor, usual: Mapping[str, list[Any]], *, start: Start = "graded"
 ) -> list[ListedMethod]:
-    """Every combination under ``method``; what makes no method is noted and left out.
-
-    Parameters
-    ----------
-    given
-        What :data:`METHODS` read; may hold INVALID.
-    at
-        The experiment.
-    usual
-        Values of the keys where the experiment names no method.
-    start
-        What Runge-Kutta methods do about a singular start by default.
-    """
+    """Every combination under ``method``; what makes no method is noted and left out."""
     if not at.has("method"):
         absent = MappingNode(place=at.node.place, entries={})
         here = replace(at, node=absent, path=(*at.path, "method"))
@@ -300,7 +281,9 @@ def make_method(
     method = Method(
         cq=cq,
         degree=degree,
-        quadrature=_rule(values["quadrature"], degree) if "quadrature" in values else None,
+        quadrature=_rule(values["quadrature"]).specification(degree)
+        if "quadrature" in values
+        else None,
         sampling=sampling,
         start=start,
         start_exponents=exponents,
@@ -326,9 +309,5 @@ def objection_to_grading(method: AnyMethod) -> str:
     return ""
 
 
-def _rule(value: Any, degree: int) -> RuleSpecification:
-    name: Any = value if isinstance(value, str) else value["rule"]
-    points = degree + (1 if name == "lobatto" else 0)
-    if isinstance(value, Mapping):
-        points = value.get("points", points)
-    return RuleSpecification(rule=name, points=points)
+def _rule(value: Any) -> Rule:
+    return Rule.of({"rule": value} if isinstance(value, str) else value)

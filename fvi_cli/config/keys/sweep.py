@@ -21,7 +21,7 @@ from fvi_cli.keys.nodes import (
     with_node,
 )
 from fvi_cli.keys.ranges import RANGE
-from fvi_cli.keys.scalars import Schema
+from fvi_cli.keys.scalars import Schema, Shape
 
 DEEPEST: Final = 50
 MOST_MEMBERS: Final = 100_000
@@ -72,7 +72,7 @@ class Sweep:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepShape:
+class SweepShape(Shape):
     """What may stand under ``sweep``."""
 
     expected: str = _EXPECTED
@@ -91,10 +91,10 @@ class SweepShape:
             for combination in sweep.combinations
         ]
 
-    def schema(self) -> Schema:
+    def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         key = {"propertyNames": {"pattern": r"^problem\."}, "minProperties": 1}
-        several = {"anyOf": [{"type": "array", "minItems": 1}, RANGE.schema()]}
+        several = {"anyOf": [{"type": "array", "minItems": 1}, RANGE.schema(defs)]}
         return {
             "title": "mapping of lists or ranges, or list of mappings",
             "oneOf": [

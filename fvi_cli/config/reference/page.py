@@ -36,8 +36,8 @@ def configuration_reference() -> str:
     kind.
     """
     schema = json_schema()
-    definitions = schema["$defs"]
-    top = schema["else"]
+    top = _inlined(schema["else"], schema["$defs"])
+    properties = top["properties"]
     lines = [
         "# Configuration, key by key",
         "",
@@ -52,10 +52,10 @@ def configuration_reference() -> str:
         "",
     ]
     rows: list[Row] = []
-    for name, reference in top["properties"].items():
+    for name, described in properties.items():
         rows += _rows(
             name,
-            definitions.get(name, reference),
+            described,
             is_required=name in top["required"],
             nested=name not in _APART,
         )
@@ -66,10 +66,21 @@ def configuration_reference() -> str:
         "",
         "One mapping or a list of them; lists in a mapping are combined.",
     ]
-    lines += ["", *_table(_members(definitions["method"], ""))]
+    lines += ["", *_table(_members(properties["method"], ""))]
     lines += ["", "## problem", ""]
-    lines += _problems(definitions["problem"]["oneOf"])
+    lines += _problems(properties["problem"]["oneOf"])
     return "\n".join(lines) + "\n"
+
+
+def _inlined(schema: Any, definitions: Schema) -> Any:
+    """A schema with what it refers to in the place of references."""
+    if isinstance(schema, list):
+        return [_inlined(one, definitions) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    name = schema.get("$ref", "").removeprefix("#/$defs/")
+    target = _inlined(definitions[name], definitions) if name else {}
+    return {**target, **{k: _inlined(v, definitions) for k, v in schema.items() if k != "$ref"}}
 
 
 _APART: Final = ("problem", "method")

@@ -11,7 +11,7 @@ from fvi_cli.config.reference.schema import SCHEMA_FILE
 from fvi_cli.errors import RequestError
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import Missing
-from fvi_cli.scenes.forces import PARAMETERS
+from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes.kinds import KINDS, SceneKind
 
 WIDTH: Final = 98
@@ -49,8 +49,8 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         "problem:",
         f"  kind: {kind}",
     ]
-    for key in described.record.keys:
-        default = "{}" if key is PARAMETERS else plain(key.default)
+    for key in keys_of(described):
+        default = "{}" if isinstance(key.default, Missing) else plain(key.default)
         shown = described.example.get(key.name) or default
         lines += [*_comment(key.description, "  "), f"  {key.name}: {shown}"]
     examples = {
@@ -60,7 +60,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     }
     # what not everybody wants, and what takes the place of something else
     switched_off = {"sweep": f"# sweep: {{{described.sweep}}}"}
-    if isinstance(described, SceneKind):
+    if issubclass(described, SceneKind):
         switched_off |= {"accuracy": f"# {EXAMPLE}", "output": "# output: {count: 1000}"}
     for key in EXPERIMENT.keys:
         shown = examples.get(

@@ -1,1 +1,1 @@
-"""Works, energies and momentum maps along a discrete motion."""
+"""Damping forces, works, energies and momentum maps along finished runs."""

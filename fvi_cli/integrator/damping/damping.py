@@ -108,6 +108,11 @@ class Damping:
         return any(self.memory.remembers(term) for row in one.terms for term in row)
 
     @property
+    def subtracts(self) -> bool:
+        """Whether a start velocity that is not zero is subtracted."""
+        return bool(self._velocity.any()) and any(one.is_relative for one in self.directions)
+
+    @property
     def n_states(self) -> int:
         """Number J of states of each component."""
         return self.memory.n_states

@@ -31,7 +31,9 @@ def longest_block(law: Law, members: int, inputs: int) -> int:
 
 def longest_in_batch(inputs: int, *, is_linear: bool) -> int:
     """The same for a member of a batch with so many inputs of a step, whatever others are in it."""
-    most = STEPS_OF_LINEAR if is_linear else STEPS_OF_NEWTON
-    while most > 1 and most * inputs > SIZE_IN_BATCH:
+    most, size = STEPS_OF_NEWTON, SIZE_IN_BATCH
+    if is_linear:
+        most, size = STEPS_OF_LINEAR, 2 * SIZE_IN_BATCH
+    while most > 1 and most * inputs > size:
         most //= 2
     return most

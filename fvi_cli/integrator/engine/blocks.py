@@ -14,8 +14,10 @@ from fvi_cli.mathematics.arrays import Array, Places
 
 LEAST = 4
 """Steps of the shortest block."""
-NEWTON_REUSE, GENERAL_REUSE = 16, 64
-"""Blocks of a nonlinear scene, and of a general Lagrangian, that pay for their tables."""
+LINEAR_REUSE, LINEAR_REUSE_IN_BATCH = 0.25, 8.0
+"""Blocks of a linear scene, for each of their steps, that pay for their tables."""
+REUSE, REUSE_IN_BATCH = 8, 32
+"""Blocks of a nonlinear scene that pay for their tables, alone and in a batch."""
 PATIENCE = 16
 """Blocks until a longer one is tried again."""
 USUAL, EXCESS = 4, 150
@@ -29,10 +31,11 @@ def block_for(engine: Engine, left: int) -> int:
     """Steps at once of so many equal ones: what the tables of a block cost must come back."""
     block = engine.most
     if engine.law.is_linear:
-        while block > 1 and block * block > 4 * left:
+        share = LINEAR_REUSE_IN_BATCH if engine.is_batch else LINEAR_REUSE
+        while block > 1 and share * block * block > left:
             block //= 2
     else:
-        reuse = GENERAL_REUSE if engine.law.has_rates else NEWTON_REUSE
+        reuse = REUSE_IN_BATCH if engine.is_batch else REUSE
         while block > 1 and reuse * block > left:
             block //= 2
     return block if block >= LEAST else 1

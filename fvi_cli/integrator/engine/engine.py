@@ -165,6 +165,10 @@ class Engine:
         """Tables of `count` steps of length h."""
         return self._operators.frame(h, count)
 
+    def operator(self, state: State, h: float, count: int) -> Operator:
+        """The equations of `count` steps of linear scenes."""
+        return self._operators.at(state, h, count, None)
+
     def guess(self, state: State, h: float) -> Array:
         """U of a step by the polynomial of the last one; uniform motion without one."""
         c = self.tables.control_points[1:]
@@ -181,8 +185,6 @@ class Engine:
         count: int,
         loads: Array | None,
         most: int | None = None,
-        *,
-        starts_at_rest: bool = False,
     ) -> Steps:
         """Solve `count` steps; the state stays.
 
@@ -194,8 +196,6 @@ class Engine:
             Load vectors of known forces, ``(q, count, s + 1, e)``; None: there are none.
         most
             Number of steps of the tables to use, at least `count`.
-        starts_at_rest
-            Whether the start velocity, which Caputo derivatives subtract, counts as zero.
         """
         if isinstance(self.law, StructureLaw):
             frame = self.frame(h, count)
@@ -207,8 +207,6 @@ class Engine:
         frame, e, s = op.frame, self.e, self.tables.degree
         q = state.x.shape[0]
         damping = self.damping
-        if starts_at_rest and damping is not None:
-            damping = damping.at_rest()
         past = np.zeros((q, 0, e))
         if damping is not None and frame.damping is not None:
             past = damping.past(frame.damping, state.z, state.column, count)
@@ -216,13 +214,16 @@ class Engine:
             return self._linear(op, state, past, loads, damping)
         if past.size:
             known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
+            if loads is not None:
+                known -= loads
         else:
-            known = np.zeros((q, count, s + 1, e))
-        if loads is not None:
-            known = known - loads
+            known = np.zeros((q, count, s + 1, e)) if loads is None else -loads
         n, c = count * s * e, count * (s + 1) * e
         begin = np.concatenate([state.x, state.p], axis=1)
-        unknowns = apply(op.start[:, :n], begin) - apply(op.by_load[:, :n, :c], known.reshape(q, c))
+        start, by_load = op.start, op.by_load
+        if count < frame.count:
+            start, by_load = start[:, :n], by_load[:, :n, :c]
+        unknowns = apply(start, begin) - apply(by_load, known.reshape(q, c))
         solution: Solution | None = None
         if not is_linear:
             solution = Newton(
@@ -237,14 +238,15 @@ class Engine:
         z = state.z
         if damping is not None and frame.damping is not None:
             for kicks, one in zip(frame.kicks, damping.combinations, strict=True):
-                kick = np.matmul(kicks[:, :count, : inputs.shape[1]], inputs)
-                change = change - along(kick, one.matrix)
+                if count < frame.count:
+                    kicks = kicks[:, :count, : inputs.shape[1]]
+                change -= along(np.matmul(kicks, inputs), one.matrix)
             z = damping.push(frame.damping, state.z, inputs, count)
         moved = h * _sums(u[:, :, -1])
         if solution is None:
-            change = change - self._pulled(op, state, u, moved)
+            change -= self._pulled(op, state, u, moved)
         else:
-            change = change + self._kicked(op, solution, count)
+            change += self._kicked(op, solution, count)
         return Steps(
             h=h,
             count=count,
@@ -321,7 +323,7 @@ class Engine:
         state.taken = steps.iterations
         if steps.rest is not None:
             state.rest = steps.rest[:, -1]
-        if steps.failed.any():
+        if steps.has_failed:
             state.live = state.live & ~steps.failed
 
     def pushed_column(self, column: Array, h: float, count: int) -> Array:

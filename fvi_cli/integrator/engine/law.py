@@ -7,6 +7,7 @@ With the momentum :math:`P = \partial L / \partial v` and the force
 beside these. A linear scene has no remainder. Shapes: q members, n points, e components.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
@@ -117,10 +118,17 @@ class Law(Protocol):
 def force_of(stiffness: Array, displacement: Array) -> Array:
     """K Delta of stiffnesses ``(q, e, e)`` or ``(q, n, e, e)`` and ``(q, n, e)``."""
     if displacement.shape[-1] == 1:
-        return np.asarray(displacement * (stiffness if stiffness.ndim == 3 else stiffness[..., 0]))
+        return displacement * (stiffness if stiffness.ndim == 3 else stiffness[..., 0])
     if stiffness.ndim == 3:
         return np.asarray(np.matmul(displacement, stiffness))
     return np.asarray(np.matmul(stiffness, displacement[..., None])[..., 0])
+
+
+def _velocity(mass: Array, p: Array) -> Array:
+    """Inverse of M times p."""
+    if p.shape[-1] == 1:
+        return p / mass[..., 0]
+    return np.asarray(np.linalg.solve(mass, p[..., None])[..., 0])
 
 
 @dataclass(eq=False, kw_only=True)
@@ -142,7 +150,7 @@ class Linear:
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """Inverse of M times p."""
-        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
+        return _velocity(self.mass, p)
 
     def linearise(
         self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
@@ -202,7 +210,7 @@ class Potential:
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """Inverse of M times p."""
-        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
+        return _velocity(self.mass, p)
 
     def gradient(self, x: Array) -> Array:
         """The gradient of V at ``(q, n, e)``."""
@@ -217,8 +225,8 @@ class Potential:
         second = self._hessian(x).reshape(*x.shape, e)
         if self.stiffness is not None:
             second += self.stiffness[:, None]
-        finite = np.isfinite(second).all(axis=(1, 2, 3), keepdims=True)
-        if not finite.all():
+        if not math.isfinite(np.add.reduce(second, axis=None)):
+            finite = np.isfinite(second).all(axis=(1, 2, 3), keepdims=True)
             second = np.where(finite, second, 0.0)
         if e > 1:
             second = 0.5 * (second + second.swapaxes(-1, -2))

@@ -17,13 +17,11 @@ from fvi_cli.integrator.engine.law import Law
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import Mask, State
-from fvi_cli.integrator.engine.tables import apply, apply_to_each
+from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Places
 from fvi_cli.mathematics.convergence import NEGLIGIBLE, NOISE, SLOW, UNIT
 
 ITERATIONS = 60
-GIVE_UP = 0.7
-"""From this ratio of changes on a shorter block is quicker."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -69,14 +67,18 @@ class Newton:
         r = points.size
         self.n, self.width = count * r, op.fold.shape[-1] // (op.frame.count * r)
         self.fixed, self.known, self.count = fixed, known.reshape(self.q, -1), count
-        h = op.frame.h
-        self.times = state.t + h * (np.arange(count)[:, None] + points).ravel()
+        self.times = points
+        if law.has_rates:
+            # nothing else knows the time
+            self.times = state.t + op.frame.h * (np.arange(count)[:, None] + points).ravel()
         self._take(op)
 
     def _take(self, op: Operator) -> None:
         k = self.n * self.width
-        self.fold = op.fold[:, :k, :k]
-        self.by_load = op.by_load[:, : self.fixed.shape[1], : self.known.shape[1]]
+        self.fold, self.by_load = op.fold, op.by_load
+        if self.count < op.frame.count:
+            self.fold = op.fold[:, :k, :k]
+            self.by_load = op.by_load[:, : self.fixed.shape[1], : self.known.shape[1]]
         self.begin = self._points_of(self.fixed)
 
     def _points_of(self, unknowns: Array) -> Array:
@@ -94,14 +96,16 @@ class Newton:
 
     def _largest(self, values: Array) -> Array:
         """Of every component over all points, ``(q, w)``."""
-        found = np.abs(values).reshape(self.q, self.n, self.width)
-        return np.asarray(np.maximum.reduce(found, axis=1))
+        return largest(np.abs(values).reshape(self.q, self.n, self.width))
 
     def _has_ended(self, change: Array, before: Array, limit: Array) -> bool | None:
         """Whether the iteration of all members has ended, or of none; None: look at each.
 
         The next change would be ``change^2 / before``.
         """
+        if change.size == 1:
+            now, last, end = change.item(), before.item(), limit.item()
+            return True if now * now <= end * last else False if now <= SLOW * last else None
         if self.q == 1:
             rows = list(zip(change[0].tolist(), before[0].tolist(), limit[0].tolist(), strict=True))
             if all(now * now <= end * last for now, last, end in rows):
@@ -172,7 +176,8 @@ class Newton:
                 stuck &= ~done
                 hopeless = stuck & ~np.isfinite(change).all(axis=1)
                 if self.guess is None:
-                    hopeless |= stuck & (slow & ~(change < GIVE_UP * before)).any(axis=1)
+                    # equations of a block contract the better the longer they are iterated
+                    hopeless |= stuck & (slow & ~(change < before)).any(axis=1)
                 elif (stuck & ~hopeless).any():
                     renewed = np.flatnonzero(stuck & ~hopeless)
                     self._renew(renewed, points)

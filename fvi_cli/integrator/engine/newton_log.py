@@ -47,21 +47,24 @@ class NewtonLog:
         self._largest = np.zeros(members, dtype=np.int64)
         self._step = np.full(members, -1, dtype=np.int64)
         self._changes: dict[int, tuple[float, ...]] = {}
+        self._longest: dict[int, tuple[Attempt, int]] = {}
 
     def add(self, first: int, attempts: Sequence[Attempt]) -> None:
         """Count iterations for steps behind the first `first` ones of the run."""
         for one in attempts:
-            self._total[one.members] += one.iterations
-            longer = one.iterations > self._largest[one.members]
+            members: Places | slice = one.members
+            if len(one.members) == self._total.size:
+                members = slice(None)
+            self._total[members] += one.iterations
+            longer = one.iterations > self._largest[members]
             if not longer.any():
                 continue
-            members = one.members[longer]
-            self._largest[members] = one.iterations[longer]
+            places = np.flatnonzero(longer)
+            members = one.members[places]
+            self._largest[members] = one.iterations[places]
             self._step[members] = first + one.first
-            sizes = np.max(one.changes, axis=2)[:, longer].T.tolist()
-            counts = one.iterations[longer].tolist()
-            for member, own, count in zip(members.tolist(), sizes, counts, strict=True):
-                self._changes[member] = tuple(own[:count])
+            for member, place in zip(members.tolist(), places.tolist(), strict=True):
+                self._longest[member] = one, place
 
     def of(self, member: int) -> NewtonRecord:
         """The record of a member."""
@@ -69,13 +72,20 @@ class NewtonLog:
             iterations=int(self._total[member]),
             largest=int(self._largest[member]),
             worst_step=int(self._step[member]),
-            worst_residuals=self._changes.get(member, ()),
+            worst_residuals=self._changes_of(member),
         )
+
+    def _changes_of(self, member: int) -> tuple[float, ...]:
+        if member not in self._longest:
+            return self._changes.get(member, ())
+        attempt, place = self._longest[member]
+        return attempt.of_member(place)
 
     def arrays(self) -> dict[str, Array]:
         """All of it by name, for a checkpoint."""
         changes = np.full((self._total.size, int(self._largest.max(initial=0))), np.nan)
-        for member, own in self._changes.items():
+        for member in range(self._total.size):
+            own = self._changes_of(member)
             changes[member, : len(own)] = own
         counts = np.stack([self._total, self._largest, self._step]).astype(float)
         return {"counts": counts, "changes": changes}
@@ -84,6 +94,7 @@ class NewtonLog:
         """Go on from what :meth:`arrays` gave."""
         counts = arrays["counts"].astype(np.int64)
         self._total, self._largest, self._step = counts[0], counts[1], counts[2]
+        self._longest.clear()
         for member, own in enumerate(arrays["changes"]):
             if self._largest[member]:
                 self._changes[member] = tuple(own[: self._largest[member]].tolist())

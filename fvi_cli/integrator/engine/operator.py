@@ -14,6 +14,7 @@ from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.tables import by_columns, on_components, on_points, on_steps
 from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.convergence import Mask
 
 
 class Operator:
@@ -56,10 +57,7 @@ class Operator:
         directions = () if damping is None else damping.combinations
         self._matrices = [np.asarray(one.matrix) for one in directions]
         matrix = step_matrix(frame.unit, at, frame.h, frame.damp, self._matrices)
-        inverse = _inverse(matrix)
-        self.singular = np.isnan(inverse[:, 0, 0])
-        if self.singular.any():
-            self.singular &= np.isfinite(matrix).all(axis=(1, 2))
+        inverse, self.singular = _inverse(matrix)
         loads = self._by_impulses(inverse) if frame.count > 1 else self._of_one_step(inverse)
         self.by_load = expand(loads)
         if not is_linear:
@@ -248,15 +246,16 @@ def step_matrix(
     return np.asarray(matrix)
 
 
-def _inverse(matrices: Array) -> Array:
-    """Inverses; nan for members whose matrix has none."""
+def _inverse(matrices: Array) -> tuple[Array, Mask]:
+    """Inverses, nan for members whose finite matrix has none, and which these are."""
+    none = np.zeros(len(matrices), dtype=bool)
     try:
-        return np.asarray(np.linalg.inv(matrices))
+        return np.asarray(np.linalg.inv(matrices)), none
     except np.linalg.LinAlgError:
         found = np.full(matrices.shape, np.nan)
-        for own, matrix in zip(found, matrices, strict=True):
+        for index, matrix in enumerate(matrices):
             try:
-                own[:] = np.linalg.inv(matrix)
+                found[index] = np.linalg.inv(matrix)
             except np.linalg.LinAlgError:
-                continue
-        return found
+                none[index] = np.isfinite(matrix).all()
+        return found, none

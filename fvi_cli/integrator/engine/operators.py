@@ -38,6 +38,7 @@ class Operators:
         self._linear: OrderedDict[tuple[float, int], Operator] = OrderedDict()
         self._of_step: Operator | None = None
         self._of_block: Operator | None = None
+        self._whole: tuple[Operators, Places] | None = None
 
     def frame(self, h: float, count: int) -> Frame:
         """Tables of `count` steps of length h."""
@@ -70,11 +71,14 @@ class Operators:
         return self._single(state, h, guess) if count == 1 else self._block(state, key)
 
     def _single(self, state: State, h: float, guess: Array | None) -> Operator:
-        if state.single is None or state.single_h != h:
+        slow = state.taken > OFTEN
+        if state.single is None or state.single_h != h or slow.all():
             state.single, state.single_h = self._at_guess(state, h, guess), h
-        elif guess is not None and (slow := np.flatnonzero(state.taken > OFTEN)).size:
+        elif guess is not None and slow.any():
+            places = np.flatnonzero(slow)
             state.single = state.single.copy()
-            state.single.put(slow, self.of(slow)._at_guess(state.of(slow), h, guess[slow]))
+            fresh = self.of(places)._at_guess(state.of(places), h, guess[places])
+            state.single.put(places, fresh)
         known = self._of_step
         if known is None or known.frame.h != h or known.at is not state.single:
             known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
@@ -101,13 +105,20 @@ class Operators:
                 fresh.put(kept, state.block.of(kept))
             state.block, state.stale = fresh, np.zeros_like(state.stale)
         known = self._of_block
+        if known is None and self._whole is not None:
+            whole, places = self._whole
+            known = None if whole._of_block is None else whole._of_block.of(places)
+            self._of_block = known
         if known is None or (known.frame.h, known.frame.count) != key:
             known = Operator(self.frame(*key), state.block.copy(), self.damping, is_linear=False)
             self._of_block = known
-        elif (places := known.at.differing(state.block)).size:
-            fresh, part = state.block.of(places), self.of(places)
-            frame = known.frame.of(places)
-            known.put(places, Operator(frame, fresh, part.damping, is_linear=False))
+        elif (places := known.at.differing(state.block)).size == len(state.longest):
+            known = Operator(known.frame, state.block.copy(), self.damping, is_linear=False)
+            self._of_block = known
+        elif places.size:
+            fresh, frame = state.block.of(places), known.frame.of(places)
+            damping = None if self.damping is None else self.damping.of(places)
+            known.put(places, Operator(frame, fresh, damping, is_linear=False))
         return known
 
     def of(self, places: Places) -> Operators:
@@ -119,5 +130,5 @@ class Operators:
             if not self.damping.is_shared:
                 part._frames = OrderedDict()
         part._linear, part._of_step = OrderedDict(), None
-        part._of_block = None if self._of_block is None else self._of_block.of(places)
+        part._of_block, part._whole = None, (self, places)
         return part

@@ -1,4 +1,4 @@
-"""Many blocks of one linear system: a recurrence, and all their steps in one matrix product."""
+"""Many blocks of linear systems: a recurrence, and all their steps in one matrix product."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fvi_cli.integrator.engine.law import Linear
-from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import on_steps
-from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.mathematics.arrays import Array
 
 if TYPE_CHECKING:
@@ -20,6 +19,8 @@ LARGEST_STATE = 300
 LEAST_BLOCKS = 24
 LARGE_STATE, STEPS_OF_LARGE = 200, 4
 """From so many numbers on, so many blocks for each of 4 pay for the tables."""
+HALVINGS = 3
+"""Levels of pairs of blocks, pairs of these, and so on."""
 
 
 def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
@@ -41,34 +42,28 @@ def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
 
 
 class Recurrence:
-    """w = (z, x, p) from block to block as one matrix.
-
-    Its columns are what :meth:`Engine.solve` gives for unit vectors as members.
+    """w = (z, x, p) from block to block as one matrix, ``(n, n)``.
 
     Parameters
     ----------
-    engine, h, count
-        One linear system, and the steps of a block.
+    engine, state, h, count
+        One linear system, where it is, and the steps of a block.
     """
 
-    def __init__(self, engine: Engine, h: float, count: int) -> None:
+    def __init__(self, engine: Engine, state: State, h: float, count: int) -> None:
         self.engine, self.h, self.count = engine, h, count
-        self.frame = engine.frame(h, count)
-        j, e = engine.n_states, engine.e
-        self.held = j * e
-        n = self.held + 2 * e
-        units = np.eye(n)
-        z = units[:, : self.held].reshape(n, j, e)
-        found = self._solved(z, units[:, self.held : self.held + e], units[:, -e:], None)
-        self._outputs = np.concatenate([found.dx, found.dp], axis=2).reshape(n, -1)
-        self._inputs = found.inputs.reshape(n, -1)
-        self._change = np.zeros((n, n))
-        self._change[: self.held] = self._behind(found.inputs).T
+        self._op = engine.operator(state, h, count)
+        self.frame = self._op.frame
+        self._held = held = engine.n_states * engine.e
+        (whole,), two = self._op.outputs, 2 * engine.e
+        outputs = np.empty((len(whole), held + two))
+        outputs[:, held:] = whole[:, :two]
+        if held:
+            outputs[:, :held] = whole[:, two:] @ self._past()
+        self._ends, self._inputs, self._change = self._split(outputs)
         if self.frame.damping is not None:
-            whole = self.frame.damping.kernels.change_of_all(count)
-            self._change[: self.held, : self.held] += np.kron(whole, np.eye(e))
-        self._change[self.held : self.held + e] = found.dx[:, -1].T
-        self._change[self.held + e :] = found.dp[:, -1].T
+            undriven = self.frame.damping.kernels.change_of_all(count)
+            self._change[:held, :held] += np.kron(undriven, np.eye(engine.e))
 
     @staticmethod
     def pays(engine: Engine, block: int, blocks: int, total: int) -> bool:
@@ -76,51 +71,80 @@ class Recurrence:
         is_one = isinstance(engine.law, Linear) and engine.q == 1 and not engine.is_batch
         return is_one and pays_as_one((engine.n_states + 2) * engine.e, block, blocks, total)
 
-    def _solved(self, z: Array, x: Array, p: Array, loads: Array | None) -> Steps:
-        """Steps from many states without a start velocity."""
-        n, zero = len(x), np.zeros(x.shape)
-        state = State(
-            t=0.0,
-            x=x,
-            p=p,
-            x_lost=zero,
-            p_lost=zero,
-            z=z,
-            column=np.zeros((1, self.engine.n_states, 1)),
-            live=np.ones(n, dtype=bool),
-            longest=np.zeros(n, dtype=np.int64),
-            wait=np.zeros(n, dtype=np.int64),
-            excess=np.zeros(n, dtype=np.int64),
-            stale=np.zeros(n, dtype=bool),
-            taken=np.zeros(n, dtype=np.int64),
-        )
-        return self.engine.solve(state, self.h, self.count, loads, starts_at_rest=True)
+    def _past(self) -> Array:
+        """States to the force of the past on a block, ``(B m e, J e)``."""
+        engine, tables = self.engine, self.frame.damping
+        if engine.damping is None or tables is None:
+            raise ValueError("damping: there is none")
+        units = np.eye(self._held).reshape(self._held, engine.n_states, engine.e)
+        nothing = np.zeros((1, engine.n_states, 1))
+        force = engine.damping.at_rest().past(tables, units, nothing, self.count)
+        return force.reshape(self._held, -1).T
 
-    def _behind(self, inputs: Array) -> Array:
-        """States behind a block that begins without a past, ``(n, J e)``."""
-        engine = self.engine
-        if self.frame.damping is None:
-            return np.zeros((len(inputs), 0))
-        zero = np.zeros((len(inputs), engine.n_states, engine.e))
-        found = self.frame.damping.kernels.push(zero, inputs, self.count)
-        return found.reshape(len(inputs), -1)
+    def _split(self, outputs: Array) -> tuple[Array, Array, Array]:
+        """Ends of steps, components first, inputs, and what is added to the state of a block.
+
+        Of inputs, positions and momenta ``(B (i + 2) e, c)``: ends ``(c, 2 e B)`` and inputs
+        ``(c, B i e)``, changes ``(J e + 2 e, c)``.
+        """
+        engine, e, columns = self.engine, self.engine.e, outputs.shape[1]
+        n = len(outputs) - 2 * self.count * e
+        ends = outputs[n:].reshape(2, self.count, e, columns)
+        inputs = np.ascontiguousarray(outputs[:n].T)
+        change = np.zeros((self._held + 2 * e, columns))
+        if self.frame.damping is not None and self._held:
+            nothing = np.zeros((columns, engine.n_states, e))
+            driven = inputs.reshape(columns, -1, e)
+            behind = self.frame.damping.kernels.push(nothing, driven, self.count)
+            change[: self._held] = behind.reshape(columns, -1).T
+        change[self._held :] = ends[:, -1].reshape(2 * e, columns)
+        by_rows = ends.transpose(3, 0, 2, 1).reshape(columns, -1)
+        return np.ascontiguousarray(by_rows), inputs, change
+
+    @cached_property
+    def _changes(self) -> list[Array]:
+        """Changes of a state without loads over 1, 2, 4, ... blocks."""
+        found = [self._change]
+        for _ in range(HALVINGS):
+            found.append(2 * found[-1] + found[-1] @ found[-1])
+        return found
 
     @cached_property
     def _by_load(self) -> tuple[Array, Array, Array]:
-        """Load vectors to outputs, inputs and changes: those of the first step, and shifts."""
-        engine, count = self.engine, self.count
-        rows, e = engine.tables.degree + 1, engine.e
-        n = rows * e
-        loads = np.zeros((n, count, rows, e))
-        loads[:, 0] = np.eye(n).reshape(n, rows, e)
-        zero = np.zeros((n, e))
-        found = self._solved(np.zeros((n, engine.n_states, e)), zero, zero, loads)
-        ends = expand(np.concatenate([found.dx, found.dp], axis=2).transpose(1, 2, 0))
-        inputs = expand(found.inputs.reshape(n, count, -1).transpose(1, 2, 0))
-        changes = np.zeros((self.held + 2 * e, count * n))
-        changes[: self.held] = self._behind(inputs.T.reshape(count * n, -1, e)).T
-        changes[self.held :] = ends[-2 * e :]
-        return tuple(np.ascontiguousarray(one.T) for one in (ends, inputs, changes))  # type: ignore[return-value]
+        """Load vectors to ends, inputs and changes."""
+        ends, inputs, change = self._split(self._op.outputs_of_loads[0])
+        return ends, inputs, np.ascontiguousarray(change.T)
+
+    def _path(
+        self, value: Array, lost: Array, blocks: int, kicks: Array | None, halvings: int
+    ) -> tuple[Array, Array, Array]:
+        """States before blocks, and that behind them with what round-off took too much.
+
+        One after the other for groups of ``2^halvings`` blocks, for those inside of them by halves.
+        """
+        changes = self._changes[: halvings + 1]
+        levels = [kicks]
+        for one in changes[:-1]:
+            if kicks is not None:
+                kicks = kicks[1::2] + kicks[::2] + kicks[::2] @ one.T
+            levels.append(kicks)
+        path = np.empty((blocks >> halvings, value.size))
+        for index in range(len(path)):
+            path[index] = value
+            change = changes[-1] @ value
+            if kicks is not None:
+                change += kicks[index]
+            change -= lost
+            total = value + change
+            lost = (total - value) - change
+            value = total
+        for one, kicks in zip(changes[-2::-1], levels[-2::-1], strict=True):
+            halves = np.empty((len(path), 2, value.size))
+            halves[:, 0], halves[:, 1] = path, path + path @ one.T
+            if kicks is not None:
+                halves[:, 1] += kicks[::2]
+            path = halves.reshape(-1, value.size)
+        return path, value, lost
 
     def run(
         self, state: State, blocks: int, loads: Array | None, *, with_inputs: bool = False
@@ -133,39 +157,40 @@ class Recurrence:
             x and p after every step, ``(1, n, e)``, and the inputs of the memory
             ``(blocks, B i e)`` if they are wanted.
         """
-        e, held = self.engine.e, self.held
+        e, held = self.engine.e, self._held
         known = self._known(state, blocks, loads)
         value = np.concatenate([state.z.ravel(), state.x[0], state.p[0]])
         lost = np.concatenate([np.zeros(held), state.x_lost[0], state.p_lost[0]])
-        path = np.empty((blocks, value.size))
         kicks = None if known is None else known @ self._by_load[2]
-        for index in range(blocks):
-            path[index] = value
-            change = self._change @ value
-            if kicks is not None:
-                change += kicks[index if len(kicks) > 1 else 0]
-            change -= lost
-            total = value + change
-            lost = (total - value) - change
-            value = total
-        ends, inputs = path @ self._outputs, path @ self._inputs if with_inputs else None
+        if kicks is not None and len(kicks) < blocks:
+            kicks = np.repeat(kicks, blocks, axis=0)
+        span = 1 << HALVINGS
+        whole = blocks - blocks % span
+        paths = []
+        for first, last, halvings in ((0, whole, HALVINGS), (whole, blocks, 0)):
+            own = None if kicks is None else kicks[first:last]
+            path, value, lost = self._path(value, lost, last - first, own, halvings)
+            paths.append(path)
+        path = np.concatenate(paths) if blocks % span else paths[0]
+        ends, inputs = path @ self._ends, path @ self._inputs if with_inputs else None
         if known is not None:
             ends += known @ self._by_load[0]
             if inputs is not None:
                 inputs += known @ self._by_load[1]
-        ends = ends.reshape(blocks, self.count, 2 * e) + path[:, None, held:]
+        ends = ends.reshape(blocks, 2 * e, self.count)
+        ends += path[:, held:, None]
         state.z = value[:held].reshape(state.z.shape)
         state.x, state.p = value[None, held : held + e], value[None, held + e :]
         state.x_lost, state.p_lost = lost[None, held : held + e], lost[None, held + e :]
         state.unknowns, state.h = None, self.h
-        ends = ends.reshape(1, -1, 2 * e)
-        return ends[..., :e], ends[..., e:], inputs
+        x, p = (one.swapaxes(1, 2).reshape(1, -1, e) for one in (ends[:, :e], ends[:, e:]))
+        return x, p, inputs
 
     def _known(self, state: State, blocks: int, loads: Array | None) -> Array | None:
         """Load vectors of all blocks with those of a start velocity, ``(blocks, B (s + 1) e)``."""
         engine, count, damping = self.engine, self.count, self.engine.damping
         tables = self.frame.damping
-        is_relative = damping is not None and any(one.is_relative for one in damping.directions)
+        is_relative = damping is not None and damping.subtracts
         if loads is None and not is_relative:
             return None
         # a constant force of the past is the same in all blocks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +138,11 @@ class Steps:
     rest: Array | None = None
     attempts: tuple[Attempt, ...] = ()
 
+    @cached_property
+    def has_failed(self) -> bool:
+        """Whether any member has no solution."""
+        return bool(self.failed.any())
+
     def _members(self) -> dict[str, Array]:
         every = {one.name: getattr(self, one.name) for one in fields(self)}
         return {name: one for name, one in every.items() if isinstance(one, np.ndarray)}
@@ -146,6 +152,7 @@ class Steps:
         mine, new = self._members(), other._members()
         for name in mine.keys() & new.keys():
             mine[name][places] = new[name]
+        vars(self).pop("has_failed", None)
         self.attempts += tuple(one.among(places) for one in other.attempts)
 
     def among(self, places: Places, members: int) -> Steps:

@@ -29,9 +29,9 @@ def on_every_component(table: Array, components: int) -> Array:
 
 def apply(matrices: Array, vectors: Array) -> Array:
     """Matrices ``(q or 1, n, k)`` on vectors ``(q, k)``; one product where all share one."""
-    if matrices.shape[0] == 1 and vectors.shape[0] > 1:
+    if len(matrices) == 1 < len(vectors):
         return np.asarray(vectors @ matrices[0].T)
-    return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])
+    return apply_to_each(matrices, vectors)
 
 
 def apply_to_each(matrix: Array, vectors: Array) -> Array:
@@ -41,6 +41,19 @@ def apply_to_each(matrix: Array, vectors: Array) -> Array:
     number.
     """
     return np.asarray(np.matmul(matrix, vectors[..., None])[..., 0])
+
+
+def largest(values: Array) -> Array:
+    """Greatest along the middle axis of ``(q, n, w)``, ``(q, w)``.
+
+    By halves, since NumPy reduces short axes of many members one by one.
+    """
+    if len(values) == 1:
+        return np.asarray(np.maximum.reduce(values, axis=1))
+    while (n := values.shape[1]) > 1:
+        half = (n + 1) // 2
+        values = np.maximum(values[:, :half], values[:, n - half :])
+    return values[:, 0]
 
 
 def by_columns(matrices: Array) -> Array:

@@ -26,35 +26,18 @@ Points = tuple[Array, Array, Array]
 
 
 class Maps(NamedTuple):
-    """Blocks of a stretch: one for all of them, or one for each, in the first axis.
+    """Blocks of a stretch: one for all of them, or one for each, in the first axis."""
 
-    Parameters
-    ----------
-    by_begin, by_load
-        Unknowns U by (x, p, F), ``(.., B s d, 2 d + f B m d)``, and by load vectors.
-    ends
-        Position and momentum behind the block by U alone, ``(.., 2 d, B s d)``.
-    whole
-        T, ``(.., 2 d + B m d, 2 d + f B m d)``.
-    """
-
-    by_begin: Array
-    by_load: Array
-    ends: Array
-    whole: Array
+    by_begin: Array  # U by (x, p, F), (.., B s d, 2 d + f B m d)
+    by_load: Array  # U by load vectors
+    ends: Array  # position and momentum behind the block by U alone, (.., 2 d, B s d)
+    whole: Array  # T, (.., 2 d + B m d, 2 d + f B m d)
 
 
 class Equations:
     """The equations of a scene by a Runge-Kutta method, in all its components.
 
-    Parameters
-    ----------
-    scene, method
-        What is integrated and how.
-    coefficients, terms, memory
-        Matrices of the damping terms ``(f, d, d)``, what they remember, and their memory.
-    is_regular
-        Whether a linear scene is taken in blocks of equal steps.
+    Damping terms have matrices ``(f, d, d)``; regular linear scenes go by blocks of equal steps.
     """
 
     def __init__(

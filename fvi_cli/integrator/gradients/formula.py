@@ -18,7 +18,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.gradients.observation import Observation
@@ -34,25 +33,7 @@ Asked = Callable[[int, float], Observations]
 
 
 class Formula:
-    """An expression at n times of a run.
-
-    Parameters
-    ----------
-    run
-        The run.
-    times
-        Shape ``(n,)``.
-    expression
-        In the names of `asked`.
-    asked
-        What these names mean.
-
-    Attributes
-    ----------
-    observation
-        The motion there.
-    values
-        Of the expression, shape ``(n,)``.
+    """An expression at n times of a run, in the names of `asked`: its values, ``(n,)``.
 
     Raises
     ------
@@ -118,16 +99,16 @@ def _through_accelerations(
 ) -> Array:
     """Derivatives of ``sum(weights * a)`` by position, velocity and force, ``(3, n, d)``."""
     scene: Scene = motion.scenes[0]
-    dynamics, time = dynamics_of(scene), motion.time(*places)
+    lagrangian, time = scene.lagrangian, motion.time(*places)
     position, velocity = motion.position(*places), motion.velocity(*places)
     by_position, by_velocity = np.zeros((2, *weights.shape))
-    if not isinstance(dynamics, General):
+    if lagrangian is None:
         share = scene.inertia.velocity(weights)
-        if dynamics.potential is not None:
-            hessian = dynamics.potential.hessian(position)
+        if scene.potential is not None:
+            hessian = scene.potential.hessian(position)
             by_position[:] = -np.einsum("nab,nb->na", hessian, share)
         return np.stack([by_position, by_velocity, share])
-    lagrangian, acceleration = dynamics.lagrangian, motion.acceleration(*places)
+    acceleration = motion.acceleration(*places)
     mass = lagrangian.derivatives(position, velocity, time).mass
     share = np.asarray(np.linalg.solve(mass, weights[..., None])[..., 0], dtype=float)
     for found, step in ((by_position, (1j, 0)), (by_velocity, (0, 1j))):

@@ -32,23 +32,11 @@ class RunFailedError(ValueError):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gradient:
-    """A number of a trajectory and its derivatives.
-
-    Parameters
-    ----------
-    value
-        The number.
-    derivatives
-        By every parameter, shape ``(p,)``.
-    step_solves
-        Linear systems of a step that were solved beyond the run itself.
-    n_steps
-        Steps of the run.
-    """
+    """A number of a trajectory and its derivatives by p parameters, ``(p,)``."""
 
     value: float
     derivatives: Array
-    step_solves: int
+    step_solves: int  # beyond the run itself
     n_steps: int
 
 
@@ -78,14 +66,7 @@ def gradient_of(
 ) -> Gradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
-    Parameters
-    ----------
-    scene, method, steps
-        The run.
-    quantity, variations
-        The number, and the parameters.
-    asked
-        Names in expressions; None: t and the coordinates of the scene with what derives from them.
+    By default the names in expressions are t and the coordinates with what derives from them.
 
     Raises
     ------
@@ -123,27 +104,15 @@ def gradient_of(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivities:
-    """A motion at some times, and its derivatives by p parameters.
+    """A motion at n times, and its derivatives by p parameters."""
 
-    Parameters
-    ----------
-    position, velocity
-        Shape ``(n, d)``.
-    by_position, by_velocity
-        Derivatives of both, ``(n, d, p)``.
-    run, change, tangent
-        The run, what the parameters do to its equations, and to the motion.
-    variations
-        The parameters.
-    """
-
-    position: Array
+    position: Array  # (n, d)
     velocity: Array
-    by_position: Array
+    by_position: Array  # derivatives of both, (n, d, p)
     by_velocity: Array
     run: LinearisedRun
-    change: Disturbance
-    tangent: Tangent
+    change: Disturbance  # what the parameters do to its equations
+    tangent: Tangent  # and to the motion
     variations: Sequence[Variation]
 
     @cached_property

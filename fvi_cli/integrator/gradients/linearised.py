@@ -49,39 +49,21 @@ KEPT = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disturbance:
-    """What p changes of a scene do to the equations of a run of n steps.
+    """What p changes of a scene do to the equations of a run of n steps, its motion held fixed."""
 
-    Parameters
-    ----------
-    loads
-        Change of the load vectors with the motion held fixed, ``(p, n, s + 1, d)``.
-    position, velocity, momentum
-        Change of the initial data, ``(p, d)``.
-    damping
-        Change of the damping force at the stages, ``(p, n, r, d)``, which is in `loads` already.
-    """
-
-    loads: Array
-    position: Array
+    loads: Array  # load vectors, (p, n, s + 1, d)
+    position: Array  # initial data, (p, d)
     velocity: Array
     momentum: Array
-    damping: Array
+    damping: Array  # force at the stages, (p, n, r, d), which is in the loads already
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tangent:
-    """What p disturbances do to a trajectory.
+    """What p disturbances do to a trajectory."""
 
-    Parameters
-    ----------
-    position
-        Changes at the points of the mesh, ``(p, n + 1, d)``.
-    unknowns
-        Changes of the unknowns of steps, velocities, ``(p, n, s, d)``.
-    """
-
-    position: Array
-    unknowns: Array
+    position: Array  # at the points of the mesh, (p, n + 1, d)
+    unknowns: Array  # of steps, (p, n, s, d)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,19 +86,8 @@ class Cotangent:
 class LinearisedRun:
     """A run of a Runge-Kutta method, ready for tangents and adjoints.
 
-    Parameters
-    ----------
-    scene, method
-        What was integrated and how.
-    steps
-        All steps of the run; of a linear scene the mesh alone counts.
-
-    Attributes
-    ----------
-    coefficients
-        Matrices of all damping terms and laws, those of laws times their size, ``(f, d, d)``.
-    step_solves
-        Systems of one step solved so far, a matrix with several right-hand sides counted once.
+    Of a linear scene the mesh of the steps alone counts. `step_solves` counts systems of one step
+    that were solved, a matrix with several right-hand sides once.
 
     Raises
     ------
@@ -136,6 +107,7 @@ class LinearisedRun:
         self._to_inputs, self._kept = sampling_of(method).to_inputs, dict[int, Maps]()
         damping, laws = scene.damping, scene.laws
         found = [one.coefficient for one in damping] + [o.size * o.coefficient for o in laws]
+        # matrices of all damping terms and laws, those of laws times their size, (f, d, d)
         self.coefficients = np.array(found).reshape(-1, self.d, self.d)
         exponents = [min(1.0 - one.order, LARGEST_EXPONENT) for one in damping]
         above = [scene.derivative == "caputo" and one.order > 1 for one in damping]
@@ -240,19 +212,10 @@ class LinearisedRun:
     def _sweep(
         self, stretch: Stretch, whole: Array, added: Array, end: Array, states: Array, *, back: bool
     ) -> tuple[Array, Array, Array, Array]:
-        """Through a stretch, or back by the transposed tables.
+        """Through a stretch by T ``(k or 1, .., ..)``, or back by its transpose.
 
-        Parameters
-        ----------
-        whole, added
-            T, or its transpose, ``(k or 1, .., ..)``; what is added to its values, ``(k, .., p)``.
-        end, states
-            Position and momentum ``(2 d, p)``, and states ``(J, d p)``.
-
-        Returns
-        -------
-        tuple of Array
-            On what T acted, its values, and `end` and `states` behind the last block.
+        From position and momentum ``(2 d, p)`` and states ``(J, d p)``: on what T acted, its values
+        with what is added to them ``(k, .., p)``, and both behind the last block.
         """
         f, take = len(self.coefficients), stretch.intake
         u, j, samples = take.shape
@@ -305,14 +268,9 @@ class LinearisedRun:
     def adjoint(self, position: Array, unknowns: Array, damping: Array | None = None) -> Cotangent:
         """What disturbances of all kinds do to one number.
 
-        Parameters
-        ----------
-        position, unknowns
-            Derivatives of that number by the positions at the points of the mesh,
-            ``(n + 1, d)``, and by the unknowns of steps, ``(n, s, d)``.
-        damping
-            Its derivatives by the force F of all damping at the stages, ``(n, m, d)``; None: it
-            does not depend on it.
+        Given are its derivatives by positions at the points of the mesh, ``(n + 1, d)``, by the
+        unknowns of steps, ``(n, s, d)``, and by the force F of all damping at the stages,
+        ``(n, m, d)``.
         """
         d, s, f = self.d, self.tables.degree, len(self.coefficients)
         end = np.concatenate([position[-1], np.zeros(d)])[:, None]

@@ -29,18 +29,10 @@ from fvi_cli.mathematics.expressions import Expression
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NumberedFormula:
-    """A program and the numbers in it.
-
-    Parameters
-    ----------
-    system
-        The program.
-    parameters
-        Values of the names in it that are numbers.
-    """
+    """A program and the numbers in it."""
 
     system: FormulaSystem
-    parameters: Mapping[str, Any]
+    parameters: Mapping[str, Any]  # values of the names in it that are numbers
 
     @property
     def numbers(self) -> Array:

@@ -11,15 +11,7 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 
 class Observation:
-    """Positions, velocities and damping forces of a run at k places.
-
-    Parameters
-    ----------
-    steps
-        The steps.
-    places
-        Numbers of steps, and places in them from 0 to 1, each of shape ``(k,)``.
-    """
+    """Positions, velocities and damping forces of a run at k places, ``(k,)`` each."""
 
     def __init__(self, steps: RunSteps, places: tuple[Places, Array]) -> None:
         self._steps, self._places, self._which = steps, places, places[0]

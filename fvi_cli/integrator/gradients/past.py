@@ -27,34 +27,19 @@ EQUAL_STEPS = 8
 class Stretch:
     """Blocks of B steps, one behind the other, and what they are to the memory.
 
-    Tables are for all different lengths of steps, in the first axis; f terms, J states.
-
-    Parameters
-    ----------
-    first, blocks, count
-        Number of the first step, number of blocks, and B.
-    sizes, which
-        Different lengths of steps, and which of them is a block's.
-    local
-        Force at the stages of a block by the velocities there, ``(u, f, B m, B m)``.
-    response
-        The same by the states at its beginning, ``(u, f, B m, J)``.
-    intake, decay
-        States behind it by velocities, ``(u, J, B m)``, and by themselves, ``(u, J, 1)``.
-    starts
-        Force by a start velocity of 1 that is subtracted, ``(blocks, f, B m)``.
+    Tables are for all u different lengths of steps, in the first axis; f terms, J states.
     """
 
-    first: int
+    first: int  # number of the first step
     blocks: int
-    count: int
-    sizes: Array
-    which: list[int]
-    local: Array
-    response: Array
-    intake: Array
-    decay: Array
-    starts: Array
+    count: int  # B
+    sizes: Array  # (u,)
+    which: list[int]  # of these lengths is that of each block
+    local: Array  # force at the stages of a block by the velocities there, (u, f, B m, B m)
+    response: Array  # and by the states at its beginning, (u, f, B m, J)
+    intake: Array  # states behind it by velocities, (u, J, B m)
+    decay: Array  # and by themselves, (u, J, 1)
+    starts: Array  # force by a start velocity of 1 that is subtracted, (blocks, f, B m)
 
     @property
     def steps(self) -> slice:
@@ -65,21 +50,8 @@ class Stretch:
 class Past:
     """What damping terms make of the velocities along a run of a Runge-Kutta method.
 
-    Parameters
-    ----------
-    method, terms, is_relative
-        What is remembered, and whether the start velocity is subtracted.
-    sizes, final_time
-        Lengths of all steps, and of the run.
-    longest
-        Steps of a block at most; with 1 they are of any lengths.
-    together
-        Blocks of a stretch at most.
-
-    Attributes
-    ----------
-    memory
-        Of all terms; None where there are none.
+    Relative terms subtract the start velocity. A block has at most `longest` steps, with 1 of any
+    lengths, and a stretch at most `together` blocks.
     """
 
     def __init__(
@@ -153,13 +125,7 @@ class Past:
         return local[:, self._places], response, intake, 1.0 + change[..., None]
 
     def along(self, velocity: Array, start: Array) -> Array:
-        """Forces of all terms, ``(f, n, m, d)``.
-
-        Parameters
-        ----------
-        velocity, start
-            At the stages of all steps, ``(n, m, d)``, and at t = 0, ``(d,)``.
-        """
+        """Forces of all terms, ``(f, n, m, d)``, by velocities ``(n, m, d)`` at the stages."""
         n, m, d = velocity.shape
         found = np.zeros((len(self._places), n, m, d))
         states = np.zeros((self.n_states, d))

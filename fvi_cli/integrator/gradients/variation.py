@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.mesh_balance import loads_along
+from fvi_cli.integrator.balances.balance import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.gradients.numbers import numbers_of, rate_of_forcing, rates_of_forces
 from fvi_cli.integrator.loads.step_loads import StepLoads
@@ -55,21 +54,11 @@ Values = Callable[[Scene, float], Sequence[Any]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variation:
-    """One parameter of a scene.
+    """One parameter of a scene."""
 
-    Parameters
-    ----------
-    family
-        The scene for a value of the parameter; all of them have the same damping terms.
-    value
-        Its value in the scene that was integrated.
-    name
-        What it is called in complaints.
-    """
-
-    family: Callable[[float], Scene]
-    value: float
-    name: str = "parameter"
+    family: Callable[[float], Scene]  # for a value; all have the same damping terms
+    value: float  # in the scene that was integrated
+    name: str = "parameter"  # in messages
 
 
 def disturbance(run: LinearisedRun, variations: Sequence[Variation]) -> Disturbance:
@@ -119,12 +108,11 @@ def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
         return of_damping(beside) + numbers
 
     def by_values(beside: Scene, _: float) -> list[Any]:
-        dynamics = dynamics_of(beside)
         with np.errstate(all="ignore"):
-            start = dynamics.momentum(position, velocity, 0.0)
+            start = beside.momentum(position, velocity, 0.0)
             return [
                 *of_damping(beside),
-                *dynamics.forces(*points),
+                *beside.forces(*points),
                 start,
                 loads_of(run, beside, "of_forcing"),
             ]
@@ -142,7 +130,7 @@ def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
         orders, coefficients, laws, remembered, loads, x, v, momentum, force, start, more = found
         loads = loads + more
     if x.any() or v.any():
-        at_start = dynamics_of(scene).derivatives(position[None], velocity[None], np.zeros(1))
+        at_start = scene.derivatives(position[None], velocity[None], np.zeros(1))
         start = start + at_start.mass[0] @ v + at_start.mixed[0] @ x
     damping = np.zeros_like(force)
     for force_of_one, matrix in zip(run.plain_forces, [*coefficients, *laws], strict=False):
@@ -173,14 +161,7 @@ def loads_of(run: LinearisedRun, scene: Scene, part: str) -> Array:
 
 
 def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
-    """Derivatives of values by a parameter.
-
-    Parameters
-    ----------
-    one, scene
-        The parameter, and the scene at its value.
-    values
-        What is differentiated.
+    """Derivatives of values by a parameter of the scene.
 
     Raises
     ------

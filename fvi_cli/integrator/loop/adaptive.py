@@ -110,7 +110,7 @@ class AdaptiveSource:
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
         scale, finding = _largest(position), Finding(error=math.inf)
-        if steps.failed.any():
+        if steps.has_failed:
             self._error = why_unsolved(steps, state)
         elif (outside := self._outside(position, unknowns, h)) is not None:
             self._error = StepFailedError(undefined_near(outside), reason="irregular")

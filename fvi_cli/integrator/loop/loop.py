@@ -69,7 +69,7 @@ def run(
     recurrences: dict[tuple[float, int], Recurrence] = {}
     reached = recorder.reached
     with np.errstate(all="ignore"):
-        while recorder.live.any():
+        while len(recorder.failures) < len(engine.scenes):
             if until is not None and recorder.reached >= until:
                 recorder.flush(state)
                 return state
@@ -105,24 +105,26 @@ def _steps(
     state.t, h = asked.begin, asked.h
     loads = engine.loads(state.t, h, count, is_fresh=asked.is_fresh)
     block, done, overflows = block_for(engine, asked.total), 0, False
-    while done < count and state.live.any():
-        at, ahead = asked._replace(first=asked.first + done), count - done
+    while done < count:
+        at, ahead = asked, count - done
+        if done:
+            at = asked._replace(first=asked.first + done)
         own = None if loads is None else loads[:, done:]
         blocks = 0 if overflows else ahead // block
-        if Recurrence.pays(engine, block, blocks, asked.total):
+        if block > 1 and Recurrence.pays(engine, block, blocks, asked.total):
             n, before = blocks * block, state.copy()
             key = (h, block)
             if key not in recurrences:
                 # graded meshes have many sizes
                 recurrences.clear()
-                recurrences[key] = Recurrence(engine, h, block)
+                recurrences[key] = Recurrence(engine, state, h, block)
             x, p, inputs = recurrences[key].run(
                 state,
                 blocks,
                 None if own is None else own[:, :n],
                 with_inputs=recorder.with_steps,
             )
-            if not np.isfinite(x[:, -1]).all():
+            if len(engine.scenes) == 1 and not np.isfinite(x[:, -1]).all():
                 vars(state).update(vars(before))
                 overflows = True
                 continue
@@ -155,3 +157,5 @@ def _steps(
         recorder.add(Solved(at, end, x, p, inputs, unknowns))
         engine.accept(state, steps, end)
         done += steps.count
+        if steps.has_failed and not state.live.any():
+            return

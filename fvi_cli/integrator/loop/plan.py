@@ -29,7 +29,7 @@ class MeshPlan:
     n_states
         States that stand for the past.
     operations
-        Multiply-adds of the memory for a scene.
+        Multiply-adds of the memory for a scene; None: not known.
     n_lags
         Steps of the past that are remembered one by one in states of their own; all others are
         exponentials.
@@ -43,7 +43,7 @@ class MeshPlan:
     coupled: int
     has_modes: bool
     n_states: int
-    operations: int
+    operations: int | None
     n_lags: int = 0
 
 

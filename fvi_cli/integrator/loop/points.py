@@ -90,14 +90,17 @@ def points_of(
     """Successive steps in the coordinates of the scenes, and which of their ends are reported."""
     asked, ends, position, momentum, _, unknowns = zip(*solved, strict=True)
     counts = [one.n_steps for one in solved]
-    block = np.repeat(np.arange(len(counts)), counts)
+
+    def spread(values: list[float] | list[int]) -> Array:
+        return np.repeat(values, counts) if len(values) > 1 else np.full(counts[0], values[0])
+
     last = np.cumsum(counts) - 1
-    number = np.arange(block.size) - np.append(0, last[:-1] + 1)[block] + 1
-    number += np.array([one.first for one in asked])[block]
-    sizes = np.array([one.h for one in asked])[block]
-    times = np.array([one.origin for one in asked])[block] + sizes * number
+    behind = [one.first - end for one, end in zip(asked, last - counts, strict=True)]
+    number = np.arange(last[-1] + 1) + spread(behind)
+    sizes = spread([one.h for one in asked])
+    times = spread([one.origin for one in asked]) + sizes * number
     times[last] = ends
-    every = np.array([one.reported_every for one in asked])[block]
+    every = spread([one.reported_every for one in asked])
     x, p = engine.to_scene(np.concatenate(position, axis=1), np.concatenate(momentum, axis=1))
     found = Points(
         done=done,

@@ -103,7 +103,7 @@ class Recorder:
         """How the iteration for the next steps went; the state is that before them."""
         first = self.reached
         self.newton.add(first, steps.attempts)
-        if not steps.failed.any():
+        if not steps.has_failed:
             return
         for member in np.flatnonzero(steps.failed & state.live).tolist():
             scene = member // self._engine.width
@@ -161,11 +161,16 @@ class Recorder:
         if self._check is not None:
             self._check(points, np.flatnonzero(self.live).tolist(), stops)
         numbers = self.reported + 1 + np.arange(np.count_nonzero(reported))
-        is_point = reported.copy()
-        is_point[reported] = numbers % self._every == 0
-        rows = np.arange(points.times.size) if self.with_steps else np.flatnonzero(is_point)
+        is_point = reported
+        if self._every > 1:
+            is_point = reported.copy()
+            is_point[reported] = numbers % self._every == 0
+        # all of them without a copy
+        keeps_all = self.with_steps or bool(is_point.all())
+        rows = slice(None) if keeps_all else np.flatnonzero(is_point)
         for scene, (count, failure) in stops.items():
-            kept = self._n_rows + int(np.count_nonzero(rows < count))
+            kept = self._n_rows
+            kept += count if keeps_all else int(np.count_nonzero(is_point[:count]))
             self._end(scene, failure, count, kept, _last(points, count) if count else self._last)
         self._keep(
             points.times[rows],

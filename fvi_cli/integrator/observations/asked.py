@@ -248,22 +248,19 @@ def observations(
         place = f"events.{name}"
         if isinstance(given, Event):
             found[name] = given
-        elif isinstance(given, Mapping):
-            unknown = set(given) - {"when", "direction", "stop"}
-            if unknown or "when" not in given:
-                raise ValueError(f"{place}: it takes when, direction and stop")
-            direction, stop = given.get("direction", "any"), given.get("stop", False)
-            if direction not in DIRECTIONS or not isinstance(stop, bool):
-                raise ValueError(
-                    f"{place}: direction is one of {', '.join(DIRECTIONS)}, stop True or False"
-                )
-            found[name] = Event(
-                when=read(given["when"], f"{place}.when"),
-                direction=direction,  # type: ignore[arg-type]
-                stop=stop,
-            )
-        else:
+            continue
+        if not isinstance(given, Mapping):
             found[name] = Event(when=read(given, place))
+            continue
+        if set(given) - {"when", "direction", "stop"} or "when" not in given:
+            raise ValueError(f"{place}: it takes when, direction and stop")
+        direction, stop = given.get("direction", "any"), given.get("stop", False)
+        if direction not in DIRECTIONS or not isinstance(stop, bool):
+            raise ValueError(
+                f"{place}: direction is one of {', '.join(DIRECTIONS)}, stop True or False"
+            )
+        when = read(given["when"], f"{place}.when")
+        found[name] = Event(when=when, direction=direction, stop=stop)  # type: ignore[arg-type]
     surfaces: dict[str, Impact] = {}
     for name, surface in (impacts or {}).items():
         if set(surface) - {"when", "restitution"} or "when" not in surface:

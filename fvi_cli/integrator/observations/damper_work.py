@@ -45,12 +45,7 @@ def damper_place(scene: Scene, name: str) -> int | None:
 def running_work(shape: RunSteps, force: Array | None) -> Array:
     """Chebyshev coefficients, on every step, of the work since the start, ``(r + 1, n)``.
 
-    Parameters
-    ----------
-    shape
-        The steps.
-    force
-        On the damper, at their stages, ``(n, r, d)``; None: it does nothing.
+    The force on the damper is that at the stages, ``(n, r, d)``; None: it does nothing.
     """
     stages = shape.tables.points.size
     if force is None:

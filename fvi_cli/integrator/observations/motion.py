@@ -31,7 +31,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import General, dynamics_of
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
@@ -54,29 +53,17 @@ class DenseMotion:
 
     Steps have one numbering: those of a member follow each other, and behind them those of the
     next one begin. A place is a step and a number from 0 to 1.
-
-    Parameters
-    ----------
-    scenes
-        What moves, q of them.
-    steps
-        Their runs.
-    shapes
-        Steps on the same meshes that say what lies between their points; those of a run itself
-        where nothing better is known.
-    find_forces
-        Damping forces :math:`\mu D^\gamma q` of every member at the stages of its shape,
-        ``(k, n, r, d)``, to be added up; with True one for each active damping term and law; None
-        without damping.
-    remarks
-        What the reader should know of each; empty: nothing.
     """
 
     scenes: tuple[Scene, ...]
     steps: tuple[RunSteps, ...]
+    # steps on the same meshes that give the motion between their points; those of a run itself
+    # where nothing better is known
     shapes: tuple[RunSteps, ...]
+    # damping forces of every member at the stages of its shape, (k, n, r, d), to be added up; with
+    # True one for each active damping term and law; None without damping
     find_forces: Callable[[bool], Sequence[Array | None]]
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # of each; empty: none
 
     # the mesh
 
@@ -150,14 +137,14 @@ class DenseMotion:
         increments, rates = [], []
         for member, shape in enumerate(self.shapes):
             way = shape.tables.increments_to_series @ _first_axis(shape.unknowns)
-            rate = shape.tables.stages_to_series @ _first_axis(shape.velocity)
+            rate = _stage_series(shape, shape.velocity)
             if shape is not self.steps[member]:
                 gaps = np.stack(self._gaps(member)).reshape(3, -1)
                 to_way, to_rate = _corrections()
                 way, rate = _sum(way, to_way @ gaps), _sum(rate, to_rate @ gaps)
             increments.append(way.reshape(len(way), shape.n_steps, -1))
             rates.append(rate.reshape(len(rate), shape.n_steps, -1))
-        return _side_by_side(increments), _side_by_side(rates)
+        return _joined(increments), _joined(rates)
 
     def _gaps(self, member: int) -> tuple[Array, Array, Array]:
         """What the shape lacks of mean velocities, and of velocities at both ends, ``(n, d)``.
@@ -169,13 +156,12 @@ class DenseMotion:
         mean = steps.unknowns[:, -1] - shape.unknowns[:, -1]
         if any(term.order > 1 for term in scene.active_damping):
             return mean, mean, mean
-        dynamics = dynamics_of(scene)
         with np.errstate(all="ignore"):
-            velocity = dynamics.velocity(steps.position, steps.momentum, steps.time)
+            velocity = scene.velocity(steps.position, steps.momentum, steps.time)
             before = velocity
             if steps.jump is not None:
                 at_end = steps.momentum - steps.jump
-                before = dynamics.velocity(steps.position, at_end, steps.time)
+                before = scene.velocity(steps.position, at_end, steps.time)
         slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
         left, right = np.einsum("sk,nsd->knd", slopes, shape.unknowns)
         return mean, velocity[:-1] - left, before[1:] - right
@@ -187,10 +173,10 @@ class DenseMotion:
         time, velocity = self.time(steps, tau), self.velocity(steps, tau)
         momentum, energy = np.empty_like(position), np.empty(steps.size)
         for member, own in by_owner(self.owner, steps, len(self.scenes)):
-            dynamics = dynamics_of(self.scenes[member])
+            scene = self.scenes[member]
             with np.errstate(all="ignore"):
-                momentum[own] = dynamics.momentum(position[own], velocity[own], time[own])
-                energy[own] = dynamics.energy(position[own], momentum[own], time[own])
+                momentum[own] = scene.momentum(position[own], velocity[own], time[own])
+                energy[own] = scene.energy(position[own], momentum[own], time[own])
         return momentum, energy
 
     # forces
@@ -217,9 +203,9 @@ class DenseMotion:
         found = []
         for forces, shape in zip(self.find_forces(False), self.shapes, strict=True):
             own = np.zeros_like(shape.velocity) if forces is None else forces.sum(axis=0)
-            series = shape.tables.stages_to_series @ _first_axis(own)
+            series = _stage_series(shape, own)
             found.append(series.reshape(len(series), shape.n_steps, -1))
-        return _side_by_side(found)
+        return _joined(found)
 
     def work(self, name: str, steps: Places, tau: Array) -> Array:
         """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
@@ -228,7 +214,7 @@ class DenseMotion:
             place = damper_place(scene, name)
             force = None if forces is None or place is None else forces[place]
             series.append(running_work(shape, force)[..., None])
-        return evaluate_series(_side_by_side(series), steps, 2.0 * tau - 1.0)[:, 0]
+        return evaluate_series(_joined(series), steps, 2.0 * tau - 1.0)[:, 0]
 
     @cached_property
     def _dampers(self) -> Sequence[Array | None]:
@@ -263,10 +249,10 @@ class DenseMotion:
     def _slope_series(self) -> Array:
         found = []
         for shape in self.shapes:
-            rate = shape.tables.stages_to_series @ _first_axis(shape.velocity)
+            rate = _stage_series(shape, shape.velocity)
             slope = 2.0 * slopes_of_series(len(rate)).T @ rate
             found.append(slope.reshape(len(slope), shape.n_steps, -1))
-        return _side_by_side(found)
+        return _joined(found)
 
     def _force_by_balance(self, scene: Scene, steps: Places, tau: Array) -> Array:
         """Damping force that the equation of motion asks for, shape ``(n, d)``."""
@@ -287,6 +273,11 @@ def _first_axis(values: Array) -> Array:
     return np.ascontiguousarray(values.swapaxes(0, 1)).reshape(values.shape[1], -1)
 
 
+def _stage_series(shape: RunSteps, values: Array) -> Array:
+    """Chebyshev coefficients of polynomials through values at the stages, ``(K, n d)``."""
+    return np.asarray(shape.tables.stages_to_series @ _first_axis(values))
+
+
 def _sum(one: Array, other: Array) -> Array:
     """Sum of series ``(K, n)`` of different lengths."""
     long, short = (one, other) if len(one) >= len(other) else (other, one)
@@ -295,7 +286,7 @@ def _sum(one: Array, other: Array) -> Array:
     return found
 
 
-def _side_by_side(series: Sequence[Array]) -> Array:
+def _joined(series: Sequence[Array]) -> Array:
     """Series of members ``(K, n, d)`` one after the other, short ones with zeros."""
     if len(series) == 1:
         return series[0]
@@ -322,10 +313,9 @@ def accelerations(
     scene: Scene, position: Array, velocity: Array, force: Array, time: Array
 ) -> Array:
     """Accelerations under forces beside those of the Lagrangian, all of shape ``(n, d)``."""
-    dynamics = dynamics_of(scene)
     with np.errstate(all="ignore"):
-        if isinstance(dynamics, General):
-            lagrangian = dynamics.lagrangian
+        lagrangian = scene.lagrangian
+        if lagrangian is not None:
             at = lagrangian.derivatives(position, velocity, time)
             rest = lagrangian.momentum_rate(position, velocity, np.zeros_like(velocity), time)
             right = at.force + force - rest
@@ -334,7 +324,7 @@ def accelerations(
             mass = np.where(usable[:, None, None], at.mass, np.eye(scene.dimension))
             found = np.linalg.solve(mass, right[..., None])[..., 0]
             return np.where(usable[:, None], found, np.nan)
-        _, pull = dynamics.forces(position, velocity, time)
+        _, pull = scene.forces(position, velocity, time)
         return scene.inertia.velocity(pull + force)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
@@ -28,7 +28,7 @@ def integrate_observed(
     asked: Observations,
     *,
     every: int = 1,
-    diagnostics: Asked = NOTHING,
+    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, Trajectory]:
     """Integrate a scene and observe it, as :func:`observe` says.
@@ -76,19 +76,9 @@ def integrate_observed_members(
     every: int = 1,
     checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
 ) -> list[Pair]:
-    """Integrate many scenes and observe them, those of one kind as one batch.
+    """Integrate many scenes and observe them, without impacts, those of one kind as one batch.
 
-    Parameters
-    ----------
-    scenes, method, n_steps, every, checkpoints
-        As for :func:`fvi_cli.integrator.members.integrate_members`.
-    asked
-        What is wanted of each, without impacts, as for :func:`observe_members`.
-
-    Raises
-    ------
-    ValueError
-        For methods whose steps are no polynomials.
+    As :func:`fvi_cli.integrator.members.integrate_members` and :func:`observe_members`.
     """
     check_observable(method)
     runs = integrate_members(
@@ -106,20 +96,10 @@ def observe(
     impacts: Mapping[str, Array] | None = None,
     checkpoints: RunKeeper | None = None,
 ) -> Pair:
-    """What is asked of a finished run.
+    """What is asked of a finished run with its steps.
 
-    Parameters
-    ----------
-    scene, method
-        What moved, and by which method.
-    trajectory
-        The run with its steps.
-    asked
-        What is wanted.
-    impacts
-        Times of the impacts of the run, which are told like events.
-    checkpoints
-        That of the run; the one that tells what lies between its points has a part of it.
+    The times of its impacts, by name, are reported like events. The second run, for the motion
+    between its points, has a part of its checkpoint.
 
     Returns
     -------

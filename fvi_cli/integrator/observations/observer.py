@@ -11,12 +11,11 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.observations.asked import Event, Observations
-from fvi_cli.integrator.observations.criteria import FormulaAlong
 from fvi_cli.integrator.observations.damper_work import work_names
-from fvi_cli.integrator.observations.events import event_places
-from fvi_cli.integrator.observations.extents import extents_of
+from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.pieces import by_owner
+from fvi_cli.integrator.observations.search import event_places, extents_of
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
 from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.trajectory import Trajectory
@@ -27,15 +26,7 @@ Pair = tuple[Trajectory, Trajectory]
 
 
 class Observer:
-    """Evaluates what is asked of the motions of q members.
-
-    Parameters
-    ----------
-    motion
-        The motions.
-    asked
-        What is asked of each; formulas are those of the first.
-    """
+    """Evaluates what is asked of the motions of q members; formulas are those of the first."""
 
     def __init__(self, motion: DenseMotion, asked: Sequence[Observations]) -> None:
         self.motion, self.asked, self._first = motion, asked, asked[0]
@@ -119,43 +110,30 @@ class Observer:
                 quantities[member][name] = own
             for member, extent in enumerate(extents_of(motion, along, ends)):
                 extents[member][name] = extent
-        observed = [
-            Observed(
-                mesh=motion.steps[k].time[motion.steps[k].time <= ends[k]],
+        columns: list[list[Array]] = []
+        if self._first.times is not None:
+            position, time = motion.position(steps, tau), motion.time(steps, tau)
+            every = time, position, *motion.momentum_and_energy(position, steps, tau)
+            columns = [np.split(one, edges) for one in every]
+        found = []
+        for k, run in enumerate(runs):
+            on_mesh = replace(run, remarks=(*run.remarks, *remarks[k]))
+            mesh = motion.steps[k].time
+            observed = Observed(
+                mesh=mesh[mesh <= ends[k]],
                 quantities=quantities[k],
                 extents=extents[k],
                 events=events[k],
                 stopped_by=stopped[k],
             )
-            for k in range(q)
-        ]
-        on_mesh = [
-            replace(run, remarks=(*run.remarks, *own))
-            for run, own in zip(runs, remarks, strict=True)
-        ]
-        if self._first.times is None:
-            return [
-                (run, replace(run, observed=one))
-                for run, one in zip(on_mesh, observed, strict=True)
-            ]
-        position, time = motion.position(steps, tau), motion.time(steps, tau)
-        momentum, energy = motion.momentum_and_energy(position, steps, tau)
-        columns = [np.split(one, edges) for one in (time, position, momentum, energy)]
-        return [
-            (
-                run,
-                replace(
-                    run,
-                    time=t,
-                    position=x,
-                    momentum=p,
-                    energy=e,
-                    diagnostics=None,
-                    observed=one,
-                ),
-            )
-            for run, one, t, x, p, e in zip(on_mesh, observed, *columns, strict=True)
-        ]
+            at_times = replace(on_mesh, observed=observed)
+            if columns:
+                t, x, p, e = (one[k] for one in columns)
+                at_times = replace(
+                    at_times, time=t, position=x, momentum=p, energy=e, diagnostics=None
+                )
+            found.append((on_mesh, at_times))
+        return found
 
     def _find(
         self,

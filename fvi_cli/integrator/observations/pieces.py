@@ -1,7 +1,7 @@
 """A function along a motion, in pieces on each of which a polynomial stands for it.
 
 On every piece (a step, or a part of one) the function is interpolated in Chebyshev points. A
-criterion, see :mod:`~fvi_cli.integrator.observations.criteria`, says which pieces are halved. The
+criterion, see :mod:`~fvi_cli.integrator.observations.formulas`, says which pieces are halved. The
 extremes of the polynomials are eigenvalues; between two neighbours among them and the ends of the
 pieces the function is monotone, so that a change of sign encloses exactly one root, and two roots
 in a step are two changes (Boyd, *Solving Transcendental Equations*, SIAM 2014, sections 2 and 3).
@@ -16,7 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,65 +49,44 @@ _TO_COEFFICIENTS = to_coefficients(_NODES).T.copy()
 _SLOPES, _PRODUCTS = slopes_of_series(POINTS), products_of_series(POINTS)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Part:
-    """Successive steps of one member.
-
-    Parameters
-    ----------
-    first, last
-        Their numbers, and that behind the last.
-    end
-        Place in the last step at which the part ends.
-    """
+class Part(NamedTuple):
+    """Successive steps of one member."""
 
     first: int
-    last: int
-    end: float = 1.0
+    last: int  # behind the last one
+    end: float = 1.0  # place in the last step at which the part ends
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """Pieces of steps with the values of a function in their Chebyshev points.
+    """Pieces of steps with the values of a function in their Chebyshev points."""
 
-    Parameters
-    ----------
-    step, begin, end
-        Number of the step and places in it, shape ``(n,)``, in the order of steps.
-    values
-        At the Chebyshev points of the second kind from `begin` to `end`, shape ``(n, POINTS)``.
-    coefficients
-        Of the Chebyshev polynomials, shape ``(n, POINTS)``.
-    lost
-        Steps, with the place in them as a fraction, from which on features may be missed, since
-        the function changes too fast.
-    """
-
-    step: Places
-    begin: Array
+    step: Places  # (n,), ascending
+    begin: Array  # places in the step, (n,)
     end: Array
-    values: Array
-    coefficients: Array
+    values: Array  # at the Chebyshev points of the second kind, (n, POINTS)
+    coefficients: Array  # of the Chebyshev polynomials, (n, POINTS)
+    # step and place in it as one number, from which on features may be missed
     lost: tuple[float, ...] = ()
 
     @property
     def middle(self) -> Array:
-        """Means of the polynomials in the Chebyshev weight, shape ``(n,)``."""
+        """Means of the polynomials in the Chebyshev weight, ``(n,)``."""
         return self.coefficients[:, 0]
 
     @property
     def reach(self) -> Array:
-        """By so much at most the polynomials differ from `middle`, shape ``(n,)``."""
+        """By so much at most the polynomials differ from `middle`, ``(n,)``."""
         return np.asarray(np.abs(self.coefficients[:, 1:]).sum(axis=1))
 
     @property
     def squares(self) -> Array:
-        """Integrals of the squared polynomials, in parts of a step, shape ``(n,)``."""
+        """Integrals of the squared polynomials, in parts of a step, ``(n,)``."""
         product = in_rows(self.coefficients, _PRODUCTS)
         return np.asarray(0.5 * (self.end - self.begin) * (product * self.coefficients).sum(axis=1))
 
-    def stations(self, wanted: Mask) -> tuple[Places, Array]:
-        """Ends of pieces and extremes of the wanted ones: number of the step, and place in it."""
+    def stations(self, along: Along, wanted: Mask) -> tuple[Places, Array, Array]:
+        """Ends of pieces and extremes of the wanted ones: step, place in it, and value there."""
         piece, inside = roots_of_series(in_rows(self.coefficients[wanted], _SLOPES))
         own = np.flatnonzero(wanted)[piece]
         begin, end = self.begin[own], self.end[own]
@@ -115,7 +94,8 @@ class Pieces:
         within = begin + 0.5 * (inside + 1.0) * (end - begin)
         place = np.concatenate([self.begin, self.end, within])
         order = np.lexsort((place, step))
-        return step[order], place[order]
+        step, place = step[order], place[order]
+        return step, place, along(step, place)
 
 
 class Criterion(Protocol):
@@ -126,17 +106,9 @@ class Criterion(Protocol):
     ) -> tuple[Array, Array, Mask, Array]:
         """Values, coefficients, the pieces that are to be halved, and what their halves get.
 
-        Parameters
-        ----------
-        depth
-            How often steps were halved.
-        step, tau
-            Step of every piece, ``(n,)``, and its Chebyshev points, ``(n, POINTS)``.
-        part
-            Number of its part, ``(n,)``.
-        carried
-            What it gave for the piece of which they are halves, ``(n, 2)``; at first
-            :data:`NOTHING_CARRIED`.
+        After `depth` halvings the pieces have the steps ``(n,)``, Chebyshev points ``(n, POINTS)``
+        and numbers of their parts ``(n,)``; they carry what the piece of which they are halves
+        gave, ``(n, 2)``, at first :data:`NOTHING_CARRIED`.
         """
 
 
@@ -146,10 +118,8 @@ NOTHING_CARRIED = (math.inf, 0.0)
 def parts_of(first: int, count: int, end: float = 1.0) -> list[Part]:
     """The parts of `count` steps of a member from the step `first` on."""
     edges = [*range(first, first + count, AT_A_TIME), first + count]
-    found = [Part(first=a, last=b) for a, b in itertools.pairwise(edges)]
-    if found:
-        found[-1] = Part(first=found[-1].first, last=found[-1].last, end=end)
-    return found
+    found = [Part(a, b) for a, b in itertools.pairwise(edges)]
+    return [*found[:-1], *(one._replace(end=end) for one in found[-1:])]
 
 
 def pieces_of(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
@@ -201,13 +171,9 @@ def _divided(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
         depth += 1
     columns = [np.concatenate(one) for one in zip(*done, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
+    step, begin, end, values, coefficients = (one[order] for one in columns)
     yield Pieces(
-        step=columns[0][order],
-        begin=columns[1][order],
-        end=columns[2][order],
-        values=columns[3][order],
-        coefficients=columns[4][order],
-        lost=tuple(lost),
+        step=step, begin=begin, end=end, values=values, coefficients=coefficients, lost=tuple(lost)
     )
 
 

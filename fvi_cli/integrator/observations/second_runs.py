@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.balances.damping_along import damping_along
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.members import integrate_members
@@ -29,44 +29,21 @@ def dense_motion(
     steps: Sequence[RunSteps],
     checkpoints: RunKeeper | None = None,
 ) -> DenseMotion:
-    """The dense motions of finished runs, by second runs on their meshes.
-
-    Parameters
-    ----------
-    scenes, method
-        What moved, and by which Runge-Kutta method.
-    steps
-        All steps of every run.
-    checkpoints
-        Where the second run of a single scene keeps a checkpoint, and goes on from one.
-    """
+    """The dense motions of finished runs, by second runs on their meshes."""
+    methods, shapes, remarks = [method] * len(steps), list(steps), [""] * len(steps)
     stages = min(2 * method.degree, MOST_STAGES)
-    if stages == method.degree:
-        return _motion(scenes, [method] * len(steps), steps, steps, [""] * len(steps))
-    own = Method(
-        cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
-    )
-    methods, shapes, remarks = [], [], []
-    seconds = _second_runs(scenes, own, steps, checkpoints)
-    for one, (second, said) in zip(steps, seconds, strict=True):
-        methods.append(method if second is None else own)
-        shapes.append(one if second is None else second)
-        remarks.append(
-            ""
-            if second is not None
-            else "between the points of the mesh the motion is known to the order of a step only: "
-            f"the run of {stages} stages {said}"
+    if stages != method.degree:
+        own = Method(
+            cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
         )
-    return _motion(scenes, methods, steps, shapes, remarks)
-
-
-def _motion(
-    scenes: Sequence[Scene],
-    methods: Sequence[Method],
-    steps: Sequence[RunSteps],
-    shapes: Sequence[RunSteps],
-    remarks: Sequence[str],
-) -> DenseMotion:
+        for index, (second, said) in enumerate(_second_runs(scenes, own, steps, checkpoints)):
+            if second is not None:
+                methods[index], shapes[index] = own, second
+                continue
+            remarks[index] = (
+                "between the points of the mesh the motion is known to the order of a step only: "
+                f"the run of {stages} stages {said}"
+            )
     return DenseMotion(
         scenes=tuple(scenes),
         steps=tuple(steps),

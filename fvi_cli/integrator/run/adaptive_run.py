@@ -5,8 +5,8 @@ from __future__ import annotations
 import time as clock
 from dataclasses import replace
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
@@ -42,7 +42,7 @@ def integrate_adaptively(
     steps: AdaptiveSteps,
     *,
     every: int = 1,
-    diagnostics: Asked = NOTHING,
+    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
     engine: Engine | None = None,

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
@@ -191,7 +191,7 @@ def integrate_scenes(
     mesh: Mesh,
     *,
     every: int = 1,
-    diagnostics: Asked = NOTHING,
+    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
     most: int | None = None,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time as clock
 from dataclasses import dataclass
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import NOTHING
 from fvi_cli.integrator.loop.checkpoint import Checkpoint, fingerprint
 from fvi_cli.integrator.loop.loop import run
 from fvi_cli.integrator.method import Method
@@ -86,7 +86,7 @@ def integrate_part(
         this,
         0,
         every,
-        NOTHING,
+        NO_DIAGNOSTICS,
         with_steps=False,
         seconds=(ready - began, clock.perf_counter() - ready),
     )

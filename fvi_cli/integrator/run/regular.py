@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import Asked
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import Method
@@ -28,7 +28,9 @@ def keeps_for_momenta(scene: Scene, method: Method, n_steps: int) -> bool:
     return has_rough_momenta(scene, method) and size <= MOST_FOR_MOMENTA
 
 
-def rough_remarks(scene: Scene, asked: Asked, *, are_stored_smooth: bool) -> tuple[str, ...]:
+def rough_remarks(
+    scene: Scene, asked: DiagnosticsRequest, *, are_stored_smooth: bool
+) -> tuple[str, ...]:
     """What is known to the first step's error only, where the momenta of a method are rough."""
     what = [] if are_stored_smooth else ["momenta and energies"]
     what += ["dissipated work and energies of the balance"] if asked.energy_balance else []

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import General, dynamics_of
-from fvi_cli.integrator.balances.diagnostics import Asked
-from fvi_cli.integrator.balances.mesh_balance import diagnose_run
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
+from fvi_cli.integrator.balances.balance import diagnose_run
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
@@ -80,10 +79,7 @@ class ScenesRun:
         scenes = self.engine.scenes
         position = np.array([one.initial_position for one in scenes])
         momentum = np.array(
-            [
-                dynamics_of(one).momentum(one.initial_position, one.initial_velocity, 0.0)
-                for one in scenes
-            ]
+            [one.momentum(one.initial_position, one.initial_velocity, 0.0) for one in scenes]
         )
         self.recorder.begin(0.0, position, momentum)
 
@@ -128,7 +124,7 @@ def trajectory_of(
     this: ScenesRun,
     index: int,
     every: int,
-    diagnostics: Asked,
+    diagnostics: DiagnosticsRequest,
     *,
     with_steps: bool,
     seconds: tuple[float, float],
@@ -145,7 +141,6 @@ def trajectory_of(
         For what is ready before the steps, and for these.
     """
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
-    dynamics = dynamics_of(scene)
     n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
     time, position, momentum = recorder.points(index)
     failure = recorder.failures.get(index)
@@ -153,18 +148,18 @@ def trajectory_of(
     remarks = this.remarks
     if has_rough_momenta(scene, method):
         if steps is not None:
-            every_momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
+            every_momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
             momentum = every_momentum[np.searchsorted(steps.time, time)]
         remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
     with np.errstate(all="ignore"):
-        energy = dynamics.energy(position, momentum, time)
-    if isinstance(dynamics, General):
-        kept, irregular = regular_until(dynamics.lagrangian, position, momentum, energy, time)
+        energy = scene.energy(position, momentum, time)
+    if scene.lagrangian is not None:
+        kept, irregular = regular_until(scene.lagrangian, position, momentum, energy, time)
         if irregular:
             if kept == 0:
                 # no velocity was found from the momentum of the start, where it is given
                 kept, start = 1, (scene.initial_position, scene.initial_velocity)
-                energy[0] = dynamics.lagrangian.energy(*start, 0.0)
+                energy[0] = scene.lagrangian.energy(*start, 0.0)
             time, position, momentum, energy = (
                 one[:kept] for one in (time, position, momentum, energy)
             )
@@ -197,7 +192,9 @@ def trajectory_of(
     )
 
 
-def _diagnostics(this: ScenesRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
+def _diagnostics(
+    this: ScenesRun, index: int, steps: RunSteps, asked: DiagnosticsRequest
+) -> Diagnostics:
     """What is asked for on all points of the mesh."""
     engine = this.engine
     scene, loads = engine.scenes[index], engine.loads_of[index]

@@ -16,6 +16,21 @@ from fvi_cli.integrator.loop.points import Points, Stops
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 
+CHORDS_OF_A_BOX = 16
+"""Where a potential may be infinite in the box of a whole path, smaller boxes are looked at."""
+
+
+def _boxes(columns: Sequence[Array], chords: int) -> tuple[Array, Array]:
+    """Corners of boxes around so many successive chords of paths, ``(q, n)`` to ``(q, k, d)``."""
+    size = columns[0].shape[1]
+    first = np.arange(0, max(size - 1, 1), chords)
+    last = np.minimum(first + chords, size - 1)
+    low, high = (
+        np.stack([by(by.reduceat(one, first, axis=1), one[:, last]) for one in columns], axis=-1)
+        for by in (np.minimum, np.maximum)
+    )
+    return low, high
+
 
 class Soundness:
     """Stops scenes that leave the domain of their potential or all that they can reach.
@@ -91,16 +106,22 @@ class Soundness:
 
     def _may_be_undefined(self, first: ExpressionPotential, path: Array) -> Array:
         """Scenes on whose paths ``(scenes, n, d)`` V may be infinite or undefined."""
-        names = dict(self._parameters)
-        for index, coordinate in enumerate(first.coordinates):
-            names[coordinate] = np.ascontiguousarray(path[..., index])
+        columns = [np.ascontiguousarray(path[..., index]) for index in range(path.shape[2])]
+        names = {**self._parameters, **dict(zip(first.coordinates, columns, strict=True))}
         value = first.energy_expression.system.evaluate(names, NUMPY_FUNCTIONS)[0]
-        lost = ~np.isfinite(np.broadcast_to(value, path.shape[:2])).all(axis=1)
+        lost = np.asarray(~np.isfinite(np.broadcast_to(value, path.shape[:2])).all(axis=1))
         if first.energy_expression.system.is_entire:
-            return np.asarray(lost)
-        low, high = path.min(axis=1), path.max(axis=1)
-        parameters = {name: one[:, 0] for name, one in self._parameters.items()}
-        return np.asarray(lost | is_unbounded(first, low, high, parameters))
+            return lost
+        doubtful = np.flatnonzero(~lost)
+        for chords in (path.shape[1], CHORDS_OF_A_BOX):
+            low, high = _boxes([one[doubtful] for one in columns], chords)
+            parameters = {
+                name: np.broadcast_to(one[doubtful], low.shape[:2])
+                for name, one in self._parameters.items()
+            }
+            doubtful = doubtful[is_unbounded(first, low, high, parameters).any(axis=1)]
+        lost[doubtful] = True
+        return lost
 
     @cached_property
     def _parameters(self) -> dict[str, Array]:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.ladders.panels import (
-    Series,
-    collect_series,
-    draw_errors,
-    figure_legend,
-    finish_panels,
-    set_limits,
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import MethodLook, common_features, method_looks
+from fvi_cli.plotting.panels import MOST_COLOURED, MOST_LINES, ladders
+from fvi_cli.plotting.words import (
+    fraction,
+    member_label,
+    swept_in_words,
+    swept_number,
+    with_unit,
 )
-from fvi_cli.plotting.methods import SeriesStyle, common_features, series_styles
-from fvi_cli.plotting.style import fraction, journal_style, legend_columns, new_figure, panel_grid
 from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import kind_title
@@ -26,6 +28,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.norms import Norm
 
 Study = tuple[Experiment, Sequence[FinishedRun]]
+_Part = tuple[str, Study, Mapping[str, MethodLook]]
 
 NORM_LABELS: dict[Norm, str] = {
     "max": r"$\mathrm{max}_k\,|x_k - x(t_k)|$",
@@ -34,26 +37,14 @@ NORM_LABELS: dict[Norm, str] = {
 }
 MOST_CURVES = 7
 """Curves that one panel can hold."""
-
-LONGEST_TITLE = 56
-"""Letters of a line above the legend."""
-
-_MOST_GUIDES = 5
 _MOST_ROWS = 3
 
 
 def convergence_figure(studies: Sequence[Study]) -> Figure:
     """Draw the error of every run against its step size, one panel for every experiment.
 
-    Runs that have no error stand hollow in a strip at the top that names what happened; errors
-    that reached the floor lie in a hatched region. One experiment with more than
-    :data:`MOST_CURVES` methods has a panel for every variant of them, as ``degree 2``. Triangles
-    show the slopes that theory expects, or else those observed; what the source states is dashed.
-
-    Parameters
-    ----------
-    studies
-        Experiments with their finished runs.
+    One experiment with more than :data:`MOST_CURVES` methods has a panel for every variant of
+    them, as ``degree 2``.
 
     Raises
     ------
@@ -63,43 +54,66 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     if not studies or not any(finished for _, finished in studies):
         raise ValueError("finished runs: none were given; a convergence figure needs at least one")
     methods = [f.run.method for _, finished in studies for f in finished]
-    styles = series_styles(methods)
+    names = method_looks(methods)
     titles = panel_titles([experiment for experiment, _ in studies])
-    parts = [(title, study, styles) for title, study in zip(titles, studies, strict=True)]
-    if len(studies) == 1 and len(styles) > MOST_CURVES:
-        parts = _by_variant(titles[0], studies[0], styles) or parts
-    n_columns = 1 if len(parts) <= _MOST_ROWS else 2
-    n_rows = -(-len(parts) // n_columns)
-    shown = {style.label: style for _, _, some in parts for style in some.values()}
-    common = textwrap.fill(common_features(methods), LONGEST_TITLE)
-    legend_rows = -(-len(shown) // legend_columns(list(shown))) + len(common.splitlines())
+    parts: list[_Part] = [
+        (title, study, names) for title, study in zip(titles, studies, strict=True)
+    ]
+    if len(studies) == 1 and len(names) > MOST_CURVES:
+        parts = _by_variant(titles[0], studies[0], names) or parts
+    columns = 1 if len(parts) <= _MOST_ROWS else 2
     # many curves need room for slope triangles between them
-    panel_height = 2.2 + 0.12 * min(max(len(shown) - 3, 0), 7) if n_columns == 1 else 1.8
-    with journal_style():
-        figure = new_figure(n_rows * panel_height + 0.17 * legend_rows)
-        _, panels = panel_grid(figure, len(parts), n_columns)
-        drawn = []
-        is_one_norm = len({experiment.norm for experiment, _ in studies}) == 1
-        for position, (axes, part) in enumerate(zip(panels, parts, strict=True)):
-            title, (experiment, finished), some = part
-            series = collect_series(finished, some)
-            draw_errors(axes, series)
-            set_limits(axes, series)
-            axes.set_title(title)
-            if position + n_columns >= len(parts):
-                axes.set_xlabel("step size $h$")
-            if position % n_columns == 0 or not is_one_norm:
-                axes.set_ylabel("error " + NORM_LABELS[experiment.norm])
-            drawn.append((axes, series, reference_orders(series)))
-        figure_legend(figure, list(shown.values()), title=common)
-        finish_panels(figure, drawn)
-    return figure
+    height = 1.9 + 0.1 * min(max(len(names) - 3, 0), 7) if columns == 1 else 1.8
+    panels = [
+        Panel(
+            title=title,
+            y=with_unit(f"error {NORM_LABELS[experiment.norm]}", experiment.units, "length"),
+            curves=error_curves(finished, own),
+            height=height,
+        )
+        for title, (experiment, finished), own in parts
+    ]
+    return ladders(panels, columns=columns, title=common_features(methods))
 
 
-_Part = tuple[str, Study, dict[str, SeriesStyle]]
+def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook]) -> list[Curve]:
+    """Errors by method over the step size; an error of exactly zero stands below the floor."""
+    by_case: dict[str, list[FinishedRun]] = {}
+    for item in sorted(finished, key=lambda item: item.run.step_size):
+        by_case.setdefault(item.run.method.case, []).append(item)
+    curves = []
+    for case, name in names.items():
+        rows = by_case.get(case, [])
+        if not rows:
+            continue
+        claim = rows[0].run.experiment.claim(rows[0].run.method)
+        curves.append(
+            Curve(
+                x=np.array([one.run.step_size for one in rows]),
+                y=np.array(
+                    [max(one.error, one.floor / 100) if is_plotted(one) else np.nan for one in rows]
+                ),
+                label=name.label,
+                look=name.look,
+                lost=[(one.run.step_size, _word(one)) for one in rows if not is_plotted(one)],
+                order=np.array([one.expected_order for one in rows]),
+                stated=claim or math.nan,
+                floor=max((one.floor for one in rows if np.isfinite(one.floor)), default=0.0),
+            )
+        )
+    return curves
 
 
-def _by_variant(title: str, study: Study, styles: dict[str, SeriesStyle]) -> list[_Part]:
+def is_plotted(one: FinishedRun) -> bool:
+    """Whether the error of a run can stand on a logarithmic axis."""
+    return one.status in ("ok", "floor") and bool(np.isfinite(one.error))
+
+
+def _word(one: FinishedRun) -> str:
+    return "no reference" if one.status in ("ok", "floor") else one.status
+
+
+def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> list[_Part]:
     """A panel for every variant, where two or three make all the methods of some families."""
     experiment, finished = study
     names = method_names([item.run.method for item in finished])
@@ -109,9 +123,11 @@ def _by_variant(title: str, study: Study, styles: dict[str, SeriesStyle]) -> lis
     parts: list[_Part] = []
     for variant in variants:
         own = {
-            # the panel tells of the variant: the mark need not
-            case: replace(style, label=names[case].family, is_filled=True, line_style="-")
-            for case, style in styles.items()
+            # the panel names the variant: the mark need not
+            case: MethodLook(
+                label=names[case].family, look=replace(one.look, is_filled=True, dashes="-")
+            )
+            for case, one in looks.items()
             if names[case].variant == variant
         }
         some = [item for item in finished if item.run.method.case in own]
@@ -125,12 +141,13 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
     for experiment in experiments:
         problem = experiment.problem
         title = kind_title(problem.kind)
+        if problem.kind == "lagrangian":
+            title = experiment.name.replace("-", " ")
         if isinstance(problem, Problem) and problem.scene.laws:
             title = experiment.name
         elif isinstance(problem, Problem) and problem.scene.damping:
             orders = dict.fromkeys(fraction(term.order) for term in problem.scene.damping)
-            listed = ", ".join(orders)
-            title += rf", $\gamma = {listed}$"
+            title += rf", $\gamma = {', '.join(orders)}$"
         titles.append(title)
     return [
         title if titles.count(title) == 1 else experiment.name
@@ -138,14 +155,59 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
     ]
 
 
-def reference_orders(series: Sequence[Series]) -> list[float]:
-    """Orders worth a slope triangle: what theory expects, else observed slopes to the half.
+def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the errors of members against the step size, one panel for each method.
 
-    Of every curve the expected order at its smallest step above the floor counts.
+    Up to :data:`MOST_LINES` members have a name each; of more the lines have the colours of their
+    swept number, or there are the median and bands that hold 9 of 10 members and all of them.
+    Runs without an error are left out.
     """
-    curves = [one.curve() for one in series]
-    expected = {order for curve in curves if np.isfinite(order := curve.expected_order())}
-    if not expected:
-        slopes = [curve.slope() for curve in curves]
-        expected = {round(2 * slope) / 2 for slope in slopes if np.isfinite(slope) and slope > 0.25}
-    return sorted(expected)[:_MOST_GUIDES]
+    having = [one for one in finished if np.isfinite(one.error) and one.error > 0]
+    by_method: dict[AnyMethod, dict[int, list[FinishedRun]]] = {}
+    for one in sorted(having, key=lambda one: one.run.step_size):
+        number = -1 if one.run.member is None else one.run.member.number
+        by_method.setdefault(one.run.method, {}).setdefault(number, []).append(one)
+    names = method_looks(list(by_method))
+    panels = [
+        Panel(
+            title=names[method.case].label,
+            y=with_unit(f"error {NORM_LABELS[experiment.norm]}", experiment.units, "length"),
+            is_ensemble=True,
+            height=2.1 if len(by_method) == 1 else 1.8,
+            curves=[
+                member_curve(
+                    rows[0],
+                    np.array([one.run.step_size for one in rows]),
+                    np.array([one.error for one in rows]),
+                )
+                for _, rows in sorted(members.items())
+            ],
+        )
+        for method, members in by_method.items()
+    ]
+    return ladders(
+        panels,
+        columns=min(2, len(panels)),
+        above=False,
+        title=members_in_words(experiment),
+        bar=bar_of(experiment, panels),
+    )
+
+
+def member_curve(one: FinishedRun, x: Array, y: Array) -> Curve:
+    """A curve of a member of a sweep, with its number where one is swept."""
+    by = swept_number(one.run.member)
+    return Curve(x=x, y=y, label=member_label(one.run.member), by=math.nan if by is None else by)
+
+
+def members_in_words(experiment: Experiment) -> str:
+    """What stands above a legend of members."""
+    return f"{len(experiment.members)} members: {swept_in_words(experiment)}"
+
+
+def bar_of(experiment: Experiment, panels: Sequence[Panel]) -> str:
+    """The name of a colour bar, where members are told apart by one."""
+    numbers = [curve.by for panel in panels for curve in panel.curves]
+    most = max(len(panel.curves) for panel in panels)
+    is_coloured = MOST_LINES < most <= MOST_COLOURED and all(map(math.isfinite, numbers))
+    return members_in_words(experiment) if is_coloured else ""

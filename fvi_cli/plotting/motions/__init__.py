@@ -1,1 +1,1 @@
-"""Figures of motions: over time, in space, at events, of one run or the members of a sweep."""
+"""Figures of motions: over time, in the plane, at events, over the period."""

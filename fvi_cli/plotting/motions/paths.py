@@ -8,34 +8,30 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.methods import SeriesStyle
-from fvi_cli.plotting.motions.balance import most_accurate
-from fvi_cli.plotting.motions.labels import (
-    coordinate_labels,
-    styled,
-    time_axis,
-    with_unit,
+from fvi_cli.plotting.looks import method_looks
+from fvi_cli.plotting.motions.time_series import (
+    MOST_COMPONENTS,
+    has_momentum,
+    most_accurate,
+    select_runs,
 )
-from fvi_cli.plotting.motions.time_series import has_momentum, select_runs
 from fvi_cli.plotting.style import (
     COLOURS,
     DECORATION,
     GUIDE_COLOUR,
     INK,
-    LINE_STYLES,
     journal_style,
-    legend_above,
+    legend_of,
     new_figure,
     note,
     panel_grid,
 )
+from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
-_MOST_COMPONENTS = 4
 _MOST_LINES = 24
 _FEW_LINES = 8
 _SHAPES = 17
@@ -48,24 +44,23 @@ WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw momentum against position of every method, a panel for every component (up to 4)."""
     shown = select_runs(finished, has_momentum)
-    dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
-    columns = 1 if dimension == 1 else 2
-    names = coordinate_labels(experiment, shown[0].trajectory.position.shape[1])
+    names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
+    drawn = names[:MOST_COMPONENTS]
+    columns = 1 if len(drawn) == 1 else 2
     with journal_style():
-        figure = new_figure(0.7 + (2.1 if columns == 1 else 1.6) * -(-dimension // columns))
-        _, panels = panel_grid(figure, dimension, columns)
-        for component, axes in enumerate(panels):
-            for item, style, position in styled(shown):
-                place, momentum = item.trajectory.position, item.trajectory.momentum
-                if momentum is not None:
-                    x, y = place[:, component], momentum[:, component]
-                    _draw_curve(axes, x, y, style, position, len(shown))
-            _mark_start(axes, axes.lines[0])
-            name = names[component]
-            axes.set_xlabel(with_unit(f"position {name}", experiment, "length"))
-            label = f"momentum {_momentum_name(name, len(names))}"
-            axes.set_ylabel(with_unit(label, experiment, "momentum"))
-        legend_above(figure, panels[0])
+        figure = new_figure(0.5 + (2.1 if columns == 1 else 1.6) * -(-len(drawn) // columns))
+        _, panels = panel_grid(figure, len(drawn), columns)
+        for component, (name, axes) in enumerate(zip(drawn, panels, strict=True)):
+            pairs = [
+                (item.trajectory.position[:, component], item.trajectory.momentum[:, component])
+                for item in shown
+                if item.trajectory.momentum is not None
+            ]
+            _draw_curves(axes, shown, pairs)
+            axes.set_xlabel(_position(experiment, name))
+            momentum = f"$p_{{{typeset_name(name).strip('$')}}}$" if len(names) > 1 else "$p$"
+            axes.set_ylabel(with_unit(f"momentum {momentum}", experiment.units, "momentum"))
+        legend_of(figure, panels[0].get_legend_handles_labels()[0])
     return figure
 
 
@@ -73,23 +68,69 @@ def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figu
     """Draw the path in the plane of the first two coordinates; of a double pendulum, in space."""
     shown = select_runs(finished)
     with journal_style():
-        if experiment.problem.kind == "double-pendulum":
-            return _pendulum_path(experiment, most_accurate(shown))
-        names = coordinate_labels(experiment, shown[0].trajectory.position.shape[1])
-        figure = new_figure(3.0)
+        figure = new_figure(2.9)
         axes = figure.subplots()
-        for item, style, position in styled(shown):
-            place = item.trajectory.position
-            _draw_curve(axes, place[:, 0], place[:, 1], style, position, len(shown))
-        first = axes.lines[0]
-        if experiment.problem.kind == "kepler":
-            axes.plot([0.0], [0.0], "+", color=INK, markersize=8, label="centre", linestyle="none")
-        _mark_start(axes, first)
+        labels = ["horizontal position", "vertical position"]
+        if experiment.problem.kind == "double-pendulum":
+            _draw_pendulum(axes, experiment, most_accurate(shown).trajectory.position)
+            labels = [with_unit(label, experiment.units, "length") for label in labels]
+        else:
+            _draw_curves(axes, shown, [tuple(one.trajectory.position[:, :2].T) for one in shown])
+            if experiment.problem.kind == "kepler":
+                axes.plot([0.0], [0.0], "+", color=INK, markersize=8, label="centre", ls="none")
+            names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
+            labels = [_position(experiment, name) for name in names[:2]]
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(with_unit(f"position {names[0]}", experiment, "length"))
-        axes.set_ylabel(with_unit(f"position {names[1]}", experiment, "length"))
-        legend_above(figure, axes)
+        axes.set_xlabel(labels[0])
+        axes.set_ylabel(labels[1])
+        legend_of(figure, axes.get_legend_handles_labels()[0])
     return figure
+
+
+def _position(experiment: Experiment, name: str) -> str:
+    return with_unit(f"position {typeset_name(name)}", experiment.units, name, "length")
+
+
+def _draw_curves(
+    axes: Axes, shown: Sequence[FinishedRun], pairs: Sequence[tuple[Array, ...]]
+) -> None:
+    """One curve for every run, with marks where there are several, and a star at the start."""
+    names = method_looks([item.run.method for item in shown])
+    for position, (item, (x, y)) in enumerate(zip(shown, pairs, strict=True)):
+        own = names[item.run.method.case]
+        every = max(1, x.size // _DRAWN)
+        finite = np.isfinite(x[::every]) & np.isfinite(y[::every])
+        x, y = x[::every][finite], y[::every][finite]
+        properties = own.look.properties()
+        if len(pairs) == 1:
+            properties["marker"], properties["linestyle"], properties["linewidth"] = "", "-", 0.9
+        stride = max(1, x.size // _MARKS)
+        shifted = (((2 * position + 1) * stride // 6) % stride, stride)
+        axes.plot(
+            x, y, markevery=shifted, label=own.label, zorder=3 + 0.01 * position, **properties
+        )
+    first = pairs[0]
+    star = axes.plot(first[0][:1], first[1][:1], marker="*", markersize=9, label="start", zorder=5)[
+        0
+    ]
+    star.set(markerfacecolor="white", markeredgecolor=INK, linestyle="none")
+
+
+def _draw_pendulum(axes: Axes, experiment: Experiment, angles: Array) -> None:
+    """Paths of both masses of a double pendulum, with its rods at the start and at the end."""
+    lengths = experiment.problem_specification.get("lengths", (1.0, 1.0))
+    steps = [
+        float(length) * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        for length, angle in zip(lengths, angles.T, strict=True)
+    ]
+    inner, outer = steps[0], steps[0] + steps[1]
+    axes.plot(*inner.T, color=COLOURS[1], linewidth=1.4, label="first mass")
+    axes.plot(*outer.T, color=COLOURS[0], linewidth=0.9, label="second mass")
+    for when, label, marker in ((0, "at the start", "o"), (-1, "at the end", "s")):
+        rods = np.stack([np.zeros(2), inner[when], outer[when]])
+        colour, face = (INK, INK) if when else (GUIDE_COLOUR, "white")
+        line = axes.plot(*rods.T, color=colour, linewidth=1.6, marker=marker, label=label)[0]
+        line.set(markerfacecolor=face, zorder=4)
 
 
 def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -113,9 +154,11 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
         else:
             axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
             last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
-            last.set_ylabel(with_unit("ground $a(t)$", experiment, "acceleration"))
-        _draw_masses(axes, best, what)
-        time_axis(last, experiment, [best])
+            last.set_ylabel(with_unit("ground\n$a(t)$", experiment.units, "acceleration"))
+            figure.align_ylabels([axes, last])
+        _draw_masses(axes, experiment, best, what)
+        last.set_xlabel(time_label(experiment, [best]))
+        last.set_xlim(0.0, experiment.problem.final_time)
     return figure
 
 
@@ -130,7 +173,7 @@ def _ground_acceleration(experiment: Experiment, time: Array) -> Array | None:
     return np.asarray(-force / problem.scene.inertia.mass[0, 0])
 
 
-def _draw_masses(axes: Axes, best: FinishedRun, what: str) -> None:
+def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: str) -> None:
     position, time = best.trajectory.position, best.trajectory.time
     count = position.shape[1]
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
@@ -140,7 +183,7 @@ def _draw_masses(axes: Axes, best: FinishedRun, what: str) -> None:
         _draw_lifted(axes, time, position[:, index] * lift, float(index + 1), f"{what} {index + 1}")
     axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
     axes.set_yticks(_numbers(count))
-    _scale_bar(axes, lift, position[:, drawn], "$x_i$")
+    _scale_bar(axes, experiment, lift, position[:, drawn], "x_i")
 
 
 def _numbers(count: int) -> list[int]:
@@ -162,9 +205,9 @@ def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
         at = float(time[index])
         _draw_lifted(axes, place, shape * lift, at, f"t = {at:.4g}")
     axes.set_xlim(0.0, length)
-    axes.set_xlabel("place $s$")
-    axes.set_ylabel("time $t$, displaced by $u(s, t)$")
-    _scale_bar(axes, lift, shapes, "$u$")
+    axes.set_xlabel(with_unit("place $s$", experiment.units, "length"))
+    axes.set_ylabel(with_unit("time $t$, displaced by $u(s, t)$", experiment.units, "time"))
+    _scale_bar(axes, experiment, lift, shapes, "u")
 
 
 def _lift(values: Array, height: float) -> float:
@@ -181,12 +224,13 @@ def _draw_lifted(axes: Axes, x: Array, values: Array, level: float, label: str) 
     axes.plot(x, level + values, color=INK, linewidth=0.8, label=f"_{label}")
 
 
-def _scale_bar(axes: Axes, lift: float, values: Array, name: str) -> None:
+def _scale_bar(axes: Axes, experiment: Experiment, lift: float, values: Array, name: str) -> None:
     """A bar beside the panel as long as a round displacement, with its name and value."""
     largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
     if largest == 0:
         return
     unit = 10.0 ** math.floor(math.log10(largest))
+    unit_name = experiment.units.get("length", "")
     size = max(f * unit for f in (1, 2, 5) if f * unit <= largest * (1 + 1e-9))
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top)
@@ -201,74 +245,6 @@ def _scale_bar(axes: Axes, lift: float, values: Array, name: str) -> None:
         clip_on=False,
         **DECORATION,
     )
-    note(axes, 1.06, 0.5, f"{name} = {size:g}", ha="left", rotation="vertical")
-
-
-def _pendulum_path(experiment: Experiment, best: FinishedRun) -> Figure:
-    """Paths of both masses of a double pendulum, with its rods at the start and at the end."""
-    angles = best.trajectory.position
-    first, second = (float(v) for v in experiment.problem_specification.get("lengths", (1.0, 1.0)))
-    inner = first * np.stack([np.sin(angles[:, 0]), -np.cos(angles[:, 0])], axis=1)
-    outer = inner + second * np.stack([np.sin(angles[:, 1]), -np.cos(angles[:, 1])], axis=1)
-    figure = new_figure(3.3)
-    axes = figure.subplots()
-    axes.plot(*inner.T, color=COLOURS[1], linestyle=LINE_STYLES[1], label="first mass")
-    axes.plot(*outer.T, color=COLOURS[0], linewidth=0.9, label="second mass")
-    for when, label, marker in ((0, "at the start", "o"), (-1, "at the end", "s")):
-        rods = np.stack([np.zeros(2), inner[when], outer[when]])
-        axes.plot(
-            *rods.T,
-            color=INK if when else GUIDE_COLOUR,
-            linewidth=1.6,
-            marker=marker,
-            markerfacecolor="white" if when == 0 else INK,
-            label=label,
-            zorder=4,
-        )
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("horizontal position")
-    axes.set_ylabel("vertical position")
-    legend_above(figure, axes)
-    return figure
-
-
-def _draw_curve(
-    axes: Axes, x: Array, y: Array, style: SeriesStyle, position: int, curves: int
-) -> None:
-    """One curve; with marks, shifted from curve to curve, where there are several."""
-    every = max(1, x.size // _DRAWN)
-    x, y = x[::every], y[::every]
-    finite = np.isfinite(x) & np.isfinite(y)
-    properties = style.line_properties()
-    if curves == 1:
-        axes.plot(x[finite], y[finite], color=properties["color"], linewidth=0.9, label=style.label)
-        return
-    stride = max(1, x.size // _MARKS)
-    axes.plot(
-        x[finite],
-        y[finite],
-        markevery=(((2 * position + 1) * stride // 6) % stride, stride),
-        label=style.label,
-        zorder=3 + 0.01 * position,
-        **properties,
+    note(
+        axes, 1.06, 0.5, f"${name} = {size:g}$ {unit_name}".rstrip(), ha="left", rotation="vertical"
     )
-
-
-def _mark_start(axes: Axes, line: Line2D) -> None:
-    x, y = (np.asarray(values) for values in line.get_data())
-    axes.plot(
-        x[:1],
-        y[:1],
-        marker="*",
-        markersize=9,
-        markerfacecolor="white",
-        markeredgecolor=INK,
-        linestyle="none",
-        label="start",
-        zorder=5,
-    )
-
-
-def _momentum_name(name: str, components: int) -> str:
-    inner = name.strip("$")
-    return f"$p_{{{inner}}}$" if components > 1 else "$p$"

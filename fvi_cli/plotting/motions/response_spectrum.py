@@ -9,14 +9,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.plotting.motions.labels import finest_of_first
-from fvi_cli.plotting.style import COLOURS, LINE_STYLES, journal_style, new_figure, short_numbers
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.motions.time_series import finest_of_first
+from fvi_cli.plotting.panels import over_time
+from fvi_cli.plotting.words import with_unit
+from fvi_cli.reports.naming import key_in_words
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
 
-OF_PERIOD = ("mass", "stiffness")
-"""Ends of the keys that change the period; lines differ in the others."""
+OF_PERIOD = ("problem.mass", "problem.stiffness")
+"""Keys that change the period; lines differ in the others."""
 
 
 def response_spectrum_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -30,30 +33,31 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
     ValueError
         If a member has more degrees of freedom, or nothing that swings.
     """
+    others = [key for key in experiment.swept if key not in OF_PERIOD]
     lines: dict[str, list[tuple[float, float]]] = {}
     for one in finest_of_first(finished):
-        largest = float(np.abs(one.trajectory.position).max())
         if (member := one.run.member) is not None:
-            lines.setdefault(_label(member), []).append((period(member), largest))
-    with journal_style():
-        figure = new_figure(4.2 + 0.17 * len(lines))
-        upper, lower = figure.subplots(2, 1, sharex=True)
-        for index, (label, points) in enumerate(lines.items()):
-            at, largest = np.array(sorted(points)).T
-            colour = COLOURS[index % len(COLOURS)]
-            style = LINE_STYLES[(index // len(COLOURS)) % len(LINE_STYLES)]
-            upper.plot(at, largest, color=colour, linestyle=style, label=label)
-            lower.plot(at, (2 * math.pi / at) ** 2 * largest, color=colour, linestyle=style)
-        lower.set_xscale("log")
-        short_numbers(lower.xaxis)
-        upper.set_ylim(bottom=0.0)
-        lower.set_ylim(bottom=0.0)
-        upper.set_ylabel(r"displacement $\max |x|$")
-        lower.set_ylabel(r"pseudo-acceleration $\omega^2 \max |x|$")
-        lower.set_xlabel("period without damping")
-        if any(lines):
-            figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center")
-    return figure
+            label = ", ".join(value_in_words(member.values[key]) for key in others)
+            largest = float(np.abs(one.trajectory.position).max())
+            lines.setdefault(label, []).append((period(member), largest))
+    points = {label: np.array(sorted(own)).T for label, own in lines.items()}
+    upper = [Curve(x=at, y=most, label=label) for label, (at, most) in points.items()]
+    lower = [
+        Curve(x=at, y=(2 * math.pi / at) ** 2 * most, label=label)
+        for label, (at, most) in points.items()
+    ]
+    units = experiment.units
+    acceleration = r"pseudo-acceleration $\omega^2 \max |x|$"
+    return over_time(
+        [
+            Panel(curves=upper, y=with_unit(r"displacement $\max |x|$", units, "length")),
+            Panel(curves=lower, y=with_unit(acceleration, units, "acceleration")),
+        ],
+        x=with_unit("period without damping", units, "time"),
+        logarithmic=True,
+        from_zero=True,
+        title=", ".join(key_in_words(key) for key in others),
+    )
 
 
 def period(member: Member) -> float:
@@ -71,14 +75,3 @@ def period(member: Member) -> float:
     if not square > 0:
         raise ValueError("spectrum: a member has no spring that pulls back")
     return 2.0 * math.pi / math.sqrt(square)
-
-
-def _label(member: Member) -> str:
-    """What tells a line from the others; empty where only periods differ."""
-    others = [
-        (key, value)
-        for key, value in member.values.items()
-        if key.removeprefix("problem.") not in OF_PERIOD
-    ]
-    words = [f"{key.removeprefix('problem.')} = {value_in_words(value)}" for key, value in others]
-    return ", ".join(words)

@@ -1,45 +1,42 @@
-"""Solutions, energies, errors and quantities over time, exact ones beside those of methods."""
+"""Solutions, energies, errors, quantities and balances over time."""
 
 from __future__ import annotations
 
-import re
-import textwrap
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.observed import Extent, Observed
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.methods import SeriesStyle
-from fvi_cli.plotting.motions.labels import (
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_in_words
+from fvi_cli.plotting.looks import EXACT, Look, method_looks
+from fvi_cli.plotting.panels import MOST_LINES, over_time
+from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES
+from fvi_cli.plotting.words import (
     coordinates_of,
-    styled,
-    time_axis,
+    in_formula,
+    time_label,
     typeset_name,
     with_unit,
-)
-from fvi_cli.plotting.style import (
-    INK,
-    SMALL_TEXT,
-    few_decades,
-    journal_style,
-    legend_above,
-    new_figure,
 )
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import reference_of
 
 _FINE_POINTS = 2001
-_MARKS = 12  # marks on one curve
-_MOST_COMPONENTS = 4
+MOST_COMPONENTS = 4
+"""Coordinates that are drawn; the first of them."""
 _VISIBLE = 0.1  # of the largest position: an error that the eye sees
+_STEEP = 0.05  # of its largest value: an energy that falls below it within a third of the time
+_EPSILON = float(np.finfo(float).eps)
+_PANEL_DIGITS = 1e-6
 MOST_PANELS = 6
 """Quantities that are drawn; the first of them."""
-LONGEST_LABEL = 17
 
 
 def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -48,55 +45,36 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
     exact, panels = experiment.problem.exact, []
     time = np.linspace(0.0, experiment.problem.final_time, _FINE_POINTS)
-    for component, name in enumerate(names[:_MOST_COMPONENTS]):
-        typeset = re.sub(r"_\{(\d)\}", r"_\1", typeset_name(name)).strip("$")
+    for component, name in enumerate(names[:MOST_COMPONENTS]):
+        columns = [item.trajectory.position[:, component] for item in shown]
+        true = None if exact is None else (time, exact(time)[:, component])
         panels.append(
-            _Panel(
-                label=with_unit(f"position ${typeset}(t)$", experiment, name, "length"),
-                curves=[item.trajectory.position[:, component] for item in shown],
-                exact=None if exact is None else (time, exact(time)[:, component]),
+            Panel(
+                y=_position_label(experiment, name),
+                curves=run_curves(shown, columns, exact=true),
+                height=2.0 if len(names) == 1 else 1.45,
+                may_run_away=True,
             )
         )
-    return _against_exact(experiment, shown, panels, 1.1 + 1.45 * len(panels))
+    return _figure(experiment, shown, panels)
 
 
 def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the Hamiltonian without forcing of every method that has a momentum."""
+    """Draw the Hamiltonian without forcing of every method that has a momentum.
+
+    Logarithmically where it falls to a small part soon.
+    """
     shown = select_runs(finished, has_momentum, visibly_apart=True)
-    panel = _Panel(
-        label=with_unit("energy $H(x, p)$", experiment, "energy"),
-        curves=[energy for item in shown if (energy := item.trajectory.energy) is not None],
-        exact=exact_energy(experiment),
+    columns = [item.trajectory.energy for item in shown if item.trajectory.energy is not None]
+    first = columns[0]
+    is_steep = bool(np.all(first > 0) and first[first.size // 3] < _STEEP * first.max())
+    panel = Panel(
+        y=with_unit("energy $H(x, p)$", experiment.units, "energy"),
+        curves=run_curves(shown, columns, exact=exact_energy(experiment)),
+        may_run_away=True,
+        is_log=is_steep and all(np.all(values > 0) for values in columns),
     )
-    return _against_exact(experiment, shown, [panel], 2.5)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Panel:
-    """Curves over time, one for every run that is shown, and the times and values of the truth."""
-
-    label: str
-    curves: Sequence[Array]
-    exact: tuple[Array, Array] | None
-
-
-def _against_exact(
-    experiment: Experiment, shown: Sequence[FinishedRun], panels: Sequence[_Panel], height: float
-) -> Figure:
-    with journal_style():
-        figure = new_figure(height)
-        column = figure.subplots(len(panels), 1, squeeze=False, sharex=True)[:, 0]
-        for panel, axes in zip(panels, column, strict=True):
-            if panel.exact is not None:
-                # a broad light line, seen even where thin ones lie upon it
-                (line,) = axes.plot(*panel.exact, color="#bdbdbd", linewidth=4.0, label="exact")
-                line.set(zorder=2, solid_capstyle="butt")
-            for (item, style, position), values in zip(styled(shown), panel.curves, strict=True):
-                draw_series(axes, item.trajectory.time, values, style, position)
-            _limit(axes, panel.curves if panel.exact is None else [panel.exact[1]])
-            axes.set_ylabel(panel.label)
-        finish_figure(figure, column[-1], shown, experiment)
-    return figure
+    return _figure(experiment, shown, [panel])
 
 
 def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -105,39 +83,251 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
     Where no exact solution is known, the error is measured against the refined run.
     """
     shown = select_runs(finished)
-    reference = reference_of(shown[0].run)
-    with journal_style():
-        figure = new_figure(2.5)
-        axes = figure.subplots()
-        axes.set_yscale("log")
-        positive = []
-        for item, style, position in styled(shown):
-            trajectory = item.trajectory
-            with np.errstate(over="ignore", invalid="ignore"):
-                error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
-            error = np.where(np.isfinite(error) & (error > 0), error, np.nan)
-            draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
-            positive.append(error[np.isfinite(error)])
-        values = np.concatenate(positive)
-        if values.size:
-            high = min(values.max(), 1e3 * max(np.median(p) for p in positive if p.size))
-            # a zero crossing of the error is no reason to show sixteen decades
-            low = max(values.min(), 1e-3 * min(np.median(p) for p in positive if p.size))
-            axes.set_ylim(low / 2, high * 2)
-            if high / low > 1e2:
-                few_decades(axes.yaxis, 8)
-        several = shown[0].trajectory.position.shape[1] > 1
-        label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
-        if experiment.problem.exact is None:
-            label = "error against a refined run"
-        axes.set_ylabel(with_unit(label, experiment, "length"))
-        finish_figure(figure, axes, shown, experiment)
-    return figure
+    reference, columns = reference_of(shown[0].run), []
+    for item in shown:
+        trajectory = item.trajectory
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
+        columns.append(np.where(np.isfinite(error) & (error > 0), error, np.nan))
+    several = shown[0].trajectory.position.shape[1] > 1
+    label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
+    if experiment.problem.exact is None:
+        label = "error against a refined run"
+    curves = run_curves(shown, columns, floors=[item.floor for item in shown])
+    label = with_unit(label, experiment.units, "length")
+    return _figure(experiment, shown, [Panel(y=label, curves=curves, is_log=True)])
+
+
+def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw every quantity over time, a panel for each (up to 6), with the last method's peak."""
+    shown = select_runs(finished, has_quantities)
+    asked = list(observed_of(shown[0]).quantities)
+    panels = []
+    for name in asked[:MOST_PANELS]:
+        extent = observed_of(shown[-1]).extents[name]
+        columns = [observed_of(item).quantities[name] for item in shown]
+        curves = run_curves(shown, columns)
+        curves[-1:] = [_with_peak(curves[-1], extent)]
+        remark = f"peak ${in_formula(_height(extent), 4)}$ at $t = {extent.peak_time:.4g}$"
+        panels.append(_quantity_panel(experiment, name, curves, len(asked), remark))
+    return _figure(experiment, shown, panels, title=left_out_in_words(asked))
+
+
+def left_out_in_words(names: Sequence[object]) -> str:
+    """How many quantities are not drawn; empty where all are."""
+    more = len(names) > MOST_PANELS
+    return f"the first {MOST_PANELS} of {len(names)} quantities" if more else ""
+
+
+def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw energy, works and their sum of the most accurate run, and the defect of every method."""
+    shown = select_runs(finished, has_balance)
+    best = most_accurate(shown)
+    energy, found = best.trajectory.energy, _diagnostics(best)
+    if energy is None or found.dissipated_work is None or found.forcing_work is None:
+        raise ValueError("balance: the run has no energy")  # pragma: no cover - chosen above
+    parts = {"energy $E$": energy, "dissipated $W_d$": found.dissipated_work}
+    together = "$E + W_d$"
+    if np.any(found.forcing_work):
+        parts["of forcing $W_f$"] = found.forcing_work
+        together = "$E + W_d - W_f$"
+    if found.stored_energy is not None and np.any(found.stored_energy):
+        parts["stored $E_s$"] = found.stored_energy
+    parts[together] = energy + found.dissipated_work - found.forcing_work
+    defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
+    upper = with_unit("energy, work", experiment.units, "energy")
+    lower = f"defect $|{together.strip('$')} - E_0|$"
+    return _balance(experiment, shown, best, parts, defects, (upper, lower))
+
+
+def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the momentum maps of the most accurate run, and their largest defect by method."""
+    shown = select_runs(finished, has_momenta)
+    best = most_accurate(shown)
+    found = _diagnostics(best)
+    parts = {
+        f"{name} momentum": _column(found.momentum_map, index)
+        for index, name in enumerate(found.map_names)
+    }
+    defects = []
+    for item in shown:
+        values = _diagnostics(item).momentum_map_defect
+        defects.append(np.zeros(0) if values is None else np.abs(values).max(axis=1))
+    upper = with_unit("momentum map", experiment.units, "momentum")
+    lower = "defect $|J - J_0 - \\mathrm{impulse}|$"
+    return _balance(experiment, shown, best, parts, defects, (upper, lower))
+
+
+def _balance(
+    experiment: Experiment,
+    shown: Sequence[FinishedRun],
+    best: FinishedRun,
+    parts: Mapping[str, Array],
+    defects: Sequence[Array],
+    labels: tuple[str, str],
+) -> Figure:
+    """Quantities of one run above, defects of all methods below on a logarithmic axis."""
+    scale = max(float(max(np.abs(values).max() for values in parts.values())), 1e-300)
+    dashes = [*LINE_STYLES[:3], *LINE_STYLES[4:]]
+    curves = []
+    for index, (label, values) in enumerate(parts.items()):
+        look = Look(colour=COLOURS[index % len(COLOURS)], dashes=dashes[index % len(dashes)])
+        if index == len(parts) - 1 and len(parts) > 1:
+            look = Look(colour=INK, dashes=LINE_STYLES[3], width=1.6)
+        # a sum that may be zero throughout has no digits of its own
+        floor = _PANEL_DIGITS * scale
+        curves.append(Curve(x=best.trajectory.time, y=values, label=label, look=look, floor=floor))
+    rounding = _EPSILON * scale * math.sqrt(best.run.n_steps)
+    floors = [10 * _EPSILON * scale * math.sqrt(item.run.n_steps) for item in shown]
+    own = run_curves(shown, defects, floors=floors)
+    if len(own) == 1:
+        own = [replace(own[0], label=f"defect, {own[0].label}")]
+    panels = [
+        Panel(y=labels[0], curves=curves, height=1.7),
+        Panel(y=labels[1], curves=own, height=1.2, is_log=True, rounding=rounding),
+    ]
+    return _figure(experiment, [best], panels)
+
+
+def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the first coordinate of the members over time on the finest grid, a panel a method."""
+    moving = _finest(finished)
+    names = method_looks([one.run.method for one in moving])
+    label = _position_label(experiment, coordinates_of(experiment)[0])
+    panels = [
+        Panel(
+            title=names[case].label if len(names) > 1 else "",
+            y=label,
+            is_ensemble=True,
+            height=2.0 if len(names) == 1 else 1.7,
+            curves=[
+                member_curve(one, one.trajectory.time, one.trajectory.position[:, 0])
+                for one in moving
+                if one.run.method.case == case
+            ],
+        )
+        for case in names
+    ]
+    return _figure(experiment, (), panels, is_sweep=True, columns=min(2, len(panels)))
+
+
+def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw every quantity of the members over time, a panel for each (up to 6), on the finest grid.
+
+    Of several methods the first is shown; lines that a member has for itself have their peaks.
+    """
+    own = finest_of_first(_finest([one for one in finished if has_quantities(one)]))
+    asked = list(observed_of(own[0]).quantities)
+    panels = []
+    for name in asked[:MOST_PANELS]:
+        curves = []
+        for one in own:
+            curve = member_curve(one, one.trajectory.time, observed_of(one).quantities[name])
+            extent = observed_of(one).extents[name]
+            curves.append(curve if len(own) > MOST_LINES else _with_peak(curve, extent))
+        panels.append(_quantity_panel(experiment, name, curves, len(asked)))
+    return _figure(experiment, own, panels, title=left_out_in_words(asked), is_sweep=True)
+
+
+def _figure(
+    experiment: Experiment,
+    shown: Sequence[FinishedRun],
+    panels: Sequence[Panel],
+    *,
+    title: str = "",
+    is_sweep: bool = False,
+    columns: int = 1,
+) -> Figure:
+    """Panels over the time of an experiment."""
+    words = [members_in_words(experiment)] if is_sweep else []
+    return over_time(
+        panels,
+        x=time_label(experiment, shown),
+        span=(0.0, experiment.problem.final_time),
+        title="; ".join([*words, *filter(None, [title])]),
+        bar=bar_of(experiment, panels) if is_sweep else "",
+        columns=columns,
+    )
+
+
+def run_curves(
+    shown: Sequence[FinishedRun],
+    columns: Sequence[Array],
+    *,
+    exact: tuple[Array, Array] | None = None,
+    floors: Sequence[float] = (),
+) -> list[Curve]:
+    """One column of numbers over time for every run, after the times and values of the truth."""
+    names = method_looks([item.run.method for item in shown])
+    curves = [] if exact is None else [Curve(x=exact[0], y=exact[1], label="exact", look=EXACT)]
+    for index, (item, values) in enumerate(zip(shown, columns, strict=True)):
+        own = names[item.run.method.case]
+        floor = floors[index] if floors and math.isfinite(floors[index]) else 0.0
+        time = item.trajectory.time
+        curves.append(Curve(x=time, y=values, label=own.label, look=own.look, floor=floor))
+    return curves
+
+
+def _quantity_panel(
+    experiment: Experiment, name: str, curves: Sequence[Curve], count: int, remark: str = ""
+) -> Panel:
+    words = with_unit(name.replace("_", " "), experiment.units, name)
+    height = 1.15 if count <= 3 else 0.9
+    return Panel(y=words, curves=curves, remark=remark, height=height, may_run_away=True)
+
+
+def _position_label(experiment: Experiment, name: str) -> str:
+    inner = typeset_name(name).strip("$")
+    return with_unit(f"position ${inner}(t)$", experiment.units, name, "length")
+
+
+def _height(extent: Extent) -> float:
+    return extent.greatest if extent.greatest == extent.peak else extent.least
+
+
+def _with_peak(curve: Curve, extent: Extent) -> Curve:
+    from dataclasses import replace
+
+    return replace(curve, peaks=[(extent.peak_time, _height(extent))])
 
 
 def has_momentum(item: FinishedRun) -> bool:
     """Whether the method of a run has a momentum, and so an energy."""
     return item.trajectory.momentum is not None and item.trajectory.energy is not None
+
+
+def has_balance(item: FinishedRun) -> bool:
+    """Whether a run was stored with its energy balance."""
+    found = item.trajectory.diagnostics
+    return found is not None and found.energy_defect is not None
+
+
+def has_momenta(item: FinishedRun) -> bool:
+    """Whether a run was stored with momentum maps."""
+    found = item.trajectory.diagnostics
+    return found is not None and bool(found.map_names)
+
+
+def has_quantities(item: FinishedRun) -> bool:
+    """Whether quantities were asked of a run."""
+    return bool(observed_of(item).quantities)
+
+
+def observed_of(item: FinishedRun) -> Observed:
+    """What was observed of a run; nothing where nothing was asked for."""
+    observed = item.trajectory.observed
+    return Observed(mesh=item.trajectory.time) if observed is None else observed
+
+
+def _diagnostics(item: FinishedRun) -> Diagnostics:
+    found = item.trajectory.diagnostics
+    return Diagnostics() if found is None else found
+
+
+def _column(values: Array | None, index: int) -> Array:
+    if values is None:
+        return np.zeros(0)
+    return values if values.ndim == 1 else values[:, index]
 
 
 def select_runs(
@@ -148,20 +338,13 @@ def select_runs(
 ) -> list[FinishedRun]:
     """Of every method the run with the finest step that as many methods as possible have reached.
 
-    Parameters
-    ----------
-    finished
-        Runs of one experiment.
-    is_drawable
-        Which of them have what is drawn.
-    visibly_apart
-        The finest of these steps at which some error is 10 % of the largest position, so that a
-        picture does not show one curve for all.
+    `visibly_apart`: the finest of these steps at which some error is 10 % of the largest position,
+    so that a picture does not show one curve for all.
 
     Raises
     ------
     ValueError
-        If there is no such run, or none got beyond its start.
+        If no run has what is drawn, or none got beyond its start.
     """
     usable = [item for item in finished if is_drawable(item) and item.trajectory.time.size > 1]
     if not usable:
@@ -180,6 +363,26 @@ def _is_off(item: FinishedRun) -> bool:
     return bool(np.isfinite(item.error) and item.error >= _VISIBLE * largest)
 
 
+def most_accurate(shown: Sequence[FinishedRun]) -> FinishedRun:
+    """The run with the smallest error; the last one where none has an error."""
+    measured = [item for item in shown if np.isfinite(item.error)]
+    return min(measured, key=lambda item: item.error) if measured else shown[-1]
+
+
+def _finest(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """Runs that got beyond their start, on the finest grid."""
+    moving = [one for one in finished if one.trajectory.time.size > 1]
+    finest = max((one.run.n_steps for one in moving), default=0)
+    return [one for one in moving if one.run.n_steps == finest]
+
+
+def finest_of_first(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """The runs of the first method on the finest grid."""
+    most = max((one.run.n_steps for one in finished), default=0)
+    first = finished[0].run.method if finished else None
+    return [one for one in finished if one.run.method == first and one.run.n_steps == most]
+
+
 def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
     """Time and energy of the exact solution; its velocity by finite differences on a fine grid."""
     problem = experiment.problem
@@ -192,110 +395,3 @@ def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
     velocity = np.gradient(position, time[1], axis=0, edge_order=2)
     momentum = velocity @ problem.scene.inertia.mass.T
     return time[::4], problem.scene.energy(position, momentum)[::4]
-
-
-def draw_series(
-    axes: Axes,
-    time: Array,
-    values: Array,
-    style: SeriesStyle,
-    position: int,
-    *,
-    floor: float = float("nan"),
-) -> None:
-    """One curve with a few marks, which are shifted from curve to curve."""
-    every = max(1, time.size // _FINE_POINTS)
-    time, values = time[::every], values[::every]
-    stride = max(1, time.size // _MARKS)
-    axes.plot(
-        time,
-        np.where(np.isfinite(values), values, np.nan),
-        markevery=(((2 * position + 1) * stride // 6) % stride, stride),
-        label=style.label,
-        gid=f"floor {floor:.1e}" if np.isfinite(floor) else None,
-        zorder=3 + 0.01 * position,
-        **style.line_properties(),
-    )
-
-
-def _limit(axes: Axes, ranges: Sequence[Array]) -> None:
-    """Keep curves that run away from pressing the others flat."""
-    finite = np.concatenate([values[np.isfinite(values)] for values in ranges] or [np.zeros(1)])
-    if finite.size == 0:
-        return
-    if len(ranges) > 1:
-        ends = sorted(float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in ranges)
-        finite = finite[np.abs(finite) <= 10 * ends[0]]
-    low, high = float(finite.min()), float(finite.max())
-    span = (high - low) or abs(high) or 1.0
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
-
-
-def finish_figure(
-    figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
-) -> None:
-    """Time axis, and one legend above all panels."""
-    time_axis(axes, experiment, shown)
-    legend_above(figure, axes)
-
-
-def has_quantities(item: FinishedRun) -> bool:
-    """Whether quantities were asked of a run."""
-    return bool(observed_of(item).quantities)
-
-
-def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw every quantity over time, a panel for each (up to 6), with the last method's peak."""
-    shown = select_runs(finished, has_quantities)
-    names = list(observed_of(shown[0]).quantities)[:MOST_PANELS]
-    with journal_style():
-        figure = new_figure(0.8 + panel_height(len(names)) * len(names))
-        panels = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
-        for name, axes in zip(names, panels, strict=True):
-            for item, style, position in styled(shown):
-                values = observed_of(item).quantities[name]
-                draw_series(axes, item.trajectory.time, values, style, position)
-            mark_peak(axes, observed_of(shown[-1]).extents[name])
-            name_quantity(axes, experiment, name)
-        figure.align_ylabels(panels)
-        finish_figure(figure, panels[-1], shown, experiment)
-    return figure
-
-
-def name_quantity(axes: Axes, experiment: Experiment, name: str) -> None:
-    """The name of a quantity beside its panel, in lines that are no longer than that is high."""
-    words = with_unit(name.replace("_", " "), experiment, name)
-    axes.set_ylabel(textwrap.fill(words, LONGEST_LABEL, break_long_words=False))
-    # room for the cross at a peak
-    axes.margins(y=0.12)
-
-
-def panel_height(count: int) -> float:
-    """Height of one of several panels in inches."""
-    return 1.25 if count <= 3 else 0.95
-
-
-def observed_of(item: FinishedRun) -> Observed:
-    """What was observed of a run; nothing where nothing was asked for."""
-    observed = item.trajectory.observed
-    return Observed(mesh=item.trajectory.time) if observed is None else observed
-
-
-def mark_peak(axes: Axes, extent: Extent, colour: str = "") -> None:
-    """A cross at the peak, and its value where no colour says whose it is."""
-    height = extent.greatest if extent.greatest == extent.peak else extent.least
-    axes.plot([extent.peak_time], [height], "x", color=colour or INK, markersize=5, zorder=6)
-    if colour:
-        return
-    low, high = axes.get_ylim()
-    above = height - low < 0.5 * (high - low)
-    axes.annotate(
-        f"{height:.4g}".replace("-", "\N{MINUS SIGN}"),
-        (extent.peak_time, height),
-        xytext=(5, 4 if above else -4),
-        textcoords="offset points",
-        va="bottom" if above else "top",
-        fontsize=SMALL_TEXT,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
-    )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
-from fvi_cli.reports.document import Block, Bullets, Code, Equation, Grid, Heading, Paragraph
+from fvi_cli.reports.document import Block, Bullets, Code, Equation, Heading, Paragraph
 from fvi_cli.reports.naming import MethodName, method_names, number
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, row_of
-from fvi_cli.studies.cost import CostTable
+from fvi_cli.reports.table import Column, Report, Sheet, grid_of, rows_of, within
+from fvi_cli.studies.cost import CostCase, CostTable
 from fvi_cli.studies.price import (
     ACCURACIES,
     Curve,
@@ -22,50 +24,71 @@ from fvi_cli.studies.price import (
 
 NOT_REACHED = "not reached"
 
+_EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment")
 RUN_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("case", "name of the method in files"),
-    Column("method", "name of the method", title="method"),
-    Column("n_steps", "number N of steps", title="N"),
-    Column("step_size", "h, in the scene's unit of time"),
-    Column("error", "error of the position, in its unit", title="error", form=".2e"),
-    Column(
-        "setup_seconds",
-        "everything of a run but its steps, from a cold start; least of the repeats",
-        title="set-up, s",
-        form=".2g",
+    _EXPERIMENT,
+    Column("case", "name of the method in files", get="case.method.case"),
+    Column("method", "name of the method", "method", get="label"),
+    *within(
+        "row",
+        Column("n_steps", "number N of steps", "N"),
+        Column("step_size", "h, in the scene's unit of time"),
+        Column("error", "error of the position, in its unit", "error", ".2e"),
+        Column(
+            "setup_seconds",
+            "everything of a run but its steps, from a cold start; least of the repeats",
+            "set-up, s",
+            ".2g",
+        ),
+        Column("stepping_seconds_min", "the steps; least of the repeats", "stepping, s", ".2g"),
+        Column("stepping_seconds_median", "the steps; median of the repeats", "median, s", ".2g"),
+        Column("storage_seconds", "writing the run to a file", "storage, s", ".2g"),
+        Column(
+            "spread", "interquartile range of the stepping times over their median", "spread", ".0%"
+        ),
+        Column("repeats", "number of timed runs", "repeats"),
+        Column("peak_memory_bytes", "traced peak of a run of its own", "peak, bytes", ".2g"),
+        Column("history_operations", "multiply-adds on the history", "history operations"),
+        Column("newton_iterations", "iterations in all steps", "Newton"),
+        Column("status", "what was observed", "status"),
     ),
-    Column(
-        "stepping_seconds_min", "the steps; least of the repeats", title="stepping, s", form=".2g"
-    ),
-    Column(
-        "stepping_seconds_median", "the steps; median of the repeats", title="median, s", form=".2g"
-    ),
-    Column("storage_seconds", "writing the run to a file", title="storage, s", form=".2g"),
-    Column(
-        "spread",
-        "interquartile range of the stepping times over their median",
-        title="spread",
-        form=".0%",
-    ),
-    Column("repeats", "number of timed runs", title="repeats"),
-    Column("peak_memory_bytes", "traced peak of a run of its own", title="peak, bytes", form=".2g"),
-    Column("history_operations", "multiply-adds on the history", title="history operations"),
-    Column("newton_iterations", "iterations in all steps", title="Newton"),
-    Column("status", "what was observed", title="status"),
 )
+_PRICES = within(
+    "curve",
+    Column("order", "order between the two finest rows above the floor", "order", ".2f"),
+    Column(
+        "time_exponent",
+        "slope of log(seconds) against log(N) over the four finest",
+        "time exponent",
+        ".2f",
+    ),
+    Column(
+        "factor_per_digit",
+        "factor in seconds for a tenth of the error",
+        "one more digit",
+        # set-up is all there is to pay, and times scatter
+        lambda factor: "1" if factor < 1.005 else number(factor, ".3g"),
+        get="price_of_a_digit",
+    ),
+)
+
+
+def _to(get: Callable[[Curve, float], Any], accuracy: float) -> Callable[[_Of], Any]:
+    """What a curve says of an accuracy."""
+    return lambda of: None if of.curve is None else get(of.curve, accuracy)
+
+
 SUMMARY_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("case", "name of the method in files; one for all tolerances"),
-    Column("method", "name of the method"),
-    Column("order", "order between the two finest rows above the floor"),
-    Column("time_exponent", "slope of log(seconds) against log(N) over the four finest"),
-    Column("factor_per_digit", "factor in seconds for a tenth of the error"),
+    _EXPERIMENT,
+    Column("case", "name of the method in files; one for all tolerances", get="curve.key"),
+    Column("method", "name of the method", "method", get="label"),
+    *_PRICES,
     *(
         Column(
             f"seconds_to_{accuracy:.0e}",
             f"set-up plus stepping to an error of {accuracy:.0e}, interpolated",
             missing=NOT_REACHED,
+            get=_to(lambda curve, a: _or_none(curve.seconds_to(a)), accuracy),
         )
         for accuracy in ACCURACIES
     ),
@@ -73,157 +96,122 @@ SUMMARY_COLUMNS = (
         Column(
             f"extrapolated_to_{accuracy:.0e}",
             f"a guess for an error of {accuracy:.0e}, which no run reached",
+            get=_to(Curve.extrapolated_seconds, accuracy),
         )
         for accuracy in ACCURACIES
     ),
 )
 CHEAPEST_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("error", "accuracy to reach"),
-    Column("case", "the method that is cheapest there"),
-    Column("method", "name of the method"),
-    Column("seconds", "its set-up plus stepping"),
+    _EXPERIMENT,
+    Column("error", "accuracy to reach", get="accuracy"),
+    Column("case", "the method that is cheapest there", get="curve.key"),
+    Column("method", "name of the method", get="label"),
+    Column("seconds", "its set-up plus stepping", get=lambda of: of.curve.seconds_to(of.accuracy)),
 )
 TOLERANCE_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("tolerance", "error that was asked for, at any time", title="asked for", form=".0e"),
-    Column("outcome", "met, unreliable or refused", title="outcome"),
-    Column("error", "error at the points of the finest ladder", title="error", form=".1e"),
-    Column("estimate", "estimated error at any time", title="estimate", form=".1e"),
-    Column("n_steps", "steps of the run that was delivered", title="steps"),
-    Column("degree", "its stages", title="stages"),
-    Column("rounds", "runs of the search", title="runs"),
-    Column("seconds", "of the whole search, from a cold start", title="seconds", form=".2g"),
+    _EXPERIMENT,
+    *within(
+        "row",
+        Column("tolerance", "error that was asked for, at any time", "asked for", ".0e"),
+        Column("outcome", "met, unreliable or refused", "outcome"),
+        Column("error", "error at the points of the finest ladder", "error", ".1e"),
+        Column("estimate", "estimated error at any time", "estimate", ".1e"),
+        Column("n_steps", "steps of the run that was delivered", "steps"),
+        Column("degree", "its stages", "stages"),
+        Column("rounds", "runs of the search", "runs"),
+        Column("seconds", "of the whole search, from a cold start", "seconds", ".2g"),
+    ),
     Column(
         "on_a_ladder",
         "least seconds of any method on equal steps to the same error",
-        form=".2g",
-        title="on a ladder, s",
+        "on a ladder, s",
+        ".2g",
+        get=lambda of: of.curve.seconds_to(of.row.error) if of.curve else math.nan,
     ),
-    Column("case", "that method", title="by"),
+    Column("case", "that method", "by", get=lambda of: of.label or "-"),
 )
 FRONT_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("case", "method of a run that no other beats in both error and time"),
-    Column("n_steps", "its number of steps"),
+    _EXPERIMENT,
+    Column("case", "method of a run that no other beats in both error and time", get="curve.key"),
+    Column("n_steps", "its number of steps", get="row.n_steps"),
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Of:
+    """What a row is about."""
+
+    table: CostTable
+    label: str = ""
+    row: Any = None
+    case: CostCase | None = None
+    curve: Curve | None = None
+    accuracy: float = math.nan
 
 
 def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
     """What the methods of every experiment cost; seconds to accuracies come first."""
     title = Heading(level=1, words=f"What accuracy costs: {name}")
     prices = cost_summary(tables)
-    words: list[Block] = [title, *prices]
-    for table in tables:
-        words += _details(table)
+
+    def sheet(
+        name: str, columns: tuple[Column, ...], items: Items, *keys: str, is_file: bool = True
+    ) -> Sheet:
+        rows = rows_of(columns, (one for table in tables for one in items(table)))
+        whose = ("experiment", *keys)
+        return Sheet(name=name, columns=columns, rows=rows, keys=whose, is_file=is_file)
+
+    asked = any(table.by_tolerance for table in tables)
     return Report(
         name=f"{name}-cost",
         sheets=(
-            _sheet(tables),
-            Sheet(
-                name="summary",
-                columns=SUMMARY_COLUMNS,
-                rows=tuple(row for table in tables for row in _prices(table)),
-                keys=("experiment", "case"),
-            ),
-            Sheet(
-                name="cheapest",
-                columns=CHEAPEST_COLUMNS,
-                rows=tuple(row for table in tables for row in _cheapest(table)),
-                keys=("experiment", "error"),
-                is_file=False,
-            ),
-            _tolerance_sheet(tables),
-            Sheet(
-                name="pareto_front",
-                columns=FRONT_COLUMNS,
-                rows=tuple(
-                    row_of(FRONT_COLUMNS, p, table, case=curve.key)
-                    for table in tables
-                    for curve, p in pareto_front(cost_curves(table))
-                ),
-                keys=("experiment", "case", "n_steps"),
-                is_file=False,
-            ),
+            sheet("runs", RUN_COLUMNS, _runs, "case", "n_steps"),
+            sheet("summary", SUMMARY_COLUMNS, _curves, "case"),
+            sheet("cheapest", CHEAPEST_COLUMNS, _cheapest, "error", is_file=False),
+            sheet("tolerances", TOLERANCE_COLUMNS, _tolerances, "tolerance", is_file=asked),
+            sheet("pareto_front", FRONT_COLUMNS, _front, "case", "n_steps", is_file=False),
         ),
         summary=(title, *prices),
-        blocks=tuple(words),
+        blocks=(title, *prices, *(block for table in tables for block in _details(table))),
         is_timed=True,
     )
 
 
-def _sheet(tables: Sequence[CostTable]) -> Sheet:
-    rows = []
-    for table in tables:
-        names = _names(table)
-        for case in table.cases:
-            key, label = case.method.case, names[case.method.case].label
-            rows += [row_of(RUN_COLUMNS, row, table, case=key, method=label) for row in case.rows]
-    keys = ("experiment", "case", "n_steps")
-    return Sheet(name="runs", columns=RUN_COLUMNS, rows=tuple(rows), keys=keys)
+Items = Callable[[CostTable], Iterator[_Of]]
 
 
-def _tolerance_sheet(tables: Sequence[CostTable]) -> Sheet:
-    rows: list[Row] = []
-    for table in tables:
-        names = _names(table)
-        curves = [curve for curve in cost_curves(table) if not curve.is_exact_by_chance]
-        for row in table.by_tolerance:
-            times = {curve.key: curve.seconds_to(row.error) for curve in curves}
-            reached = [curve for curve in curves if not math.isnan(times[curve.key])]
-            best = min(reached, key=lambda curve: times[curve.key], default=None)
-            rows.append(
-                row_of(
-                    TOLERANCE_COLUMNS,
-                    row,
-                    table,
-                    on_a_ladder=math.nan if best is None else times[best.key],
-                    case="-" if best is None else curve_name(best, names),
-                )
-            )
-    return Sheet(
-        name="tolerances",
-        columns=TOLERANCE_COLUMNS,
-        rows=tuple(rows),
-        keys=("experiment", "tolerance"),
-        is_file=bool(rows),
-    )
-
-
-def _prices(table: CostTable) -> Iterator[dict[str, Value]]:
+def _runs(table: CostTable) -> Iterator[_Of]:
     names = _names(table)
+    for case in table.cases:
+        label = names[case.method.case].label
+        yield from (_Of(table=table, label=label, case=case, row=row) for row in case.rows)
+
+
+def _curves(table: CostTable) -> Iterator[_Of]:
     for curve in cost_curves(table):
-        seconds = {accuracy: curve.seconds_to(accuracy) for accuracy in ACCURACIES}
-        yield {
-            "experiment": table.experiment,
-            "case": curve.key,
-            "method": curve_name(curve, names),
-            "order": curve.order,
-            "time_exponent": curve.time_exponent,
-            "factor_per_digit": curve.price_of_a_digit,
-            **{
-                f"seconds_to_{accuracy:.0e}": None if math.isnan(value) else value
-                for accuracy, value in seconds.items()
-            },
-            **{
-                f"extrapolated_to_{accuracy:.0e}": curve.extrapolated_seconds(accuracy)
-                for accuracy in ACCURACIES
-            },
-        }
+        yield _Of(table=table, curve=curve, label=curve_name(curve, _names(table)))
 
 
-def _cheapest(table: CostTable) -> Iterator[dict[str, Value]]:
-    names, bands = _names(table), cheapest_bands(cost_curves(table))
+def _cheapest(table: CostTable) -> Iterator[_Of]:
+    bands = cheapest_bands(cost_curves(table))
     for accuracy in ACCURACIES:
-        curve = cheapest_at(bands, accuracy)
-        if curve is not None:
-            yield {
-                "experiment": table.experiment,
-                "error": accuracy,
-                "case": curve.key,
-                "method": curve_name(curve, names),
-                "seconds": curve.seconds_to(accuracy),
-            }
+        if curve := cheapest_at(bands, accuracy):
+            label = curve_name(curve, _names(table))
+            yield _Of(table=table, curve=curve, label=label, accuracy=accuracy)
+
+
+def _tolerances(table: CostTable) -> Iterator[_Of]:
+    curves = [curve for curve in cost_curves(table) if not curve.is_exact_by_chance]
+    for row in table.by_tolerance:
+        reached = [one for one in curves if not math.isnan(one.seconds_to(row.error))]
+        best = min(reached, key=lambda one: one.seconds_to(row.error), default=None)
+        label = curve_name(best, _names(table)) if best else ""
+        yield _Of(table=table, row=row, curve=best, label=label)
+
+
+def _front(table: CostTable) -> Iterator[_Of]:
+    for curve, row in pareto_front(cost_curves(table)):
+        yield _Of(table=table, curve=curve, row=row)
 
 
 def curve_name(curve: Curve, names: Mapping[str, MethodName]) -> str:
@@ -264,17 +252,6 @@ def _is_peer(method: AnyMethod) -> bool:
 
 def _summary(table: CostTable, level: int) -> list[Block]:
     names, curves = _names(table), cost_curves(table)
-    header = ("method", "order", "time exponent", "one more digit")
-    rows = [
-        (
-            curve_name(curve, names),
-            number(curve.order, ".2f"),
-            number(curve.time_exponent, ".2f"),
-            _price(curve.price_of_a_digit),
-            *(_reached(curve, accuracy) for accuracy in ACCURACIES),
-        )
-        for curve in curves
-    ]
     bands = cheapest_bands(curves)
     cheapest = [cheapest_at(bands, accuracy) for accuracy in ACCURACIES]
     last = tuple("-" if curve is None else curve_name(curve, names) for curve in cheapest)
@@ -287,11 +264,7 @@ def _summary(table: CostTable, level: int) -> list[Block]:
                 f"{table.reference}.",
             )
         ),
-        Grid(
-            header=(*header, *(f"{accuracy:.0e}" for accuracy in ACCURACIES)),
-            rows=tuple(rows),
-            summary_rows=(("cheapest", "", "", "", *last),),
-        ),
+        grid_of(_price_columns(), _curves(table), summary_rows=(("cheapest", "", "", "", *last),)),
         *_exact_methods(curves, names),
         *_asked_for(table),
         Paragraph(words="Cheapest by accuracy:"),
@@ -313,13 +286,13 @@ def _asked_for(table: CostTable) -> list[Block]:
     return [
         Paragraph(
             words=(
-                "Asked for by tolerance (",
+                "Runs with a tolerance (",
                 Code("accuracy: {tolerance: ...}"),
-                "), search and all, beside the quickest run on equal steps to the same error, "
-                "which nobody knows beforehand:",
+                "), search included, beside the quickest run on equal steps to the same error, "
+                "which is not known beforehand:",
             )
         ),
-        _tolerance_sheet([table]).grid(key_columns=1),
+        grid_of([one for one in TOLERANCE_COLUMNS if one.title], _tolerances(table)),
     ]
 
 
@@ -336,9 +309,13 @@ def _exact_methods(curves: Sequence[Curve], names: Mapping[str, MethodName]) -> 
     ]
 
 
-def _price(factor: float) -> str:
-    # set-up is all there is to pay, and times scatter
-    return "1" if factor < 1.005 else number(factor, ".3g")
+def _price_columns() -> list[Column]:
+    reached = [Column("", title=f"{a:.0e}", get=_to(_reached, a)) for a in ACCURACIES]
+    return [Column("method", title="method", get="label"), *_PRICES, *reached]
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def _reached(curve: Curve, accuracy: float) -> str:
@@ -353,7 +330,7 @@ def _details(table: CostTable) -> list[Block]:
     names = _names(table)
     blocks: list[Block] = [
         Heading(level=2, words=f"{table.experiment}: every run"),
-        _sheet([table]).grid(key_columns=2),
+        grid_of([one for one in RUN_COLUMNS if one.title], _runs(table), key_columns=2),
         Paragraph(
             words="The spread is the interquartile range of the stepping times over their median. "
             "The peak is traced in a run of its own."

@@ -3,164 +3,171 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 from fvi_cli.reports.document import Block, Bullets, Code, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Sheet, Within, row_of
+from fvi_cli.reports.table import Column, Report, Sheet, Within, grid_of, rows_of, within
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
 """How close a fit comes to another one of the same data."""
 ROUGH = Within(relative=1e-2)
 
+_EXPERIMENT = Column("experiment", "name of the experiment", get="result.name")
+_MODEL = Column("model", "name of the model; empty: the only one", "model", get="model.model.name")
+_WHOSE = (_EXPERIMENT, replace(_MODEL, meaning="name of the model", title=""))
+
 PARAMETER_COLUMNS = (
-    Column("parameter", "key path; with @ and the motion where each has its own"),
-    Column("estimate", "in the unit of the key", compared=ESTIMATED),
-    Column("standard_error", "from the curvature of the misfit, same unit", compared=ROUGH),
-    Column(
-        "low",
-        "lower end of the 95 % interval by profile likelihood; -inf: no limit; empty: not found",
-        compared=ROUGH,
+    *within(
+        "one",
+        Column("parameter", "key path; with @ and the motion where each has its own", get="name"),
+        Column("estimate", "in the unit of the key", compared=ESTIMATED, get="value"),
+        Column("standard_error", "from the curvature of the misfit, same unit", compared=ROUGH),
+        Column(
+            "low",
+            "lower end of the 95 % interval by profile likelihood; -inf: no limit; "
+            "empty: not found",
+            compared=ROUGH,
+        ),
+        Column(
+            "high",
+            "upper end of the 95 % interval; inf: no limit; empty: not found",
+            compared=ROUGH,
+        ),
+        Column("at_bound", "which ends of the interval are bounds of the parameter"),
     ),
-    Column(
-        "high", "upper end of the 95 % interval; inf: no limit; empty: not found", compared=ROUGH
-    ),
-    Column("at_bound", "which ends of the interval are bounds of the parameter"),
-    Column("experiment", "name of the experiment"),
-    Column("model", "name of the model; empty: the only one"),
+    _EXPERIMENT,
+    _MODEL,
 )
 MODEL_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("model", "name of the model; empty: the only one", "model"),
-    Column("parameters", "number of fitted parameters", "parameters"),
-    Column("values", "number of measured values"),
+    _EXPERIMENT,
+    _MODEL,
     Column(
-        "aicc",
-        "corrected Akaike information criterion; smaller is better",
-        "AICc",
+        "parameters",
+        "number of fitted parameters",
+        "parameters",
+        get=lambda of: len(of.model.estimates),
+    ),
+    *within(
+        "model",
+        Column("values", "number of measured values", get="n_values"),
+        Column(
+            "aicc",
+            "corrected Akaike information criterion; smaller is better",
+            "AICc",
+            ".1f",
+            compared=ROUGH,
+            get="criterion",
+        ),
+    ),
+    Column(
+        "aicc_difference",
+        "to the best model",
+        "difference",
         ".1f",
         compared=ROUGH,
+        get=lambda of: (
+            of.model.criterion - of.result.best.criterion
+            if math.isfinite(of.model.criterion)
+            else math.inf
+        ),
     ),
-    Column("aicc_difference", "to the best model", "difference", ".1f", compared=ROUGH),
+    *within(
+        "model",
+        Column(
+            "whiteness",
+            "probability (Ljung and Box) of the residuals, if they are noise",
+            "noise?",
+            ".2g",
+            compared=Within(relative=5e-2),
+        ),
+        Column("steps", "steps of the runs", compared=None),
+        Column("discretisation", "error of the runs over the residuals", compared=None),
+    ),
     Column(
-        "whiteness",
-        "probability (Ljung and Box) of what is left, if it is noise",
-        "noise?",
-        ".2g",
-        compared=Within(relative=5e-2),
+        "not_needed",
+        "terms whose removal the data do not refuse",
+        "not needed",
+        get=lambda of: ", ".join(one.key for one in of.model.needless),
     ),
-    Column("steps", "steps of the runs", compared=None),
-    Column("discretisation", "error of the runs over what is left of the data", compared=None),
-    Column("not_needed", "terms whose removal the data do not refuse", "not needed"),
-    Column("status", "ok or failed", "status"),
-    Column("message", "why it failed", compared=None),
+    Column(
+        "status", "ok or failed", "status", get=lambda of: ("failed", "ok")[of.model.is_converged]
+    ),
+    Column("message", "why it failed", compared=None, get="model.message"),
 )
 NOISE_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("model", "name of the model"),
-    Column("motion", "name of the data set"),
-    Column("column", "name of the column"),
-    Column("values", "number of measured values"),
-    Column("deviation", "standard deviation of the noise, unit of the column", compared=ROUGH),
+    *_WHOSE,
+    Column("motion", "name of the data set", get="one.data"),
+    Column("column", "name of the column", get="one.series.column"),
+    Column("values", "number of measured values", get=lambda of: int(of.one.series.values.size)),
+    Column(
+        "deviation",
+        "standard deviation of the noise, unit of the column",
+        compared=ROUGH,
+        get="one.deviation",
+    ),
 )
 CORRELATION_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("model", "name of the model"),
-    Column("parameter", "one parameter"),
-    Column("other", "another one"),
+    *_WHOSE,
+    Column("parameter", "one parameter", get="one.name"),
+    Column("other", "another one", get="other.name"),
     Column("correlation", "of their estimates, -1 to 1", compared=Within(absolute=1e-3)),
 )
+ESTIMATES = (
+    Column("name", title="parameter"),
+    Column("value", title="estimate", form=".8g"),
+    Column("standard_error", title="standard error", form=lambda value: f"{value:.2g}"),
+    Column("low", title="95 % from", get=lambda one: _end(one.low, one.reached[0], "<", one.value)),
+    Column("high", title="to", get=lambda one: _end(one.high, one.reached[1], ">", one.value)),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Of:
+    """What a row is about."""
+
+    result: FitResult
+    model: ModelFit
+    one: Any = None
+    other: Any = None
+    correlation: float = math.nan
 
 
 def fit_report(name: str, results: Sequence[FitResult]) -> Report:
     """Estimates of every experiment and model."""
     every = [(result, model) for result in results for model in result.models]
+
+    def sheet(
+        name: str,
+        columns: tuple[Column, ...],
+        items: Iterable[_Of],
+        *keys: str,
+        is_file: bool = True,
+    ) -> Sheet:
+        rows, whose = rows_of(columns, items), ("experiment", "model", *keys)
+        return Sheet(name=name, columns=columns, rows=rows, keys=whose, is_file=is_file)
+
+    estimates = [_Of(result=r, model=m, one=one) for r, m in every for one in m.estimates]
+    noise = [_Of(result=r, model=m, one=one) for r, m in every for one in m.series]
+    pairs = [
+        _Of(result=r, model=m, one=one, other=other, correlation=float(m.correlations[i, j]))
+        for r, m in every
+        for i, one in enumerate(m.estimates)
+        for j, other in enumerate(m.estimates[:i])
+    ]
     words = tuple(_words(name, results))
     return Report(
         name=f"{name}-fit",
         sheets=(
-            Sheet(
-                name="parameters",
-                columns=PARAMETER_COLUMNS,
-                rows=tuple(
-                    row_of(
-                        PARAMETER_COLUMNS,
-                        one,
-                        parameter=one.name,
-                        estimate=one.value,
-                        experiment=result.name,
-                        model=model.model.name,
-                    )
-                    for result, model in every
-                    for one in model.estimates
-                ),
-                keys=("experiment", "model", "parameter"),
-            ),
-            _models(every),
-            Sheet(
-                name="noise",
-                columns=NOISE_COLUMNS,
-                rows=tuple(
-                    {
-                        "experiment": result.name,
-                        "model": model.model.name,
-                        "motion": one.data,
-                        "column": one.series.column,
-                        "values": int(one.series.values.size),
-                        "deviation": one.deviation,
-                    }
-                    for result, model in every
-                    for one in model.series
-                ),
-                keys=("experiment", "model", "motion", "column"),
-                is_file=False,
-            ),
-            Sheet(
-                name="correlations",
-                columns=CORRELATION_COLUMNS,
-                rows=tuple(
-                    {
-                        "experiment": result.name,
-                        "model": model.model.name,
-                        "parameter": model.estimates[i].name,
-                        "other": model.estimates[j].name,
-                        "correlation": float(model.correlations[i, j]),
-                    }
-                    for result, model in every
-                    for i in range(len(model.estimates))
-                    for j in range(i)
-                ),
-                keys=("experiment", "model", "parameter", "other"),
-                is_file=False,
-            ),
+            sheet("parameters", PARAMETER_COLUMNS, estimates, "parameter"),
+            sheet("models", MODEL_COLUMNS, (_Of(result=r, model=m) for r, m in every)),
+            sheet("noise", NOISE_COLUMNS, noise, "motion", "column", is_file=False),
+            sheet("correlations", CORRELATION_COLUMNS, pairs, "parameter", "other", is_file=False),
         ),
         summary=words,
         blocks=words,
-    )
-
-
-def _models(every: Sequence[tuple[FitResult, ModelFit]]) -> Sheet:
-    return Sheet(
-        name="models",
-        columns=MODEL_COLUMNS,
-        rows=tuple(
-            row_of(
-                MODEL_COLUMNS,
-                model,
-                experiment=result.name,
-                model=model.model.name,
-                parameters=len(model.estimates),
-                values=model.n_values,
-                aicc=model.criterion,
-                aicc_difference=model.criterion - result.best.criterion
-                if math.isfinite(model.criterion)
-                else math.inf,
-                not_needed=", ".join(one.key for one in model.needless),
-                status="ok" if model.is_converged else "failed",
-            )
-            for result, model in every
-        ),
-        keys=("experiment", "model"),
     )
 
 
@@ -170,7 +177,8 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
         yield Heading(level=2, words=(Code(result.name),))
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: one.criterion)
-            yield _models([(result, one) for one in models]).grid()
+            shown = [one for one in MODEL_COLUMNS if one.title]
+            yield grid_of(shown, (_Of(result=result, model=one) for one in models))
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
@@ -180,19 +188,7 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
 def _estimates(model: ModelFit) -> Iterator[Block]:
     if not model.is_converged:
         yield Paragraph(words=f"No fit: {model.message}. The best point so far:")
-    yield Grid(
-        header=("parameter", "estimate", "standard error", "95 % from", "to"),
-        rows=tuple(
-            (
-                one.name,
-                f"{one.value:.8g}",
-                f"{one.standard_error:.2g}",
-                _end(one.low, one.reached[0], "<", one.value),
-                _end(one.high, one.reached[1], ">", one.value),
-            )
-            for one in model.estimates
-        ),
-    )
+    yield grid_of(ESTIMATES, model.estimates)
     if len(model.estimates) > 1 and model.is_converged:
         names = [str(index) for index in range(1, len(model.estimates) + 1)]
         yield Paragraph(words="Correlations of the estimates:")
@@ -217,10 +213,10 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
                 f"({one.series.values.size} values)"
                 for one in model.series
             )
-            + f". If what is left is noise, its correlations have probability "
+            + f". If the residuals are noise, their correlations have probability "
             f"{model.whiteness:.2g}."
             + (
-                f" Runs of {model.steps} steps err by {model.discretisation:.0e} of what is left."
+                f" Runs of {model.steps} steps err by {model.discretisation:.0e} of the residuals."
                 if model.steps
                 else ""
             )

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from fvi_cli.reports.document import Block, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
-from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport
-from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, pivot, rows_of
+from fvi_cli.studies.hard_cases.case import FLAGSHIP, Finding, HardCaseReport
 
 NAME = "hard-cases"
 
@@ -47,7 +46,7 @@ def hard_case_report(found: HardCaseReport) -> Report:
             Sheet(
                 name="findings",
                 columns=COLUMNS,
-                rows=tuple(row_of(COLUMNS, finding) for finding in found.findings),
+                rows=rows_of(COLUMNS, found.findings),
                 keys=("case", "quantity", "method"),
                 left_to_round_off=_left_to_round_off,
             ),
@@ -56,8 +55,7 @@ def hard_case_report(found: HardCaseReport) -> Report:
         summary=(title, *details, *summary),
         blocks=(title, *summary, *details),
         with_rows=lambda rows: hard_case_report(_with_rows(found, rows)),
-        is_part={case.name for case in found.cases} != set(hard_cases())
-        or set(found.methods) != set(examined_methods()),
+        is_part=found.is_partial,
     )
 
 
@@ -126,32 +124,18 @@ def _details(report: HardCaseReport) -> Iterator[Block]:
         findings = report.of(case.name)
         yield Heading(level=2, words=f"{case.name}: {case.title}")
         yield Paragraph(words=f"{case.description}. Truth: {case.reference}.")
-        quantities = dict.fromkeys(finding.quantity for finding in findings)
-        by_place = {(finding.quantity, finding.method): finding for finding in findings}
-        rows = []
-        for quantity in quantities:
-            some = next(finding for finding in findings if finding.quantity == quantity)
-            rows.append(
-                (
-                    quantity,
-                    f"{some.sense} {some.limit:g}",
-                    *(_cell(by_place.get((quantity, method))) for method in report.methods),
-                )
-            )
-        yield Grid(
-            header=("measured", "must be", *report.methods),
-            rows=tuple(rows),
-            text_columns=2,
-            key_columns=2,
+        limits = {one.quantity: f"{one.sense} {one.limit:g}" for one in reversed(findings)}
+        yield pivot(
+            (((f.quantity, limits[f.quantity]), f.method, (_cell(f),)) for f in findings),
+            corner=("measured", "must be"),
+            beside={method: (method,) for method in report.methods},
         )
         unstable = dict.fromkeys(f.method for f in findings if f.predicted == "unstable")
         if unstable:
             yield Paragraph(words=f"Unstable by prediction: {', '.join(unstable)}.")
 
 
-def _cell(finding: Finding | None) -> str:
-    if finding is None:
-        return "-"
+def _cell(finding: Finding) -> str:
     if finding.status != "ok":
         return finding.status
     number = "0" if finding.measured == 0 else f"{finding.measured:.1e}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from fvi_cli.reports.document import (
     Block,
@@ -20,6 +20,7 @@ from fvi_cli.reports.document import (
 )
 from fvi_cli.reports.kinds.order_summary import NORMS, expected_orders, steps_phrase
 from fvi_cli.reports.naming import MethodName, number
+from fvi_cli.reports.table import pivot
 from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable
 
 _SOURCES: Mapping[str, str] = {
@@ -77,29 +78,29 @@ def _reference(source: str) -> str:
 
 
 def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
-    header = ["N", "h"]
-    for case in cases:
-        header += [names[case.method.case].label, "order"]
-    steps = sorted({row.n_steps for case in cases for row in case.rows})
-    found = [{row.n_steps: k for k, row in enumerate(case.rows)} for case in cases]
-    rows = []
-    for n_steps in steps:
-        sizes = [
-            case.rows[at[n_steps]].step_size
-            for case, at in zip(cases, found, strict=True)
-            if n_steps in at
-        ]
-        line = [str(n_steps), f"{sizes[0]:.4g}"]
-        for case, at in zip(cases, found, strict=True):
-            line += _entries(case, at[n_steps]) if n_steps in at else ["not computed", ""]
-        rows.append(tuple(line))
-    return Grid(
-        header=tuple(header),
-        rows=tuple(rows),
-        summary_rows=tuple(_summary_rows(cases)),
+    cells: list[tuple[int, str, str, Sequence[str]]] = sorted(
+        (row.n_steps, f"{row.step_size:.4g}", case.method.case, _entries(case, k))
+        for case in cases
+        for k, row in enumerate(case.rows)
+    )
+    sizes = {n: size for n, size, _, _ in reversed(cells)}
+    below: list[tuple[str, Callable[[OrderCase], str]]] = [
+        ("slope", lambda case: number(case.slope, ".2f")),
+        ("residual", _residual),
+        ("expected", lambda case: number(case.expected_order, ".3g")),
+        ("stated", lambda case: number(case.claim, "g")),
+    ]
+    has_claims = any(not math.isnan(case.claim) for case in cases)
+    return pivot(
+        (((str(n), sizes[n]), case, texts) for n, _, case, texts in cells),
+        corner=("N", "h"),
+        beside={case.method.case: (names[case.method.case].label, "order") for case in cases},
+        absent="not computed",
+        summary=[
+            ((title, ""), {case.method.case: ("", get(case)) for case in cases})
+            for title, get in below[: 4 if has_claims else 3]
+        ],
         text_columns=0,
-        key_columns=2,
-        groups=(2,) * len(cases),
     )
 
 
@@ -126,23 +127,6 @@ def bound_of_near(row: OrderRow) -> float:
     return float(f"1e{math.ceil(math.log10(NEAR_FLOOR * row.floor))}") if row.floor > 0 else 0.0
 
 
-def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
-    lines = [
-        ("slope", [number(case.slope, ".2f") for case in cases]),
-        ("residual", [_residual(case) for case in cases]),
-        ("expected", [number(case.expected_order, ".3g") for case in cases]),
-    ]
-    if any(not math.isnan(case.claim) for case in cases):
-        lines.append(("stated", [number(case.claim, "g") for case in cases]))
-    rows = []
-    for title, values in lines:
-        row = [title, ""]
-        for value in values:
-            row += ["", value]
-        rows.append(tuple(row))
-    return rows
-
-
 def _residual(case: OrderCase) -> str:
     # a line through two points has none, which says nothing
     used = sum(row.used_in_fit for row in case.rows)
@@ -155,7 +139,7 @@ def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
     if any(not row.used_in_fit for case in table.cases for row in case.rows):
         sentences.append(
             "Rows in parentheses are not used for orders; floor: round-off, or ten times the error "
-            f"of the reference; errors below {NEAR_FLOOR:g} floors are told by a power of ten, in "
+            f"of the reference; errors below {NEAR_FLOOR:g} floors are given as a power of ten, in "
             "full in the CSV form."
         )
     said: dict[tuple[Piece, ...], list[str]] = {}

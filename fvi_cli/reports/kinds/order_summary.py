@@ -14,6 +14,7 @@ from fvi_cli.reports.naming import (
     method_names,
     number,
 )
+from fvi_cli.reports.table import pivot
 from fvi_cli.studies.order import OrderCase, OrderTable
 
 NOTED_DIFFERENCE = 0.06
@@ -119,7 +120,7 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
     if any(_has_claims(table) for table in tables):
         text += " stated: the order that the source of the experiment states."
     if any(row.status in FAILURES for case in cases for row in case.rows):
-        text += " A star marks methods that came to nothing on some step sizes."
+        text += " A star marks methods that failed on some step sizes."
     return text
 
 
@@ -136,73 +137,44 @@ def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
 def _grid(
     group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> Grid:
+    """Rows: problems, and what varies within a family; columns: families of methods.
+
+    Where methods do not fill a rectangle, rows: methods; columns: problems.
+    """
     own = [names[case.method.case] for case in group[0].cases]
-    families = list(dict.fromkeys(name.family for name in own))
-    variants = list(dict.fromkeys(name.variant for name in own))
-    if len(own) == len(families) * len(variants):
-        return _paper_layout(group, names, titles, families, variants)
-    return _method_layout(group, names, titles)
-
-
-def _paper_layout(
-    group: Sequence[OrderTable],
-    names: Mapping[str, MethodName],
-    titles: Mapping[str, str],
-    families: Sequence[str],
-    variants: Sequence[str],
-) -> Grid:
-    """Rows: problems, and what varies within a family; columns: families of methods."""
-    claimed = {
-        names[case.method.case].family
-        for table in group
-        for case in table.cases
-        if not math.isnan(case.claim)
-    }
-    with_variant = ["method"] if any(variants) else []
-    header = ["problem", *with_variant, "gamma", "N"]
-    key_columns = len(header)
-    for family in families:
-        header += [family, "stated"] if family in claimed else [family]
-    rows = []
-    for table in group:
-        found = {names[case.method.case].label: case for case in table.cases}
-        for variant in variants:
-            row = [titles[table.experiment], *([variant] if with_variant else [])]
-            row += [table.gamma or "-", _ladder(table)]
-            for family in families:
-                case = found[MethodName(family=family, variant=variant).label]
-                row.append(order_entry(case))
-                if family in claimed:
-                    row.append(number(case.claim, "g"))
-            rows.append(tuple(row))
-    return Grid(
-        header=tuple(header),
-        rows=tuple(rows),
-        text_columns=key_columns,
-        key_columns=key_columns,
-        groups=tuple(2 if family in claimed else 1 for family in families),
+    families, variants = (
+        list(dict.fromkeys(getattr(name, part) for name in own)) for part in ("family", "variant")
     )
+    is_full = len(own) == len(families) * len(variants)
+    each = [(t, case, names[case.method.case]) for t in group for case in t.cases]
+    if is_full:
+        each.sort(key=lambda one: (group.index(one[0]), variants.index(one[2].variant)))
 
+    def column(table: OrderTable, name: MethodName) -> str:
+        return name.family if is_full else titles[table.experiment]
 
-def _method_layout(
-    group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> Grid:
-    """Rows: methods; columns: problems. For methods that do not fill a rectangle."""
-    header = ["method"]
-    for table in group:
-        header += [titles[table.experiment], *(["stated"] if _has_claims(table) else [])]
-    rows = []
-    for k, first in enumerate(group[0].cases):
-        row = [names[first.method.case].label]
-        for table in group:
-            row.append(order_entry(table.cases[k]))
-            if _has_claims(table):
-                row.append(number(table.cases[k].claim, "g"))
-        rows.append(tuple(row))
-    return Grid(
-        header=tuple(header),
-        rows=tuple(rows),
-        groups=tuple(2 if _has_claims(table) else 1 for table in group),
+    def begin(table: OrderTable, name: MethodName) -> tuple[str, ...]:
+        if not is_full:
+            return (name.label,)
+        variant = [name.variant] if any(variants) else []
+        return (titles[table.experiment], *variant, table.gamma or "-", _ladder(table))
+
+    claimed = {column(t, name) for t, case, name in each if not math.isnan(case.claim)}
+    full = ("problem", *(["method"] if any(variants) else []), "gamma", "N")
+    return pivot(
+        (
+            (
+                begin(t, name),
+                at := column(t, name),
+                (order_entry(case), *([number(case.claim, "g")] if at in claimed else [])),
+            )
+            for t, case, name in each
+        ),
+        corner=full if is_full else ("method",),
+        beside={
+            at: (at, "stated") if at in claimed else (at,)
+            for at in (families if is_full else [titles[t.experiment] for t in group])
+        },
     )
 
 
@@ -216,7 +188,7 @@ def _ladder(table: OrderTable) -> str:
 
 
 def order_entry(case: OrderCase) -> str:
-    """Slope and finest order; a star where rows came to nothing."""
+    """Slope and finest order; a star where rows failed."""
     failures = [row.status for row in case.rows if row.status in FAILURES]
     star = "*" if failures else ""
     used = [row for row in case.rows if row.used_in_fit]
@@ -234,7 +206,7 @@ def order_entry(case: OrderCase) -> str:
 def _failures(
     table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> list[Words]:
-    """One sentence on the rows of an experiment that came to nothing."""
+    """One sentence on the rows of an experiment that failed."""
     parts = []
     for case in table.cases:
         for status in FAILURES:

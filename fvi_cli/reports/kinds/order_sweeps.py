@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph, Words
 from fvi_cli.reports.naming import MethodName, number
-from fvi_cli.studies.members import swept_in_words, value_in_words, values_in_words
+from fvi_cli.reports.table import pivot
+from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words, values_in_words
 from fvi_cli.studies.order import OrderCase, OrderTable
-from fvi_cli.studies.sweep_summary import counts_in_words
 
 OrderEntry = Callable[[OrderCase], str]
 
@@ -100,36 +100,38 @@ def sweep_details(
     tables: Sequence[OrderTable], names: Mapping[str, MethodName], setting: Words
 ) -> list[Block]:
     """Heading, equation, and the errors of all members on every number of steps."""
-    header = ["N", "h"]
     cases = list(dict.fromkeys(case.method.case for table in tables for case in table.cases))
-    for case in cases:
-        header += [f"{names[case].label}: median", "largest", "rows"]
-    cells: dict[int, dict[str, list[tuple[float, str]]]] = {}
+    found: dict[tuple[int, str], list[tuple[float, str]]] = {}
     sizes: dict[int, float] = {}
     for table in tables:
         for one in table.cases:
             for row in one.rows:
                 sizes[row.n_steps] = row.step_size
-                of_case = cells.setdefault(row.n_steps, {}).setdefault(one.method.case, [])
-                of_case.append((row.error, row.status))
-    rows = []
-    for n_steps in sorted(cells):
-        line = [str(n_steps), f"{sizes[n_steps]:.4g}"]
-        for case in cases:
-            found = cells[n_steps].get(case, [])
-            errors = [error for error, _ in found if math.isfinite(error)]
-            line += [
-                number(statistics.median(errors) if errors else math.nan, ".2e"),
-                number(max(errors, default=math.nan), ".2e"),
-                counts_in_words(status for _, status in found) if found else "not computed",
-            ]
-        rows.append(tuple(line))
-    grid = Grid(
-        header=tuple(header),
-        rows=tuple(rows),
+                key = (row.n_steps, one.method.case)
+                found.setdefault(key, []).append((row.error, row.status))
+
+    def texts(rows: Sequence[tuple[float, str]]) -> tuple[str, str, str]:
+        errors = [error for error, _ in rows if math.isfinite(error)]
+        return (
+            number(statistics.median(errors) if errors else math.nan, ".2e"),
+            number(max(errors, default=math.nan), ".2e"),
+            counts_in_words(status for _, status in rows),
+        )
+
+    none = number(math.nan, ".2e")
+    grid = pivot(
+        (
+            (
+                (str(n), f"{sizes[n]:.4g}"),
+                case,
+                texts(found[n, case]) if (n, case) in found else (none, none, "not computed"),
+            )
+            for n in sorted(sizes)
+            for case in cases
+        ),
+        corner=("N", "h"),
+        beside={case: (f"{names[case].label}: median", "largest", "rows") for case in cases},
         text_columns=0,
-        key_columns=2,
-        groups=(3,) * len(cases),
     )
     remark = "Every member has its own rows in the CSV and JSON forms of this table."
     return [

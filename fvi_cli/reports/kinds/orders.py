@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import cast, get_args
 
 from fvi_cli.reports.document import Block, Heading
 from fvi_cli.reports.kinds.order_details import details, setting
 from fvi_cli.reports.kinds.order_summary import legend, names_of, summary
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, row_of
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, rows_of, within
 from fvi_cli.studies.experiment import Observed
-from fvi_cli.studies.order import NEAR_FLOOR, OrderTable, with_orders
+from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable, with_orders
 
 ERROR = Within(relative=1e-3)
 """For errors that are reliable."""
@@ -26,45 +27,75 @@ Twice the limit below which rows are used for no order, so that an error beside 
 on either side of it.
 """
 
+_EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment")
+
+
 COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("case", "name of the method in files"),
-    Column("cq", "convolution quadrature, or the baseline"),
-    Column("sampling", "where the damping is sampled"),
-    Column("degree", "degree of the polynomials"),
-    Column("quadrature", "quadrature of the action and its number of points"),
-    Column("start", "start correction"),
-    Column("gamma", "orders of the damping, joined by ;"),
-    Column("norm", "norm of the error"),
-    Column("n_steps", "number N of steps"),
-    Column("step_size", "h, in the scene's unit of time"),
-    Column("error", "error of the position, in its unit", compared=ERROR),
-    # what follows from errors must follow from those beside it: within 0.01 of the fresh one
-    Column("pairwise_order", "order against the row before", compared=None),
-    Column("used_in_fit", "whether the slope uses the row"),
-    Column(
-        "slope",
-        "least-squares slope of log(error) against log(h) over the rows used",
-        compared=None,
+    _EXPERIMENT,
+    Column("case", "name of the method in files", get="case.method.case"),
+    *within(
+        "described",
+        Column("cq", "convolution quadrature, or the baseline"),
+        Column("sampling", "where the damping is sampled"),
+        Column("degree", "degree of the polynomials"),
+        Column("quadrature", "quadrature of the action and its number of points"),
+        Column("start", "start correction"),
     ),
-    Column("fit_residual", "rms residual of that fit in log10(error)", compared=None),
-    Column("expected_order", "order that theory expects at this step"),
-    Column("predicted", "predicted stability"),
-    Column("status", "what was observed"),
+    Column("gamma", "orders of the damping, joined by ;", get="table.gamma"),
+    Column("norm", "norm of the error", get="table.norm"),
+    *within(
+        "row",
+        Column("n_steps", "number N of steps"),
+        Column("step_size", "h, in the scene's unit of time"),
+        Column("error", "error of the position, in its unit", compared=ERROR),
+        # what follows from errors must follow from those beside it: within 0.01 of the fresh one
+        Column("pairwise_order", "order against the row before", compared=None),
+        Column("used_in_fit", "whether the slope uses the row"),
+    ),
+    *within(
+        "case",
+        Column(
+            "slope",
+            "least-squares slope of log(error) against log(h) over the rows used",
+            compared=None,
+        ),
+        Column("fit_residual", "rms residual of that fit in log10(error)", compared=None),
+    ),
+    *within(
+        "row",
+        Column("expected_order", "order that theory expects at this step"),
+        Column("predicted", "predicted stability"),
+        Column("status", "what was observed"),
+    ),
 )
-EXTRA_COLUMNS = (
+EXTRA_COLUMNS = within(
+    "row",
+    Column("floor", "errors below are round-off or the reference's own", "", "", None, "", True),
+    Column("message", "what happened", "", "", None, "", True),
     Column(
-        "floor", "errors below are round-off or the reference's own", compared=None, is_extra=True
+        "remarks",
+        "what a reader should know",
+        compared=None,
+        is_extra=True,
+        get=lambda of: "; ".join(of.row.remarks),
     ),
-    Column("message", "what happened", compared=None, is_extra=True),
-    Column("remarks", "what a reader should know", compared=None, is_extra=True),
 )
 EXPERIMENT_COLUMNS = (
-    Column("experiment", "name of the experiment, and member of a sweep"),
+    Column("experiment", "name of the experiment, and member of a sweep", get="title"),
     Column("equation", "equation of motion"),
     Column("reference", "what errors are measured against", compared=None),
     Column("final_time", "T, in the scene's unit of time"),
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Of:
+    """What a row is about."""
+
+    table: OrderTable
+    case: OrderCase
+    row: OrderRow
+    described: SimpleNamespace
 
 
 def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
@@ -73,21 +104,25 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     A sweep has a table for every member, and a column for every swept key behind the others.
     """
     swept = list(dict.fromkeys(key for table in tables for key in table.swept))
+    columns = (*COLUMNS, *map(_swept_column, swept), *EXTRA_COLUMNS)
+    items = (
+        _Of(table=table, case=case, row=row, described=described)
+        for table in tables
+        for case in table.cases
+        for described in (SimpleNamespace(**case.columns()),)
+        for row in case.rows
+    )
     runs = Sheet(
         name="runs",
-        columns=(
-            *COLUMNS,
-            *(Column(key, "swept value of the configuration") for key in swept),
-            *EXTRA_COLUMNS,
-        ),
-        rows=tuple(_runs(tables, swept)),
+        columns=columns,
+        rows=rows_of(columns, items),
         keys=("experiment", "case", "n_steps", *swept),
         left_to_round_off=_left_to_round_off,
     )
     experiments = Sheet(
         name="experiments",
         columns=EXPERIMENT_COLUMNS,
-        rows=tuple(row_of(EXPERIMENT_COLUMNS, table, experiment=table.title) for table in tables),
+        rows=rows_of(EXPERIMENT_COLUMNS, tables),
         keys=("experiment",),
         is_file=False,
     )
@@ -111,21 +146,14 @@ def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
         yield from sweep_details(members, names, setting(members))
 
 
-def _runs(tables: Sequence[OrderTable], swept: Sequence[str]) -> Iterator[Row]:
-    for table in tables:
-        values = {key: _swept(table.swept[key]) if key in table.swept else None for key in swept}
-        for case in table.cases:
-            for row in case.rows:
-                own: dict[str, Value] = {
-                    **case.columns(),
-                    "case": case.method.case,
-                    "remarks": "; ".join(row.remarks),
-                }
-                yield {**row_of((*COLUMNS, *EXTRA_COLUMNS), row, case, table, **own), **values}
+def _swept_column(key: str) -> Column:
+    """The values of a swept key; of experiments without it none."""
 
+    def value(of: _Of) -> Value:
+        found = of.table.swept.get(key)
+        return found if found is None or isinstance(found, str | float) else json.dumps(found)
 
-def _swept(value: object) -> Value:
-    return value if isinstance(value, str | float) else json.dumps(value)
+    return Column(key, "swept value of the configuration", get=value)
 
 
 def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:

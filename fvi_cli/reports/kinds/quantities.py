@@ -4,79 +4,107 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, row_of
+from fvi_cli.reports.table import Column, Report, Sheet, Within, rows_of, within
 from fvi_cli.studies.experiment import FinishedRun
 
 CLOSE = Within(relative=1e-3, absolute=1e-12)
 """As for errors: other machines round otherwise."""
 
 _RUN = (
-    Column("experiment", "name of the experiment", title="experiment"),
-    Column("member", "swept values", title="member"),
-    Column("case", "name of the method in files", title="case"),
-    Column("n_steps", "number N of steps", title="N"),
+    Column("experiment", "name of the experiment", "experiment", get="of.run.experiment.name"),
+    Column(
+        "member",
+        "swept values",
+        "member",
+        get=lambda one: one.of.run.member.label if one.of.run.member else "",
+    ),
+    Column("case", "name of the method in files", "case", get="of.run.method.case"),
+    Column("n_steps", "number N of steps", "N", get="of.run.n_steps"),
 )
 _KEYS = ("experiment", "member", "case", "n_steps")
 ERROR_TITLE = "error of position"
+_GOOD = ("ok", "floor")
 COLUMNS = (
     *_RUN,
-    Column("quantity", "its name", title="quantity"),
-    Column("peak", "largest absolute value", title="peak", form=".6g", compared=CLOSE),
-    Column("peak_time", "when it is reached first", title="at t", form=".6g", compared=CLOSE),
+    Column("quantity", "its name", "quantity", get="name"),
+    *within(
+        "found",
+        Column("peak", "largest absolute value", "peak", ".6g", CLOSE),
+        Column("peak_time", "when it is reached first", "at t", ".6g", CLOSE),
+    ),
     Column(
         "error",
         "error of the position in the experiment's norm, or its estimate for a tolerance",
-        title=ERROR_TITLE,
-        form=".1e",
-        compared=None,
+        ERROR_TITLE,
+        ".1e",
+        None,
+        get="of.error",
     ),
-    Column("least", "smallest value", title="least", form=".6g", compared=CLOSE),
-    Column("greatest", "largest value", title="greatest", form=".6g", compared=CLOSE),
-    Column("rms", "root of the mean square over the run", title="rms", form=".6g", compared=CLOSE),
-    Column("status", "what was observed of the run"),
+    *within(
+        "found",
+        Column("least", "smallest value", "least", ".6g", CLOSE),
+        Column("greatest", "largest value", "greatest", ".6g", CLOSE),
+        Column("rms", "root of the mean square over the run", "rms", ".6g", CLOSE),
+    ),
+    Column("status", "what was observed of the run", get="of.status"),
 )
 EVENT_COLUMNS = (
     *_RUN,
-    Column("event", "name of the event or impact", title="event"),
-    Column("count", "how often it happened", title="times"),
-    Column("first", "when it happened first", title="first", form=".6g", compared=CLOSE),
-    Column("last", "when it happened last", title="last", form=".6g", compared=CLOSE),
-    Column("ended_the_run", "whether the run ended there", title="ends the run"),
+    Column("event", "name of the event or impact", "event", get="name"),
+    Column("count", "how often it happened", "times", get=lambda one: int(one.found.time.size)),
+    Column(
+        "first", "when it happened first", "first", ".6g", CLOSE, get=lambda one: one.time_at(0)
+    ),
+    Column("last", "when it happened last", "last", ".6g", CLOSE, get=lambda one: one.time_at(-1)),
+    Column(
+        "ended_the_run",
+        "whether the run ended there",
+        "ends the run",
+        get=lambda one: one.name == one.of.trajectory.observed.stopped_by,
+    ),
+    Column("status", "what was observed of the run", get="of.status"),
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _One:
+    """A quantity or event of a run, and what was found of it."""
+
+    of: FinishedRun
+    name: str
+    found: Any
+
+    def time_at(self, place: int) -> float | None:
+        return float(self.found.time[place]) if self.found.time.size else None
 
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     """Peaks and means of every quantity, and numbers and times of every event, of every run."""
-    quantities: list[Row] = []
-    events: list[Row] = []
-    for one in finished:
-        observed = one.trajectory.observed
-        if observed is None:
-            continue
-        run = _run(one)
-        for quantity, extent in observed.extents.items():
-            quantities.append(row_of(COLUMNS, extent, one, **run, quantity=quantity))
-        for event, found in observed.events.items():
-            times = found.time
-            events.append(
-                {
-                    **run,
-                    "event": event,
-                    "count": int(times.size),
-                    "first": float(times[0]) if times.size else None,
-                    "last": float(times[-1]) if times.size else None,
-                    "ended_the_run": event == observed.stopped_by,
-                }
-            )
-    columns: tuple[Column, ...] = COLUMNS
-    if not any(math.isfinite(one.error) for one in finished):
-        columns = tuple(replace(one, title="") if one.name == "error" else one for one in COLUMNS)
+    seen = [(one, one.trajectory.observed) for one in finished]
+    is_known = any(math.isfinite(one.error) for one in finished)
+    # people see the status where there is a run that did not come to its end in order
+    titles = {"status": "status"} if any(one.status not in _GOOD for one in finished) else {}
+    if not is_known:
+        titles["error"] = ""
+
+    def sheet(name: str, declared: tuple[Column, ...], of: str, key: str) -> Sheet:
+        columns = tuple(replace(one, title=titles.get(one.name, one.title)) for one in declared)
+        items = (
+            _One(of=one, name=name, found=found)
+            for one, observed in seen
+            if observed is not None
+            for name, found in getattr(observed, of).items()
+        )
+        rows = rows_of(columns, items)
+        return Sheet(name=name, columns=columns, rows=rows, keys=(*_KEYS, key))
+
     sheets = (
-        Sheet(name="runs", columns=columns, rows=tuple(quantities), keys=(*_KEYS, "quantity")),
-        Sheet(name="events", columns=EVENT_COLUMNS, rows=tuple(events), keys=(*_KEYS, "event")),
+        sheet("runs", COLUMNS, "extents", "quantity"),
+        sheet("events", EVENT_COLUMNS, "events", "event"),
     )
     blocks: list[Block] = [
         Heading(level=1, words=("Quantities: ", Code(name))),
@@ -88,13 +116,3 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     grids = [sheet.grid(text_columns=3, key_columns=4) for sheet in sheets if sheet.rows]
     words = (*blocks, *grids)
     return Report(name=f"{name}-quantities", sheets=sheets, summary=words, blocks=words)
-
-
-def _run(one: FinishedRun) -> dict[str, Value]:
-    run = one.run
-    return {
-        "experiment": run.experiment.name,
-        "member": "" if run.member is None else run.member.label,
-        "case": run.method.case,
-        "n_steps": run.n_steps,
-    }

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from fvi_cli.integrator.stability.limits import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import method_names
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
+from fvi_cli.reports.table import (
+    Cell,
+    Column,
+    Report,
+    Sheet,
+    Value,
+    Within,
+    pivot,
+    rows_of,
+    within,
+)
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 MOST_LINES = 200
@@ -17,94 +29,114 @@ MOST_LINES = 200
 
 PREDICTED = Within(relative=2e-3, absolute=1e-9)
 
+_EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment.name")
 COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("member", "swept values"),
-    Column("case", "name of the method in files"),
-    Column("n_steps", "number N of steps"),
-    Column("step_size", "h, in the scene's unit of time"),
-    Column("predicted", "stable, unstable or unknown"),
-    Column(
-        "growth_per_step",
-        "natural logarithm of the growth of the worst mode in a step",
-        compared=PREDICTED,
+    _EXPERIMENT,
+    Column("member", "swept values", get=lambda of: _member(of.row)),
+    *within(
+        "row.run",
+        Column("case", "name of the method in files", get="method.case"),
+        Column("n_steps", "number N of steps"),
+        Column("step_size", "h, in the scene's unit of time"),
     ),
-    Column("exact_growth_per_step", "the same of the exact scene", compared=PREDICTED),
-    Column("growing_modes", "number of modes that grow"),
-    Column("largest_stable_step", "smaller steps are stable over this time", compared=PREDICTED),
-    Column(
-        "lasting_step",
-        "smaller steps are stable over a thousand times this time",
-        compared=PREDICTED,
+    *within(
+        "row.prediction",
+        Column("predicted", "stable, unstable or unknown", get="verdict"),
+        Column(
+            "growth_per_step",
+            "natural logarithm of the growth of the worst mode in a step",
+            compared=PREDICTED,
+        ),
+        Column(
+            "exact_growth_per_step",
+            "the same of the exact scene",
+            compared=PREDICTED,
+            get="exact_growth",
+        ),
+        Column("growing_modes", "number of modes that grow"),
     ),
-    Column("observed", "what a run from random data did"),
-    Column("observed_growth_per_step", "natural logarithm of its growth in a step", compared=None),
-    Column("observed_steps", "its number of steps", compared=None),
-    Column("predicted_over_observed_steps", "what is predicted for that number of steps"),
-    Column("agrees", "whether the two say the same"),
-    Column("reason", "of the prediction", compared=None),
+    *within(
+        "row",
+        Column("largest_stable_step", "smaller steps are stable over this time", "", "", PREDICTED),
+        Column(
+            "lasting_step",
+            "smaller steps are stable over a thousand times this time",
+            compared=PREDICTED,
+        ),
+    ),
+    Column("observed", "what a run from random data did", get=lambda of: of.seen("verdict")),
+    Column(
+        "observed_growth_per_step",
+        "natural logarithm of its growth in a step",
+        compared=None,
+        get=lambda of: of.seen("growth_per_step", math.nan),
+    ),
+    Column(
+        "observed_steps", "its number of steps", compared=None, get=lambda of: of.seen("n_steps")
+    ),
+    Column(
+        "predicted_over_observed_steps",
+        "what is predicted for that number of steps",
+        get=lambda of: of.seen("predicted"),
+    ),
+    Column("agrees", "whether the two say the same", get=lambda of: of.seen("agrees")),
+    Column("reason", "of the prediction", compared=None, get="row.prediction.reason"),
 )
 REGION_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("case", "name of the method in files"),
-    Column("order", "order of the damping"),
-    Column("points", "number of points of the plane"),
-    Column("stable_share", "share of them that is stable", compared=PREDICTED),
+    _EXPERIMENT,
+    Column("case", "name of the method in files", get="row.method.case"),
+    Column("order", "order of the damping", get=lambda of: float(of.row.order)),
+    Column("points", "number of points of the plane", get=lambda of: int(of.row.level.size)),
+    Column(
+        "stable_share",
+        "share of them that is stable",
+        compared=PREDICTED,
+        get=lambda of: float(of.row.share_stable),
+    ),
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Of:
+    """What a row is about: a run, or a region of the plane."""
+
+    table: StabilityTable
+    row: Any
+
+    def seen(self, name: str, missing: Value = None) -> Any:
+        """What was observed of a run."""
+        found = self.row.observation
+        return missing if found is None else getattr(found, name)
+
+
+def _member(row: StabilityRow) -> str:
+    return "" if row.run.member is None else row.run.member.label
 
 
 def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
     """Predicted and observed stability of every method, member and step, and shares of planes."""
     words = tuple(_words(name, tables))
+    runs = [_Of(table=table, row=row) for table in tables for row in table.rows]
+    regions = [_Of(table=table, row=one) for table in tables for one in table.regions]
     return Report(
         name=f"{name}-stability",
         sheets=(
             Sheet(
                 name="runs",
                 columns=COLUMNS,
-                rows=tuple(_run(table, row) for table in tables for row in table.rows),
+                rows=rows_of(COLUMNS, runs),
                 keys=("experiment", "member", "case", "n_steps"),
             ),
             Sheet(
                 name="regions",
                 columns=REGION_COLUMNS,
-                rows=tuple(
-                    {
-                        "experiment": table.experiment.name,
-                        "case": region.method.case,
-                        "order": float(region.order),
-                        "points": int(region.level.size),
-                        "stable_share": float(region.share_stable),
-                    }
-                    for table in tables
-                    for region in table.regions
-                ),
+                rows=rows_of(REGION_COLUMNS, regions),
                 keys=("experiment", "case", "order"),
                 is_file=False,
             ),
         ),
         summary=words,
         blocks=words,
-    )
-
-
-def _run(table: StabilityTable, row: StabilityRow) -> Row:
-    seen = row.observation
-    return row_of(
-        COLUMNS,
-        row,
-        row.prediction,
-        row.run,
-        experiment=table.experiment.name,
-        member="" if row.run.member is None else row.run.member.label,
-        case=row.run.method.case,
-        predicted=row.prediction.verdict,
-        exact_growth_per_step=row.prediction.exact_growth,
-        observed=None if seen is None else seen.verdict,
-        observed_growth_per_step=math.nan if seen is None else seen.growth_per_step,
-        observed_steps=None if seen is None else seen.n_steps,
-        predicted_over_observed_steps=None if seen is None else seen.predicted,
-        agrees=None if seen is None else seen.agrees,
     )
 
 
@@ -133,30 +165,26 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
 def _rows(table: StabilityTable) -> Iterator[Block]:
     names = method_names(table.experiment.methods)
     steps = sorted({row.run.n_steps for row in table.rows})
-    lines: dict[tuple[str, str], list[StabilityRow]] = {}
+    lines: dict[tuple[str, ...], list[StabilityRow]] = {}
+    swept = any(row.run.member is not None for row in table.rows)
     for row in table.rows:
-        member = "" if row.run.member is None else row.run.member.label
-        lines.setdefault((row.run.method.case, member), []).append(row)
-    swept = any(member for _, member in lines)
-    keys = ("method", "member") if swept else ("method",)
+        key = (row.run.method.case, *([_member(row)] if swept else []))
+        lines.setdefault(key, []).append(row)
     if len(lines) > MOST_LINES:
         yield _counts(table, steps)
     else:
-        cells = []
-        for (case, member), rows in lines.items():
-            found = {row.run.n_steps: row for row in rows}
-            cells.append(
-                (
-                    names[case].label,
-                    *((member,) if swept else ()),
-                    *(_cell(found[n]) for n in steps),
-                    _size(rows[0].largest_stable_step, table.experiment.problem.final_time),
-                    _size(rows[0].lasting_step, table.experiment.problem.final_time),
-                    *_exact(rows),
-                )
-            )
-        header = (*keys, *(f"N = {n}" for n in steps), "stable h", "lasting h", "exact, per time")
-        yield Grid(header=header, rows=tuple(cells), text_columns=len(keys), key_columns=len(keys))
+        cells: list[Cell] = []
+        for (case, *member), rows in lines.items():
+            begin, final_time = (names[case].label, *member), table.experiment.problem.final_time
+            cells += [(begin, f"N = {row.run.n_steps}", (_cell(row),)) for row in rows]
+            cells += [
+                (begin, "stable h", (_size(rows[0].largest_stable_step, final_time),)),
+                (begin, "lasting h", (_size(rows[0].lasting_step, final_time),)),
+                (begin, "exact, per time", _exact(rows)),
+            ]
+        titles = [*(f"N = {n}" for n in steps), "stable h", "lasting h", "exact, per time"]
+        corner = ("method", "member") if swept else ("method",)
+        yield pivot(cells, corner=corner, beside={title: (title,) for title in titles})
     yield Paragraph(words=_agreement(table))
     for row in table.disagreements:
         yield Paragraph(words=f"Observed otherwise: {row.run.title}: {row.observation}")
@@ -165,16 +193,18 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
 def _counts(table: StabilityTable, steps: Sequence[int]) -> Grid:
     """For a study of many members: how many are unstable."""
     names = method_names(table.experiment.methods)
-    cells = []
-    for case, name in names.items():
-        entries = []
-        for n in steps:
-            rows = [r for r in table.rows if r.run.method.case == case and r.run.n_steps == n]
-            unstable = sum(row.verdict == "unstable" for row in rows)
-            entries.append(f"{unstable} of {len(rows)}")
-        cells.append((name.label, *entries))
-    header = ("method: unstable members", *(f"N = {n}" for n in steps))
-    return Grid(header=header, rows=tuple(cells))
+    found: dict[tuple[str, int], list[bool]] = {}
+    for row in table.rows:
+        key = (row.run.method.case, row.run.n_steps)
+        found.setdefault(key, []).append(row.verdict == "unstable")
+    return pivot(
+        (
+            ((names[case].label,), f"N = {n}", (f"{sum(unstable)} of {len(unstable)}",))
+            for (case, n), unstable in found.items()
+        ),
+        corner=("method: unstable members",),
+        beside={f"N = {n}": (f"N = {n}",) for n in steps},
+    )
 
 
 def _cell(row: StabilityRow) -> str:
@@ -187,6 +217,10 @@ def _cell(row: StabilityRow) -> str:
     if not growth:
         return "stable"
     return f"grows {factor:.3g}" if row.prediction.exact_growth else f"slow {factor:.6g}"
+
+
+def _share(share: float) -> str:
+    return f"{100 * share:.1f} %"
 
 
 def _size(step: float, final_time: float) -> str:
@@ -218,10 +252,6 @@ def _regions(table: StabilityTable) -> Iterator[Block]:
     if not table.regions:
         return
     names = method_names(table.experiment.methods)
-    orders = sorted({region.order for region in table.regions})
-    shares: dict[str, dict[float, float]] = {}
-    for region in table.regions:
-        shares.setdefault(region.method.case, {})[region.order] = region.share_stable
     first = table.regions[0]
     yield Paragraph(
         words="Share of the plane of h^2 k/m from "
@@ -229,10 +259,16 @@ def _regions(table: StabilityTable) -> Iterator[Block]:
         f"{first.damping[0]:g} to {first.damping[-1]:g} (logarithmic) where no mode grows by more "
         "than 0.1 % in a step:"
     )
-    yield Grid(
-        header=("method", *(f"order {order:g}" for order in orders)),
-        rows=tuple(
-            (names[case].label, *(f"{100 * by_order[order]:.1f} %" for order in orders))
-            for case, by_order in shares.items()
+    orders = sorted({region.order for region in table.regions})
+    yield pivot(
+        (
+            (
+                (names[one.method.case].label,),
+                f"{one.order:g}",
+                (f"{100 * one.share_stable:.1f} %",),
+            )
+            for one in table.regions
         ),
+        corner=("method",),
+        beside={f"{order:g}": (f"order {order:g}",) for order in orders},
     )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
+from fvi_cli.reports.table import Column, Report, Sheet, Within, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
 from fvi_cli.studies.vibration.response import ResponseTable
@@ -18,30 +19,35 @@ PART = Within(relative=1e-6, absolute=1e-12)
 SMALL = Within(relative=1e-5, absolute=1e-9)
 
 MODE_COLUMNS = (
-    Column("mode", "number of the mode, by |s|", "mode"),
-    Column("real", "real part of s, 1/time", "Re s", ".6g", compared=DECAY),
-    Column("imaginary", "imaginary part of s, 1/time", "Im s", ".8g", compared=FREQUENCY),
-    Column(
-        "frequency_hz",
-        "Im s / (2 pi), oscillations per unit of time (Hz for seconds)",
-        "frequency",
-        ".8g",
-        compared=FREQUENCY,
-    ),
-    Column("damping_ratio", "-Re s / |s|", "damping ratio", ".6f", compared=SMALL),
-    Column(
-        "loss_factor",
-        "eta of -s^2 = Omega^2 (1 + i eta)",
-        "loss factor",
-        ".6f",
-        compared=SMALL,
-    ),
-    Column(
-        "residual",
-        "size of (s^2 M + s Z(s) + K) v relative to that of its terms",
-        "residual",
-        ".1e",
-        compared=None,
+    Column("mode", "number of the mode, by |s|", "mode", get="number"),
+    *within(
+        "one",
+        Column("real", "real part of s, 1/time", "Re s", ".6g", DECAY, get="frequency.real"),
+        Column(
+            "imaginary",
+            "imaginary part of s, 1/time",
+            "Im s",
+            ".8g",
+            FREQUENCY,
+            get="frequency.imag",
+        ),
+        Column(
+            "frequency_hz",
+            "Im s / (2 pi), oscillations per unit of time (Hz for seconds)",
+            "frequency",
+            ".8g",
+            FREQUENCY,
+            get="hertz",
+        ),
+        Column("damping_ratio", "-Re s / |s|", "damping ratio", ".6f", SMALL),
+        Column("loss_factor", "eta of -s^2 = Omega^2 (1 + i eta)", "loss factor", ".6f", SMALL),
+        Column(
+            "residual",
+            "size of (s^2 M + s Z(s) + K) v relative to that of its terms",
+            "residual",
+            ".1e",
+            None,
+        ),
     ),
 )
 REACHES = {
@@ -49,51 +55,68 @@ REACHES = {
     "faster": "Slower motions, such as those of a rigid body, were not counted.",
     "around": "It was chosen around these modes; what lies outside of it was not counted.",
 }
-EXPERIMENT = Column("experiment", "name of the experiment")
-MEMBER = Column("member", "swept values", "member")
+EXPERIMENT = Column("experiment", "name of the experiment", get="table.name")
+MEMBER = Column("member", "swept values", "member", get="table.member")
 RESPONSE_COLUMNS = (
-    Column("at", "coordinate, or combination of them"),
-    Column("frequency_hz", "oscillations per unit of time (Hz for seconds)"),
-    Column("real", "real part of the amplitude", compared=PART),
-    Column("imaginary", "imaginary part of the amplitude", compared=PART),
-    Column("magnitude", "size of the amplitude", compared=Within(relative=1e-6)),
-    Column("phase", "argument of the amplitude, degrees", compared=Within(absolute=1e-4)),
+    Column("at", "coordinate, or combination of them", get="one"),
+    Column("frequency_hz", "oscillations per unit of time (Hz for seconds)", get="hertz"),
+    Column("real", "real part of the amplitude", "", "", PART, get="value.real"),
+    Column("imaginary", "imaginary part of the amplitude", "", "", PART, get="value.imag"),
+    Column(
+        "magnitude", "size of the amplitude", "", "", FREQUENCY, get=lambda of: of.at("magnitude")
+    ),
+    Column(
+        "phase",
+        "argument of the amplitude, degrees",
+        compared=Within(absolute=1e-4),
+        get=lambda of: of.at("phase"),
+    ),
 )
 PEAK_COLUMNS = (
-    Column("at", "coordinate, or combination of them", "at"),
-    Column("peak", "number of the peak there, by frequency"),
-    Column("frequency_hz", "of the peak", "peak at", ".6g", compared=FREQUENCY),
-    Column("magnitude", "of the peak", "magnitude", ".6g", compared=FREQUENCY),
-    Column("low_hz", "half-power point below", "half power from", ".6g", compared=FREQUENCY),
-    Column("high_hz", "half-power point above", "to", ".6g", compared=FREQUENCY),
-    Column("loss_factor", "width relative to frequency", "loss factor", ".5g", compared=SMALL),
-    Column("modes", "modes that belong to this peak", "modes"),
+    Column("at", "coordinate, or combination of them", "at", get="one.at"),
+    Column("peak", "number of the peak there, by frequency", get="number"),
+    *within(
+        "one",
+        Column("frequency_hz", "of the peak", "peak at", ".6g", FREQUENCY, get="hertz"),
+        Column("magnitude", "of the peak", "magnitude", ".6g", FREQUENCY),
+        Column("low_hz", "half-power point below", "half power from", ".6g", FREQUENCY, get="low"),
+        Column("high_hz", "half-power point above", "to", ".6g", FREQUENCY, get="high"),
+        Column("loss_factor", "width relative to frequency", "loss factor", ".5g", SMALL),
+        Column("modes", "modes that belong to this peak", "modes"),
+    ),
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Of:
+    """What a row is about: a mode, a peak, or an output at a frequency."""
+
+    table: Any
+    one: Any
+    number: int
+
+    @property
+    def hertz(self) -> float:
+        return float(self.table.hertz[self.number])
+
+    @property
+    def value(self) -> complex:
+        return complex(self.at("values"))
+
+    def at(self, name: str) -> Any:
+        """A number of an output at the frequency of that number."""
+        return getattr(self.table, name)[self.number, self.table.outputs.index(self.one)].item()
 
 
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     """Frequencies, damping ratios and loss factors of modes."""
     owner = _owner(tables)
-    rows: list[Row] = [
-        row_of(
-            (EXPERIMENT, MEMBER, *MODE_COLUMNS),
-            mode,
-            experiment=table.name,
-            member=table.member,
-            mode=number,
-            real=mode.frequency.real,
-            imaginary=mode.frequency.imag,
-            frequency_hz=mode.hertz,
-        )
+    items = [
+        _Of(table=table, one=mode, number=number)
         for table in tables
         for number, mode in enumerate(table.modes, start=1)
     ]
-    sheet = Sheet(
-        name="modes",
-        columns=(*owner, *MODE_COLUMNS),
-        rows=tuple(rows),
-        keys=(*(one.name for one in owner), "mode"),
-    )
+    sheet = _sheet("modes", owner, MODE_COLUMNS, items, "mode")
     words = tuple(_mode_words(name, tables, sheet))
     return Report(name=f"{name}-modes", sheets=(sheet,), summary=words, blocks=words)
 
@@ -102,6 +125,18 @@ def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Colum
     """Columns that say whose a row is."""
     owner = (EXPERIMENT,) if len({table.name for table in tables}) > 1 else ()
     return (*owner, MEMBER) if any(table.member for table in tables) else owner
+
+
+def _sheet(
+    name: str, owner: tuple[Column, ...], columns: tuple[Column, ...], items: list[_Of], *keys: str
+) -> Sheet:
+    """Rows with whose they are, which is shown where there are several."""
+    return Sheet(
+        name=name,
+        columns=(*owner, *columns),
+        rows=rows_of((EXPERIMENT, MEMBER, *columns), items),
+        keys=(*(one.name for one in owner), *keys),
+    )
 
 
 def _own_grid(sheet: Sheet, experiment: str) -> Grid:
@@ -167,53 +202,28 @@ def completeness(table: ModeTable) -> str:
 def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     """Amplitudes over frequencies, and peaks with their half-power widths."""
     owner = _owner(tables)
-    rows: list[Row] = [
-        {
-            "experiment": table.name,
-            "member": table.member,
-            "at": output,
-            "frequency_hz": float(hertz),
-            "real": float(table.values[i, j].real),
-            "imaginary": float(table.values[i, j].imag),
-            "magnitude": float(table.magnitude[i, j]),
-            "phase": float(table.phase[i, j]),
-        }
+    items = [
+        _Of(table=table, one=output, number=i)
         for table in tables
-        for j, output in enumerate(table.outputs)
-        for i, hertz in enumerate(table.hertz)
+        for output in table.outputs
+        for i in range(table.hertz.size)
     ]
-    peaks: list[Row] = [
-        row_of(
-            (EXPERIMENT, MEMBER, *PEAK_COLUMNS),
-            peak,
-            experiment=table.name,
-            member=table.member,
-            peak=1 + sum(one.at == peak.at and one.hertz < peak.hertz for one in table.peaks),
-            frequency_hz=peak.hertz,
-            low_hz=peak.low,
-            high_hz=peak.high,
+    peaks = [
+        _Of(
+            table=table,
+            one=peak,
+            number=1 + sum(one.at == peak.at and one.hertz < peak.hertz for one in table.peaks),
         )
         for table in tables
         for peak in table.peaks
     ]
-    whose = (*(one.name for one in owner), "at")
-    peak_sheet = Sheet(
-        name="peaks",
-        columns=(*owner, *PEAK_COLUMNS),
-        rows=tuple(peaks),
-        # round-off decides the last digits of a frequency
-        keys=(*whose, "peak"),
-    )
+    # round-off decides the last digits of a frequency: peaks are told apart by their numbers
+    peak_sheet = _sheet("peaks", owner, PEAK_COLUMNS, peaks, "at", "peak")
     words = tuple(_response_words(name, tables, peak_sheet))
     return Report(
         name=f"{name}-response",
         sheets=(
-            Sheet(
-                name="response",
-                columns=(*owner, *RESPONSE_COLUMNS),
-                rows=tuple(rows),
-                keys=(*whose, "frequency_hz"),
-            ),
+            _sheet("response", owner, RESPONSE_COLUMNS, items, "at", "frequency_hz"),
             peak_sheet,
         ),
         summary=words,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fvi_cli.config.memory import machine_bytes
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.members import integrate_members
@@ -23,9 +25,12 @@ from fvi_cli.studies.study import (
     refused,
     with_remark_on_thinning,
 )
+from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 if TYPE_CHECKING:
     from fvi_cli.runner.executors.checkpoints import CheckpointFolder
+
+_logger = logging.getLogger(__name__)
 
 Pack = tuple[object, ...]
 
@@ -47,11 +52,6 @@ def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
     one number of steps. Who is in a pack depends on the experiment alone, for the last digits of a
     member depend on its neighbours: the numbers are the same wherever they are computed. The
     batches of a pack follow each other, for they share what errors are measured against.
-
-    Parameters
-    ----------
-    runs
-        What to compute.
     """
     packs: dict[Pack, dict[tuple[object, ...], list[Run]]] = {}
     for run in runs:
@@ -63,6 +63,8 @@ def pack_of(run: Run) -> Pack:
     """Which runs stay together: the same for all members of a pack, with any method and N."""
     if run.member is None:
         return run.experiment, run.method, run.n_steps
+    if run.is_search:
+        return run.experiment, run.member
     return run.experiment, run.member.number // pack_size(run.experiment)
 
 
@@ -86,11 +88,26 @@ def pack_size(experiment: Experiment) -> int:
 
 def one_by_one_words(experiment: Experiment) -> str:
     """Why members of a sweep share nothing; empty where they may."""
-    if not (experiment.members and experiment.observations.impacts):
+    if experiment.accuracy or not (experiment.members and experiment.observations.impacts):
         return ""
     return (
         f"the {len(experiment.members)} members are integrated one by one, because `impacts` is "
         "asked for; without it they would be integrated in batches"
+    )
+
+
+def search_title(search: Run) -> str:
+    """A search, or the run that it came to, in one line."""
+    return search.experiment.name + (f" ({search.member.label})" if search.member else "")
+
+
+def _searched(search: Run, checkpoints: CheckpointFolder | None) -> FinishedRun:
+    """The run that a search comes to."""
+    return run_for_tolerance(
+        search,
+        available_bytes=machine_bytes(),
+        tell=lambda line: _logger.info("%s: %s", search_title(search), line),
+        checkpoints=None if checkpoints is None else checkpoints.of(search),
     )
 
 
@@ -101,15 +118,10 @@ def execute_batch(
 
     Members of a sweep are integrated together; one that diverges or is refused does not disturb
     the others.
-
-    Parameters
-    ----------
-    batch
-        The runs.
-    checkpoints
-        Where runs that are computed one by one keep their checkpoints.
     """
     first = batch[0]
+    if first.is_search:
+        return [_searched(run, checkpoints) for run in batch]
     asked = first.experiment.observations
 
     def keeper(run: Run) -> RunKeeper | None:

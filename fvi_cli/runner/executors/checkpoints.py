@@ -13,7 +13,7 @@ from pathlib import Path
 from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
 from fvi_cli.storage.atomic import reason, replacement
 from fvi_cli.storage.files import CHECKPOINT_SUFFIX, checkpoint_paths, remove_checkpoints
-from fvi_cli.storage.provenance import identity
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies.experiment import Run
 
 _logger = logging.getLogger(__name__)
@@ -45,7 +45,7 @@ class CheckpointFolder:
         return CheckpointFile(
             folder=self.folder,
             title=run.title,
-            label=identity(run),
+            label=identity_of(run),
             seconds=self.seconds,
             is_alone=is_alone,
         )
@@ -59,7 +59,7 @@ class CheckpointFolder:
 
     def resumed(self, search: Run) -> str:
         """In words what is kept of the runs of a search; empty: nothing."""
-        owner = f"{identity(search)}."
+        owner = f"{identity_of(search)}."
         found = [path for path in checkpoint_paths(self.folder) if path.name.startswith(owner)]
         return f"resume: {len(found)} runs of the search kept, whole or in part" if found else ""
 
@@ -72,7 +72,7 @@ class CheckpointFolder:
             If a checkpoint cannot be removed.
         """
         if checkpoint_paths(self.folder):
-            remove_checkpoints(self.folder, {identity(run) for run in runs})
+            remove_checkpoints(self.folder, {identity_of(run) for run in runs})
 
 
 @dataclass(kw_only=True, eq=False)

@@ -246,6 +246,6 @@ def _client(address: str) -> Client:
 
 def _lost_scheduler(address: str) -> str:
     return (
-        f"{address}: the Dask scheduler is gone; finished runs are stored, "
-        "the same command goes on from there"
+        f"{address}: the Dask scheduler is gone; finished runs are stored; "
+        "rerun the command to resume"
     )

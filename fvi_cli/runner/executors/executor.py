@@ -39,14 +39,15 @@ class FinishedBatch:
 
     Parameters
     ----------
-    finished
-        Its runs in the order of the batch.
+    asked, finished
+        Its runs, and what became of each, or what a search came to.
     lost
         Those of which nothing was computed: whoever computed them died every time or had not
         enough memory, or the program made a mistake. They are ``failed`` and say why, tell nothing
         about the method, and are not to be stored.
     """
 
+    asked: Batch
     finished: tuple[FinishedRun, ...]
     lost: frozenset[Run] = frozenset()
 
@@ -172,7 +173,7 @@ def finished_batch(batch: Batch, results: Sequence[FinishedRun | Crash]) -> Fini
             lost.append(run)
         else:
             finished.append(result)
-    return FinishedBatch(finished=tuple(finished), lost=frozenset(lost))
+    return FinishedBatch(asked=batch, finished=tuple(finished), lost=frozenset(lost))
 
 
 # --- how batches travel ---------------------------------------------------------------------------
@@ -295,7 +296,7 @@ def _returned(run: Run, result: dict[str, Any]) -> FinishedRun:
 def lost_batch(batch: Batch, message: str) -> FinishedBatch:
     """The batch as ``failed`` where nobody lived to tell its results."""
     finished = tuple(lost_run(run, message) for run in batch)
-    return FinishedBatch(finished=finished, lost=frozenset(batch))
+    return FinishedBatch(asked=batch, finished=finished, lost=frozenset(batch))
 
 
 def no_memory(error: MemoryError) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 from pathlib import Path
 
 from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.request import Request, Task
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.fits.result import FitResult
@@ -27,17 +28,13 @@ def fit_request(request: Request, *, show_progress: bool) -> list[FitResult]:
     """
     from fvi_cli.studies.fits.fitting import fit
 
-    chosen = [one for one in request.loaded.experiments if one.fit is not None]
-    if not chosen:
-        raise RequestError(
-            f"{request.name}: nothing is fitted; write fit: with data and parameters"
-        )
+    chosen = _chosen(request)
     results = []
-    total = sum(len(_settings(one).models) for one in chosen)
+    total = sum(len(settings.models) for _, settings in chosen)
     with progress_bar(request.name, total, wanted=show_progress) as advance:
-        for experiment in chosen:
-            found = fit(experiment.name, _settings(experiment), tell=advance)
-            results.append(found)
+        for experiment, settings in chosen:
+            found = fit(experiment.name, settings, tell=advance)
+            results.append(dataclasses.replace(found, units=experiment.units))
             for model in found.models:
                 title = f"{experiment.name} {model.model.name}".strip()
                 if not model.is_converged:
@@ -48,10 +45,26 @@ def fit_request(request: Request, *, show_progress: bool) -> list[FitResult]:
     return results
 
 
-def _settings(experiment: Experiment) -> FitSettings:
-    if experiment.fit is None:
-        raise ValueError("experiment: it fits nothing")
-    return experiment.fit
+def _chosen(request: Request) -> list[tuple[Experiment, FitSettings]]:
+    """Experiments that have something to fit, and what."""
+    chosen = [(one, one.fit) for one in request.loaded.experiments if one.fit is not None]
+    if not chosen:
+        raise RequestError(f"{request.name}: there is no fit: write one with data and parameters")
+    return chosen
+
+
+def fit_tasks(request: Request) -> list[Task]:
+    """Every model that would be fitted, with its parameters and data."""
+    return [
+        Task(
+            experiment=experiment.name,
+            action=f"fit {model.name}".strip(),
+            of=f"{', '.join(one.key for one in model.parameters)} to "
+            + ", ".join(data.name for data in settings.data),
+        )
+        for experiment, settings in _chosen(request)
+        for model in settings.models
+    ]
 
 
 def write_fitted(request: Request, results: list[FitResult], output: Path) -> list[Path]:

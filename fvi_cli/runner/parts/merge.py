@@ -71,14 +71,13 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
             if target.exists() and path.samefile(target):
                 continue
             with file_lock(path, waits=waits), read_results(path) as part:
-                store.take(part)
-        runs, missing = store.arrange(run for one in experiments for run in one.runs())
-        searches = [run for one in experiments for run in one.searches()]
+                store.merge(part)
+        runs = (run for one in experiments for run in one.searches() or one.runs())
+        count, missing = store.mark_requested(runs)
         # members of a large sweep are not needed while they are written
         del experiments
         store.consolidate(said)
-        missing += sum(store.chosen(one) is None for one in searches)
-    return Merged(path=target, runs=runs + len(searches), missing=missing)
+    return Merged(path=target, runs=count, missing=missing)
 
 
 def _asked_for(path: Path) -> tuple[str, Sequence[Experiment]]:

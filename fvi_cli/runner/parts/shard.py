@@ -58,17 +58,21 @@ class Shard:
         return number // LARGEST_PACK % self.count == self.number - 1
 
     def runs_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
-        """The runs of this part, in the order of the experiments; none where steps are found."""
-        listed = {experiment: experiment.runs() for experiment in experiments}
+        """The runs and searches of this part, in the order of the experiments."""
+        listed = {one: one.searches() or one.runs() for one in experiments}
         if self.count == 1:
             return listed
+        dealt = itertools.cycle(range(1, self.count + 1))
+        searches = [run for runs in listed.values() for run in runs if run.is_search]
+        mine: set[Pack] = {pack_of(run) for run in searches if next(dealt) == self.number}
         together: dict[Pack, int] = {}
-        for batch in batches_of([run for runs in listed.values() for run in runs]):
+        for batch in batches_of(
+            [run for runs in listed.values() for run in runs if not run.is_search]
+        ):
             pack = pack_of(batch[0])
             steps = sum(run.n_steps for run in batch)
             together[pack] = together.get(pack, 0) + steps
         loads = [(0, number) for number in range(1, self.count + 1)]
-        mine = set()
         # sorting is stable: packs of equal length are dealt in their order
         for pack in sorted(together, key=lambda pack: -together[pack]):
             load, number = heapq.heappop(loads)
@@ -76,14 +80,6 @@ class Shard:
             if number == self.number:
                 mine.add(pack)
         return {e: [run for run in runs if pack_of(run) in mine] for e, runs in listed.items()}
-
-    def searches_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
-        """The runs of this part whose method and steps are found for a tolerance."""
-        dealt = itertools.cycle(range(1, self.count + 1))
-        return {
-            experiment: [one for one in experiment.searches() if next(dealt) == self.number]
-            for experiment in experiments
-        }
 
 
 WHOLE = Shard()

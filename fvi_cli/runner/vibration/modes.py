@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.request import Request, Task
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
@@ -47,6 +47,19 @@ def titled(experiment: Experiment, member: str) -> str:
     return f"{experiment.name} ({member})" if member else experiment.name
 
 
+def linear_tasks(request: Request, action: str) -> list[Task]:
+    """Every linear scene of a request, for a computation that has a name."""
+    return [
+        Task(
+            experiment=experiment.name,
+            action=action,
+            of=f"{problem.scene.dimension} degrees of freedom{f', {member}' if member else ''}",
+        )
+        for experiment in request.loaded.experiments
+        for member, _, problem in linear_problems(experiment)
+    ]
+
+
 def request_modes(request: Request, count: int | None, near: float | None) -> list[ModeTable]:
     """Modes of every experiment, of a sweep those of each member.
 
@@ -82,6 +95,7 @@ def request_modes(request: Request, count: int | None, near: float | None) -> li
                 table,
                 name=experiment.name,
                 member=member,
+                units=experiment.units,
                 coordinates=problem.coordinates or table.coordinates,
             )
             if not table.is_complete:

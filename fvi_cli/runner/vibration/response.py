@@ -102,7 +102,11 @@ def request_responses(
                 )
             except ValueError as error:
                 raise RequestError(f"{titled(experiment, member)}: {error}") from None
-            tables.append(dataclasses.replace(table, name=experiment.name, member=member))
+            tables.append(
+                dataclasses.replace(
+                    table, name=experiment.name, member=member, units=experiment.units
+                )
+            )
     return tables
 
 

@@ -1,9 +1,9 @@
-"""Keys of damping terms: fractional derivatives and relaxation laws, and what they make."""
+"""Damping terms: fractional derivatives and relaxation laws, and what they make."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from numpy.typing import ArrayLike
 
@@ -17,8 +17,9 @@ from fvi_cli.effects.matrices import Factored, SparseMatrix, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.records import ByKind, Key, Record, Refusal, optional
-from fvi_cli.keys.scalars import Matrix, Number, Shape, Text
+from fvi_cli.keys.records import ByKind, Refusal
+from fvi_cli.keys.scalars import Matrix, Number, Text
+from fvi_cli.keys.settings import Fraction, NotNegative, Positive, Setting, key, record_of
 from fvi_cli.scenes.structures.matrix_keys import MATRIX_FILE, matrix_of
 
 Coefficient = ArrayLike | SparseMatrix | Factored
@@ -59,81 +60,113 @@ _WRONG_IN_LAWS: Final[Mapping[str, Refusal]] = {
 NUMBER_OR_SYMMETRIC: Final = ByForm(
     single=Number(), several=Matrix(), mappings=(MATRIX_FILE,), example="{file: K.mtx}"
 )
-ORDER: Final = Key(
-    "order",
-    Number(above=0.0, below=2.0),
-    "Order gamma of the derivative in the equation of motion; of laws in (0, 1) (no unit).",
+_MATRIX: Final = ByForm(several=Matrix(), mappings=(MATRIX_FILE,), example="{file: Kv.mtx}")
+_DIRECTIONS: Final = ListOf(
+    shape=Text(what="a linear combination of coordinates, such as x2 - x1"), example="[x2 - x1]"
 )
-_ACTS_ON: Final = optional(
-    "acts_on",
-    ListOf(
-        shape=Text(what="a linear combination of coordinates, such as x2 - x1"),
-        example="[x2 - x1]",
-    ),
+_ACTS_ON: Final = key(
     "Coordinates or linear combinations of them on which the term acts, one "
     "per row of the coefficient; without it: every coordinate.",
+    default=None,
 )
-_WHERE: Final = (
-    optional(
-        "coefficient",
-        NUMBER_OR_SYMMETRIC,
-        "Factor of the law, a number, a symmetric matrix or {file: Kv.mtx}; without it 1.",
-    ),
-    optional(
-        "matrix",
-        ByForm(several=Matrix(), mappings=(MATRIX_FILE,), example="{file: Kv.mtx}"),
-        "zener, maxwell, prony, tempered: the same under another name, for matrices.",
-    ),
-    _ACTS_ON,
+Order = Annotated[float, Number(above=0.0, below=2.0)]
+ORDER: Final = key(
+    "Order gamma of the derivative in the equation of motion; of laws in (0, 1) (no unit)."
 )
+_LAW_ORDER: Final = key("Order a of the law, in (0, 1) (no unit).")
+_TIME: Final = key("zener, maxwell: relaxation time tau.", unit="time")
 _MODULUS: Final = "stiffness over that of coefficient"
-_LAW_ORDER: Final = Key(
-    "order", Number(above=0.0, below=1.0), "Order a of the law, in (0, 1) (no unit)."
-)
-_TIME: Final = Key("time", Number(above=0.0), "zener, maxwell: relaxation time tau.", unit="time")
-_POSITIVE: Final = ListOf(shape=Number(above=0.0), most=1000, example="[1.0, 0.5]")
+_PositiveList = Annotated[
+    tuple[float, ...], ListOf(shape=Number(above=0.0), most=1000, example="[1.0, 0.5]")
+]
+ActsOn = Annotated[tuple[str, ...] | None, _DIRECTIONS]
 
-_LAWS: Final[Mapping[str, tuple[Key, ...]]] = {
-    "zener": (
-        _LAW_ORDER,
-        _TIME,
-        Key(
-            "relaxed", Number(least=0.0), "zener, prony: modulus G0 of slow motions.", unit=_MODULUS
-        ),
-        Key(
-            "unrelaxed",
-            Number(least=0.0),
-            "zener: modulus Ginf of fast motions, at least the relaxed one.",
-            unit=_MODULUS,
-        ),
-    ),
-    "maxwell": (
-        _LAW_ORDER,
-        _TIME,
-        Key("modulus", Number(above=0.0), "maxwell: modulus G of fast motions.", unit=_MODULUS),
-    ),
-    "prony": (
-        Key("moduli", _POSITIVE, "prony: moduli g_i of the springs and dashpots.", unit=_MODULUS),
-        Key("times", _POSITIVE, "prony: their relaxation times tau_i.", unit="time"),
-        Key(
-            "relaxed",
-            Number(least=0.0),
-            "prony: modulus that is left over.",
-            unit=_MODULUS,
-            default=0.0,
-        ),
-    ),
-    "tempered": (
-        Key("order", Number(above=0.0, below=1.0), "Order gamma of the derivative (no unit)."),
-        Key("rate", Number(above=0.0), "tempered: rate l at which it forgets.", unit="1/time"),
-    ),
-}
-_MAKE: Final[Mapping[str, Callable[..., Law]]] = {
-    "zener": fractional_zener,
-    "maxwell": fractional_maxwell,
-    "prony": prony,
-    "tempered": tempered,
-}
+
+class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
+    """A term mu D^gamma q."""
+
+    order: Order = ORDER
+    coefficient: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
+        "Factor mu, a number, a symmetric matrix or {file: C.mtx}.",
+        unit="mass times time^(gamma-2)",
+    )
+    acts_on: ActsOn = _ACTS_ON
+
+    @property
+    def factor(self) -> Any:
+        """The number, matrix or file."""
+        return self.coefficient
+
+    def effect(self, coefficient: Any) -> FractionalDamping | Law:
+        """The term with a coefficient for its coordinates."""
+        return FractionalDamping(order=float(self.order), coefficient=coefficient)
+
+
+class LawTerm(Setting, refused=_WRONG_IN_LAWS):
+    """A relaxation law with its factor."""
+
+    make: ClassVar[Callable[..., Law]]
+    coefficient: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
+        "Factor of the law, a number, a symmetric matrix or {file: Kv.mtx}; without it 1.",
+        default=None,
+    )
+    matrix: Annotated[Any, _MATRIX] = key(
+        "zener, maxwell, prony, tempered: the same under another name, for matrices.", default=None
+    )
+    acts_on: ActsOn = _ACTS_ON
+
+    @property
+    def factor(self) -> Any:
+        """The number, matrix or file."""
+        given = self.coefficient if self.matrix is None else self.matrix
+        return 1.0 if given is None else given
+
+    def effect(self, coefficient: Any) -> FractionalDamping | Law:
+        """The law with a coefficient for its coordinates."""
+        if self.matrix is not None and self.coefficient is not None:
+            raise ArgumentError("matrix", "give this or coefficient, not both")
+        own = {name: one for name, one in vars(self).items() if name not in LawTerm.__annotations__}
+        return type(self).make(**own, coefficient=coefficient)
+
+
+class Zener(LawTerm):
+    """The fractional Zener law."""
+
+    make = staticmethod(fractional_zener)
+    order: Fraction = _LAW_ORDER
+    time: Positive = _TIME
+    relaxed: NotNegative = key("zener, prony: modulus G0 of slow motions.", unit=_MODULUS)
+    unrelaxed: NotNegative = key(
+        "zener: modulus Ginf of fast motions, at least the relaxed one.", unit=_MODULUS
+    )
+
+
+class Maxwell(LawTerm):
+    """The fractional Maxwell law."""
+
+    make = staticmethod(fractional_maxwell)
+    order: Fraction = _LAW_ORDER
+    time: Positive = _TIME
+    modulus: Positive = key("maxwell: modulus G of fast motions.", unit=_MODULUS)
+
+
+class Prony(LawTerm):
+    """A sum of exponentials."""
+
+    make = staticmethod(prony)
+    moduli: _PositiveList = key("prony: moduli g_i of the springs and dashpots.", unit=_MODULUS)
+    times: _PositiveList = key("prony: their relaxation times tau_i.", unit="time")
+    relaxed: NotNegative = key("prony: modulus that is left over.", unit=_MODULUS, default=0.0)
+
+
+class Tempered(LawTerm):
+    """A derivative that forgets."""
+
+    make = staticmethod(tempered)
+    order: Fraction = key("Order gamma of the derivative (no unit).")
+    rate: Positive = key("tempered: rate l at which it forgets.", unit="1/time")
+
+
 SPRINGPOT: Final = "springpot"
 _DASHPOT: Final = "{order: 1, coefficient: c}"
 _MEANT: Final[Mapping[str, str]] = {
@@ -156,76 +189,53 @@ _MEANT: Final[Mapping[str, str]] = {
 }
 
 
-def damping_key(default_order: float) -> Key:
-    """The key ``damping`` of scenes, with the order of terms that do not say it."""
-    springpot = Record(
-        keys=(
-            Key(ORDER.name, ORDER.shape, ORDER.meaning, default=default_order),
-            Key(
-                "coefficient",
-                NUMBER_OR_SYMMETRIC,
-                "Factor mu, a number, a symmetric matrix or {file: C.mtx}.",
-                unit="mass times time^(gamma-2)",
-            ),
-            _ACTS_ON,
-        ),
-        refused={**WRONG_NAMES, **_OF_LAWS},
-    )
-    laws = {
-        name: Record(keys=(*keys, *_WHERE), refused=_WRONG_IN_LAWS) for name, keys in _LAWS.items()
-    }
-    term: Shape = ByKind(
-        kinds={SPRINGPOT: springpot, **laws},
+def damping_terms(default_order: float) -> ListOf:
+    """What stands under ``damping``, with the order of terms that do not say it."""
+    laws = {"zener": Zener, "maxwell": Maxwell, "prony": Prony, "tempered": Tempered}
+    term = ByKind(
+        kinds={
+            SPRINGPOT: record_of(Springpot, order=default_order),
+            **{name: record_of(law) for name, law in laws.items()},
+        },
         word="law",
         meaning="which law: a springpot mu D^gamma q, or one that relaxes",
         default=SPRINGPOT,
         meant=_MEANT,
+        name="DampingTerm" if default_order == 1.0 else f"DampingTerm-order-{default_order}",
     )
-    return Key(
-        "damping",
-        ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 1.0}]"),
-        "Terms mu D^gamma q of the equation of motion, and relaxation laws; none: no damping.",
-        default=[],
-    )
+    return ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 1.0}]")
 
 
-def coefficient_of(entry: Mapping[str, Any]) -> Any:
-    """The number, matrix or file of a damping term."""
-    return entry.get("matrix", entry.get("coefficient", 1.0))
+Term = Springpot | LawTerm
+Damping = Annotated[tuple[Term, ...], damping_terms(1.0)]
+DAMPING: Final = key(
+    "Terms mu D^gamma q of the equation of motion, and relaxation laws; none: no damping.",
+    default=[],
+)
 
 
 def build_damping(
-    entries: Sequence[Mapping[str, Any]], names: tuple[str, ...], *, sparse: bool = False
+    terms: Sequence[Term], names: tuple[str, ...], *, sparse: bool = False
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
     """The terms and the laws under ``damping``, of a scene with sparse matrices or dense ones.
 
     Raises
     ------
-    ValueError
-        ``damping.<index>...: what is wrong``.
+    ArgumentError
+        With a path below ``damping``.
     """
-    terms: list[FractionalDamping] = []
-    laws: list[Law] = []
-    for index, entry in enumerate(entries):
+    found: list[FractionalDamping | Law] = []
+    for index, term in enumerate(terms):
         try:
-            coefficient = _coefficient(entry, names, sparse=sparse)
-            law = entry.get("law", SPRINGPOT)
-            if law == SPRINGPOT:
-                order = float(entry["order"])
-                terms.append(FractionalDamping(order=order, coefficient=coefficient))
-                continue
-            own = {key.name: entry[key.name] for key in _LAWS[law]}
-            laws.append(_MAKE[law](**own, coefficient=coefficient))
+            found.append(term.effect(_coefficient(term, names, sparse=sparse)))
         except ArgumentError as error:
             raise error.below(f"damping.{index}") from None
-    return tuple(terms), tuple(laws)
+    damping = tuple(one for one in found if isinstance(one, FractionalDamping))
+    return damping, tuple(one for one in found if not isinstance(one, FractionalDamping))
 
 
-def _coefficient(entry: Mapping[str, Any], names: tuple[str, ...], *, sparse: bool) -> Coefficient:
-    if "matrix" in entry and "coefficient" in entry:
-        raise ArgumentError("matrix", "give this or coefficient, not both")
-    given = coefficient_of(entry)
-    if "acts_on" in entry:
-        directions = Directions.from_text([str(text) for text in entry["acts_on"]], names)
-        return directions.factored(dense(matrix_of(given, directions.count)))
-    return matrix_of(given, len(names), sparse=sparse)
+def _coefficient(term: Term, names: tuple[str, ...], *, sparse: bool) -> Coefficient:
+    if term.acts_on is None:
+        return matrix_of(term.factor, len(names), sparse=sparse)
+    directions = Directions.from_text(term.acts_on, names)
+    return directions.factored(dense(matrix_of(term.factor, directions.count)))

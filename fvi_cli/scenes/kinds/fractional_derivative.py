@@ -3,36 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.records import Key, Record
-from fvi_cli.keys.scalars import Formula, Number
+from fvi_cli.keys.scalars import Formula
+from fvi_cli.keys.settings import Positive, key
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
-from fvi_cli.scenes.forces import PARAMETERS, expressions, with_parameters
-from fvi_cli.scenes.kinds.kind import Kind, Values
+from fvi_cli.scenes.forces import PARAMETERS, Parameters, expressions, with_parameters
+from fvi_cli.scenes.kinds.damping_keys import Order
+from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.kinds.shared_keys import FINAL_TIME
 from fvi_cli.scenes.problem import DerivativeProblem
 
 SERIES_CUTOFF: Final = 48.0
 
 
-class DerivativeKind(Kind):
-    """The kind of a derivative to take."""
+class FractionalDerivative(
+    Kind,
+    declares="parameters",
+    refused=dict.fromkeys(("alpha", "gamma"), "not a key: write order"),
+):
+    """The Caputo derivative of a function."""
 
-    def build(self, values: Values, *, search: bool = True) -> DerivativeProblem:
+    kind = "fractional-derivative"
+    equation = "y = D^gamma f (Caputo)"
+    example: ClassVar = {"order": "0.5", "function": "t**2*sin(t)", "final_time": "1.0"}
+    sweep = "problem.order: {from: 0.1, to: 1.9, number: 10}"
+    methods = "{bdf: [1, 2, 3], sampling: nodes}"
+
+    order: Order = key("Order of the derivative that is taken (no unit).")
+    function: Annotated[str, Formula()] = key("The function to differentiate, an expression in t.")
+    final_time: Positive = FINAL_TIME
+    exact: Annotated[str, Formula(words=("auto",))] = key(
+        "Its derivative: expression in t, or auto where one is known.", default="auto"
+    )
+    parameters: Parameters = PARAMETERS
+
+    def build_problem(self, *, search: bool = True) -> DerivativeProblem:
         """The derivative with its exact values."""
-        order, final_time = float(values["order"]), float(values["final_time"])
-        values = with_parameters(values)
+        order, final_time = float(self.order), float(self.final_time)
+        values = with_parameters(vars(self))
         (function,) = expressions(values["function"], 1, "function")
         if not 0 < order < 2:
             raise ArgumentError("order", f"{order!r} is not allowed; it must lie in (0, 2)")
-        if values["exact"] == "auto":
+        if self.exact == "auto":
             exact = _termwise_derivative(function, order, final_time)
             source = "power series, term by term"
         else:
@@ -78,32 +97,3 @@ def _termwise_derivative(
             "fast enough; give the derivative as an expression",
         )
     return lambda time: derivative(time)[:, None]
-
-
-FRACTIONAL_DERIVATIVE: Final = DerivativeKind(
-    name="fractional-derivative",
-    equation="y = D^gamma f (Caputo)",
-    record=Record(
-        keys=(
-            Key(
-                "order",
-                Number(above=0.0, below=2.0),
-                "Order of the derivative that is taken (no unit).",
-            ),
-            Key("function", Formula(), "The function to differentiate, an expression in t."),
-            FINAL_TIME,
-            Key(
-                "exact",
-                Formula(words=("auto",)),
-                "Its derivative: expression in t, or auto where one is known.",
-                default="auto",
-            ),
-            PARAMETERS,
-        ),
-        declares=PARAMETERS.name,
-        refused={"alpha": "not a key: write order", "gamma": "not a key: write order"},
-    ),
-    example={"order": "0.5", "function": "t**2*sin(t)", "final_time": "1.0"},
-    sweep="problem.order: {from: 0.1, to: 1.9, number: 10}",
-    methods="{bdf: [1, 2, 3], sampling: nodes}",
-)

@@ -3,212 +3,168 @@
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import ClassVar, Final
 
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.matrices import is_sparse
-from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.settings import Positive, Setting
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import (
     FORCING,
-    GROUND_ACCELERATION,
     PARAMETERS,
+    Forces,
+    Parameters,
     build_forcing,
     expressions,
     with_parameters,
 )
-from fvi_cli.scenes.kinds.damping_keys import build_damping, coefficient_of
-from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, scene_keys, vector_of
+from fvi_cli.scenes.kinds import shared_keys as shared
+from fvi_cli.scenes.kinds.damping_keys import DAMPING, Damping, build_damping
 from fvi_cli.scenes.lagrangian import check_names
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
 
-Values = Mapping[str, Any]
-"""Plain values under the keys of a kind, with every default filled in."""
+_SHARED: Final = ("damping", "forcing", "ground_acceleration")
+"""Shared keys that kinds declare on their own."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Kind(ABC):
-    """A kind of problem.
+class Kind(Setting):
+    """A kind of problem: its fields are its keys."""
 
-    Parameters
-    ----------
-    name
-        What stands under ``kind``.
-    equation
-        The equation in plain text.
-    record
-        Its keys.
-    example
-        Keys of a starter file that show more than the default, with what stands there as YAML.
-    sweep
-        What a starter file shows of ``sweep``.
-    methods
-        What it shows of ``method``.
-    title
-        In figures; default: the name with blanks.
-    """
+    kind: ClassVar[str]
+    """What stands under ``kind``."""
+    equation: ClassVar[str]
+    """The equation in plain text."""
+    title: ClassVar[str] = ""
+    """In figures; default: the name with blanks."""
+    example: ClassVar[Mapping[str, str]]
+    """Keys of a starter file that show more than the default, with what stands there as YAML."""
+    sweep: ClassVar[str]
+    final_time: Positive
+    methods: ClassVar[str] = "{rk: gauss, degree: [2, 3]}"
+    """What a starter file shows of these."""
+    forces: ClassVar[tuple[str, ...]] = ("forcing",)
+    """Keys under which what drives a motion stands; no more than one of them is given."""
 
-    name: str
-    equation: str
-    record: Record
-    example: Mapping[str, str]
-    sweep: str
-    methods: str = "{rk: gauss, degree: [2, 3]}"
-    title: str = ""
-
-    @property
-    def heading(self) -> str:
-        """The title."""
-        return self.title or self.name.replace("-", " ")
-
-    @property
-    def forces(self) -> tuple[str, ...]:
-        """Keys under which what drives a motion stands."""
-        return ("forcing",)
-
-    def stated_size(self, values: Values) -> tuple[KeyPath, int] | None:
+    def stated_size(self) -> tuple[KeyPath, int] | None:
         """The path of the key that says the number of coordinates, and that number."""
         return None
 
     @abstractmethod
-    def build(self, values: Values, *, search: bool = True) -> AnyProblem:
-        """The problem.
-
-        Parameters
-        ----------
-        values
-            With all defaults.
-        search
-            Look for the exact solution where none is given, which takes long.
+    def build_problem(self, *, search: bool = True) -> AnyProblem:
+        """The problem; the exact solution is looked for where none is given, which takes long.
 
         Raises
         ------
-        ValueError
-            ``key.path: what is wrong``.
+        ArgumentError
+            With the path of the key.
         """
 
 
-def scene_record(*own: Key, default_order: float = 1.0, force: Key = FORCING) -> Record:
-    """The keys of a scene: its own, then those that all scenes share."""
-    return scene_keys(own, default_order=default_order, force=force)
+class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
+    """A kind of scene: own keys, and those that all scenes share."""
 
+    make: ClassVar[Callable[..., Scene]]
+    """The scene of arguments that are called like the own keys, and of :class:`SceneData`."""
+    size: ClassVar[int | None] = None
+    """Number of coordinates where no other is possible."""
+    size_key: ClassVar[str] = ""
+    """The key that says it; empty: the largest of all entries."""
+    names: ClassVar[tuple[str, ...]] = ()
+    """Names of the coordinates; empty: ``x``, or ``x1``, ``x2``, ..."""
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SceneKind(Kind):
-    """A kind of scene.
+    damping: Damping = DAMPING
+    derivative: shared.DerivativeWord = shared.DERIVATIVE
+    forcing: Forces = FORCING
+    initial: shared.Initial = shared.INITIAL
+    final_time: Positive = shared.FINAL_TIME
+    exact: shared.Exact = shared.EXACT
+    parameters: Parameters = PARAMETERS
 
-    Parameters
-    ----------
-    make
-        The scene of arguments that are called like the keys, and of :class:`SceneData`.
-    size
-        Number of coordinates where no other is possible.
-    size_key
-        The key that says it; none: the largest of all entries.
-    coordinates
-        Names of the coordinates; none: ``x``, or ``x1``, ``x2``, ...
-    names
-        The names where they stand in the values.
-    """
-
-    make: Callable[..., Scene]
-    size: int | None = None
-    size_key: str = ""
-    coordinates: tuple[str, ...] = ()
-    names: Callable[[Values], tuple[str, ...]] | None = None
-
-    @property
-    def forces(self) -> tuple[str, ...]:
-        """Keys under which what drives a motion stands; no more than one of them is given."""
-        known = (FORCING.name, GROUND_ACCELERATION.name)
-        return tuple(name for name in known if name in self.record.names)
-
-    def stated_size(self, values: Values) -> tuple[KeyPath, int] | None:
+    def stated_size(self) -> tuple[KeyPath, int] | None:
         """The path of the key that says the number of coordinates, and that number."""
         path: KeyPath = (self.size_key,) if self.size_key else ()
         if self.size is not None:
             return path, self.size
-        stated = values.get(self.size_key)
-        if isinstance(stated, list | tuple):
+        stated = getattr(self, self.size_key, None) if self.size_key else None
+        if isinstance(stated, tuple):
             return path, len(stated)
         return (path, stated) if isinstance(stated, int) else None
 
-    def coordinate_names(self, values: Values) -> tuple[str, ...]:
+    def own_names(self) -> tuple[str, ...]:
+        """Names of the coordinates; empty: they are numbered."""
+        return self.names
+
+    def coordinate_names(self) -> tuple[str, ...]:
         """Names of the coordinates, as ``acts_on`` knows them."""
-        if self.names is not None:
-            return self.names(values)
-        stated = self.stated_size(values)
-        entries = [values["initial"]["position"], values.get("mass"), values.get("stiffness")]
-        entries += [coefficient_of(term) for term in values["damping"] if "acts_on" not in term]
-        size = max(_size(entry) for entry in entries)
-        size = size if stated is None else stated[1]
-        numbered = ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
-        return self.coordinates or numbered
+        if named := self.own_names():
+            return named
+        stated = self.stated_size()
+        entries = [self.initial.position, *self._matrices()]
+        entries += [term.factor for term in self.damping if term.acts_on is None]
+        size = max(_size(entry) for entry in entries) if stated is None else stated[1]
+        return ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
 
-    def is_sparse(self, values: Values) -> bool:
-        """Whether mass or stiffness come from a file with entries only."""
-        given = (values.get(name) for name in ("mass", "stiffness"))
-        return any(is_sparse(file_form(one)) for one in given)
+    def _matrices(self) -> tuple[object, object]:
+        return getattr(self, "mass", None), getattr(self, "stiffness", None)
 
-    def scene(self, values: Values) -> Scene:
-        """The scene of values with all defaults.
+    def build_scene(self) -> Scene:
+        """The scene.
 
         Raises
         ------
-        ValueError
-            ``key.path: what is wrong``.
+        ArgumentError
+            With the path of the key.
         """
-        names = self.coordinate_names(values)
-        if values.get(PARAMETERS.name):
-            check_names(names, values[PARAMETERS.name])
-        damping, laws = build_damping(values["damping"], names, sparse=self.is_sparse(values))
+        names, forces = self.coordinate_names(), self.forces
+        if self.parameters:
+            check_names(names, self.parameters)
+        # mass or stiffness may come from a file with entries only
+        sparse = any(is_sparse(file_form(one)) for one in self._matrices())
+        damping, laws = build_damping(self.damping, names, sparse=sparse)
+        start = self.initial
         data: SceneData = {
-            "final_time": float(values["final_time"]),
+            "final_time": float(self.final_time),
             "damping": damping,
             "laws": laws,
-            "initial_position": vector_of(values["initial"]["position"], names, "initial.position"),
-            "initial_velocity": vector_of(values["initial"]["velocity"], names, "initial.velocity"),
-            "derivative": cast(Derivative, values["derivative"]),
+            "initial_position": shared.vector_of(start.position, names, "initial.position"),
+            "initial_velocity": shared.vector_of(start.velocity, names, "initial.velocity"),
+            "derivative": self.derivative,
         }
-        own = {
-            key.name: values[key.name] if key.build is None else key.build(values[key.name])
-            for key in self.record.keys
-            if key.name not in SHARED_KEYS and key is not PARAMETERS and key.name in values
-        }
-        drivers = {key: self._driver(values, key, names) for key in self.forces}
+        drivers = {name: self._driver(name, names) for name in forces}
         if sum(driver is not None for driver in drivers.values()) > 1:
-            raise ArgumentError(self.forces[1], f"give this or {self.forces[0]}, not both")
-        return self.make(**{**own, **data, **drivers})
+            raise ArgumentError(forces[1], f"give this or {forces[0]}, not both")
+        fields = type(self).__annotations__
+        own = {n: one for n, one in vars(self).items() if n in fields and n not in _SHARED}
+        return type(self).make(**{**own, **data, **drivers})
 
-    def _driver(self, values: Values, key: str, names: tuple[str, ...]) -> Forcing | None:
+    def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
         return build_forcing(
-            with_parameters(values)[key],
-            len(names) if key == FORCING.name else 1,
-            key,
-            final_time=float(values["final_time"]),
+            with_parameters(vars(self))[name],
+            len(names) if name == "forcing" else 1,
+            name,
+            final_time=float(self.final_time),
             names=names,
         )
 
-    def build(self, values: Values, *, search: bool = True) -> Problem:
+    def build_problem(self, *, search: bool = True) -> Problem:
         """The scene with its exact solution, as far as that is known."""
-        scene = self.scene(values)
+        scene = self.build_scene()
         exact: Callable[[Array], Array] | None = None
         source = "unknown"
-        if values["exact"] == "none":
+        if self.exact == "none":
             source = "none"
-        elif values["exact"] != "auto":
-            given = with_parameters(values)["exact"]
+        elif self.exact != "auto":
+            given = with_parameters(vars(self))["exact"]
             components = expressions(given, scene.dimension, "exact")
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if said := objection(exact, scene):
@@ -220,19 +176,16 @@ class SceneKind(Kind):
             solution = match_scene(scene)
             if solution is not None:
                 exact, source = solution.position, solution.source
+        ground = [name for name in self.forces if name != "forcing"]
         return Problem(
-            kind=self.name,
+            kind=self.kind,
             scene=scene,
             exact=exact,
             exact_source=source,
             equation=_with_laws(self.equation, scene),
-            coordinates=self.coordinate_names(values),
-            inputs=self._inputs(values),
+            coordinates=self.coordinate_names(),
+            inputs={name: self._driver(name, ()) for name in ground},
         )
-
-    def _inputs(self, values: Values) -> dict[str, Forcing | None]:
-        key = GROUND_ACCELERATION.name
-        return {key: self._driver(values, key, ())} if key in self.forces else {}
 
 
 def _with_laws(equation: str, scene: Scene) -> str:

@@ -34,13 +34,6 @@ def read_at2_samples(path: Path, name: str) -> CsvSamples:
     Four lines of header, the last of which has ``NPTS= 4000, DT= .0050 SEC`` (older files:
     ``4000 0.0050 NPTS, DT``), then NPTS numbers, several in a line.
 
-    Parameters
-    ----------
-    path
-        The file.
-    name
-        What messages call it.
-
     Raises
     ------
     DataFileError

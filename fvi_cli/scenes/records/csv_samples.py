@@ -54,15 +54,6 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     The first line holds the names of the columns; between them stand commas, semicolons or
     tabulators. Empty lines and lines that begin with ``#`` are left out.
 
-    Parameters
-    ----------
-    path
-        The file.
-    name
-        What messages call it.
-    time_column, column
-        Names of the columns.
-
     Raises
     ------
     DataFileError

@@ -5,27 +5,22 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import Annotated, Any, Final, TypeVar, cast
 
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.records import optional
 from fvi_cli.keys.scalars import Text
+from fvi_cli.keys.settings import key
 
 T = TypeVar("T")
 
 MOST_LINES: Final = 1_000_000
 """Lines of a text file, at most; there may be fewer samples."""
-SHA256: Final = optional(
-    "sha256",
-    Text(what="64 hexadecimal digits"),
-    "Of the file; filled in, and checked where it is given and the file is there.",
+Digest = Annotated[str | None, Text(what="64 hexadecimal digits")]
+SHA256: Final = key(
+    "Of the file; filled in, and checked where it is given and the file is there.", default=None
 )
-CONTENT_SHA256: Final = optional(
-    "content_sha256",
-    Text(what="64 hexadecimal digits"),
-    "Of the text under content; checked where it is given.",
-)
+CONTENT_SHA256: Final = key("Of the text under content; checked where it is given.", default=None)
 
 
 class DataFileError(Exception):
@@ -41,11 +36,10 @@ class DataFileError(Exception):
             at.refuse(message, "file")
 
 
-def file_under(values: Mapping[str, Any], at: Cursor) -> tuple[Path, str]:
-    """The file of the key ``file``, beside the configuration, and what messages call it."""
+def file_under(given: str, at: Cursor) -> tuple[Path, str]:
+    """A file of the configuration, beside it, and what messages call it."""
     folder = at.complaints.folder
-    path = Path(values["file"]) if folder is None else folder / values["file"]
-    return path, excerpt(values["file"], 200)
+    return Path(given) if folder is None else folder / given, excerpt(given, 200)
 
 
 def read_content(path: Path, name: str, largest: int) -> bytes:
@@ -109,19 +103,7 @@ def number_of(word: str) -> float:
 def with_content(
     values: Mapping[str, Any], at: Cursor, *, sha256: str, text: str, largest: int, what: str
 ) -> Any:
-    """The keys with ``sha256`` and ``content`` filled in from what was read.
-
-    Parameters
-    ----------
-    values, at
-        The keys, and where they stand.
-    sha256
-        Of the file.
-    text
-        Its content as it travels, of at most so many characters as `largest` says.
-    what
-        What takes that room, for the complaint.
-    """
+    """The keys with ``sha256`` and ``content`` filled in from what was read."""
     name = excerpt(values["file"], 200)
     if values.get("sha256", sha256).lower() != sha256:
         return at.refuse(f"{name} has changed: its sha256 is {sha256}", "sha256")
@@ -132,15 +114,7 @@ def with_content(
 
 
 def without_digest(values: Mapping[str, Any], at: Cursor, *, is_same: Callable[[], bool]) -> Any:
-    """The keys with a content that is what it was, without ``content_sha256``.
-
-    Parameters
-    ----------
-    values, at
-        The keys with ``content``, and where they stand.
-    is_same
-        Reads the file and tells whether it holds the content, or is another one by its sha256.
-    """
+    """The keys with a content that is what it was, without ``content_sha256``."""
     digest = hashlib.sha256(str(values["content"]).encode()).hexdigest()
     if str(values.get("content_sha256", digest)).lower() != digest:
         return at.refuse(
@@ -149,7 +123,7 @@ def without_digest(values: Mapping[str, Any], at: Cursor, *, is_same: Callable[[
             "content",
         )
     name = excerpt(values["file"], 200)
-    if "sha256" in values and file_under(values, at)[0].is_file():
+    if "sha256" in values and file_under(values["file"], at)[0].is_file():
         try:
             known = is_same()
         except DataFileError:

@@ -64,13 +64,6 @@ def samples_from_text(text: str) -> tuple[Array, Array]:
 def sampled_component(specification: Mapping[str, Any], final_time: float) -> SampledForce:
     """The component that ``{file, column, interpolation, scale, content}`` describes.
 
-    Parameters
-    ----------
-    specification
-        With the content of the file, which reading the configuration has put there.
-    final_time
-        T; the samples must reach from 0 to T.
-
     Raises
     ------
     ValueError

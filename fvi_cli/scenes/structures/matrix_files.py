@@ -62,15 +62,6 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
     ``scipy.sparse.save_npz``), MATLAB (``.mat``, up to version 7) and text (``.csv``, ``.txt``:
     a row of numbers in each line).
 
-    Parameters
-    ----------
-    path
-        The file.
-    name
-        What messages call it.
-    variable
-        Which matrix of a file that may hold several.
-
     Raises
     ------
     DataFileError

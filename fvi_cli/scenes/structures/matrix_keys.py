@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 
 from fvi_cli.effects.matrices import Form, added, entries, is_definite, scaled, sparse_unit
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, Cursor
-from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Text
+from fvi_cli.keys.settings import PlainSetting, key, record_of
 from fvi_cli.scenes.records.data_files import (
     CONTENT_SHA256,
     SHA256,
     DataFileError,
+    Digest,
     file_under,
     read_once,
     with_content,
     without_digest,
 )
-from fvi_cli.scenes.structures.matrix_files import MatrixFile, read_matrix
+from fvi_cli.scenes.structures.matrix_files import MatrixFile as ReadMatrix
+from fvi_cli.scenes.structures.matrix_files import read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
     LARGEST_TEXT,
     check_text,
@@ -39,10 +40,10 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
             check_text(values["content"])
         except ValueError as error:
             return at.refuse(str(error), "content")
-    file, name = file_under(values, at)
+    file, name = file_under(values["file"], at)
     variable = values.get("variable")
 
-    def read() -> tuple[MatrixFile, str]:
+    def read() -> tuple[ReadMatrix, str]:
         found = read_matrix(file, name, variable)
         return found, matrix_as_text(found.form)
 
@@ -77,39 +78,33 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     )
 
 
-_KEYS: Final = Record(
-    keys=(
-        Key(
-            "file",
-            Text(what="the path of a file, from the configuration's folder"),
-            "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or "
-            "rows of numbers (.csv, .txt); a relative path begins at the configuration.",
-        ),
-        optional(
-            "variable",
-            Text(what="the name of a matrix"),
-            "Which matrix of a .mat or .npz file that holds several.",
-        ),
-        SHA256,
-        optional(
-            "content",
-            Text(what="a matrix as fvi writes it"),
-            "The matrix in short; filled in, and used in place of the file.",
-        ),
-        CONTENT_SHA256,
+class MatrixFile(PlainSetting, words="a matrix from a file, such as {file: K.mtx}"):
+    """A symmetric matrix from a file, read together with the configuration."""
+
+    file: Annotated[str, Text(what="the path of a file, from the configuration's folder")] = key(
+        "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or "
+        "rows of numbers (.csv, .txt); a relative path begins at the configuration."
     )
-)
-_WORDS: Final = "a matrix from a file, such as {file: K.mtx}"
+    variable: Annotated[str | None, Text(what="the name of a matrix")] = key(
+        "Which matrix of a .mat or .npz file that holds several.", default=None
+    )
+    sha256: Digest = SHA256
+    content: Annotated[str | None, Text(what="a matrix as fvi writes it")] = key(
+        "The matrix in short; filled in, and used in place of the file.", default=None
+    )
+    content_sha256: Digest = CONTENT_SHA256
 
-MATRIX_FILE: Final = Checked(
-    shape=_KEYS, check=lambda values, at: _read(values, at, positive=False), words=_WORDS
-)
-"""A symmetric matrix from a file, read together with the configuration."""
+    def check(self, at: Cursor, values: dict[str, Any]) -> Any:
+        """The keys with ``sha256`` and ``content`` filled in from the file."""
+        return _read(values, at, positive=isinstance(self, MassFile))
 
-MASS_FILE: Final = Checked(
-    shape=_KEYS, check=lambda values, at: _read(values, at, positive=True), words=_WORDS
-)
-"""The same, positive definite."""
+
+class MassFile(MatrixFile):
+    """A positive definite matrix from a file."""
+
+
+MATRIX_FILE: Final = record_of(MatrixFile)
+MASS_FILE: Final = record_of(MassFile)
 
 
 def file_form(value: object) -> Form | None:

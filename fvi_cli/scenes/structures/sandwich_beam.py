@@ -40,19 +40,6 @@ def beam_matrices(
     Four degrees of freedom for each of the nodes from the clamped end on: w, w', u_1, u_3. Cubic
     deflection and linear axial displacements in every element.
 
-    Parameters
-    ----------
-    elements
-        Number of equal elements.
-    length, width
-        Of the beam, length.
-    face_thickness, core_thickness
-        Of each face and of the core, length.
-    face_modulus
-        Young's modulus of the faces, force per length^2.
-    face_density, core_density
-        Mass per length^3.
-
     Returns
     -------
     tuple

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, Unpack
+from collections.abc import Sequence
+from typing import Annotated, Final, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,8 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import Form, added, dense, is_sparse, scaled, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
+from fvi_cli.keys.scalars import Number
+from fvi_cli.keys.settings import NotNegative, Setting, key
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import ground_force
 from fvi_cli.scenes.data import SceneData, per_coordinate
@@ -24,11 +26,22 @@ LARGEST_MODAL: Final = 400
 """Degrees of freedom up to which damping is given by modes: its matrix is full."""
 
 
+class Proportional(Setting):
+    """Damping (a M + b K) D^gamma x."""
+
+    mass: NotNegative = key("a.", unit="time^(gamma-2)", default=0.0)
+    stiffness: NotNegative = key("b.", unit="time^gamma", default=0.0)
+    order: Annotated[float, Number(above=0.0, below=2.0)] = key(
+        "Order gamma of the derivative in the equation of motion; of laws in (0, 1) (no unit).",
+        default=1.0,
+    )
+
+
 def structure(
     *,
     mass: object,
     stiffness: object,
-    proportional: Mapping[str, Any] | None = None,
+    proportional: Proportional | None = None,
     modal_damping: Sequence[float] = (),
     ground_acceleration: Forcing | None = None,
     ground_direction: ArrayLike = 1.0,
@@ -39,18 +52,9 @@ def structure(
     .. math:: M x'' + \sum_j C_j D^{\gamma_j} x + (a M + b K) D^{\gamma} x
               + \sum_i 2 \zeta_i \omega_i (M \phi_i)(M \phi_i)^T x' + K x = f(t) - M r a(t)
 
-    Parameters
-    ----------
-    mass, stiffness
-        M and K: numbers, matrices or mappings of files.
-    proportional
-        ``mass``: a, ``stiffness``: b and ``order``: gamma; None: none.
-    modal_damping
-        Damping ratios :math:`\zeta_i` of the first modes :math:`\phi_i` of M and K.
-    ground_acceleration
-        a(t), one component; None: the ground rests.
-    ground_direction
-        r, shape ``(d,)`` or a number.
+    `mass` and `stiffness` are numbers, matrices or mappings of files, `modal_damping` the ratios
+    :math:`\zeta_i` of the first modes :math:`\phi_i` of M and K; a(t) has one component, r the
+    shape ``(d,)`` or is a number.
 
     Raises
     ------
@@ -63,9 +67,8 @@ def structure(
     k = matrix_of(stiffness, size, sparse=sparse)
     damping = list(data.get("damping", ()))
     if proportional is not None:
-        a, b = float(proportional["mass"]), float(proportional["stiffness"])
-        together = added(scaled(m, a), scaled(k, b))
-        damping.append(FractionalDamping(order=float(proportional["order"]), coefficient=together))
+        together = added(scaled(m, proportional.mass), scaled(k, proportional.stiffness))
+        damping.append(FractionalDamping(order=proportional.order, coefficient=together))
     if modal_damping:
         damping.append(FractionalDamping(order=1.0, coefficient=modal_matrix(m, k, modal_damping)))
     if ground_acceleration is not None:
@@ -81,13 +84,6 @@ def structure(
 
 def modal_matrix(mass: Form, stiffness: Form, ratios: Sequence[float]) -> Array:
     r"""The matrix :math:`\sum_i 2 \zeta_i \omega_i (M \phi_i)(M \phi_i)^T`.
-
-    Parameters
-    ----------
-    mass, stiffness
-        M and K.
-    ratios
-        :math:`\zeta_i` of the modes with the lowest frequencies.
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from fvi_cli.storage.identity import INPUT
 from fvi_cli.studies.members import value_in_words
 
 _CONFIG_KEYS = {
@@ -42,7 +43,7 @@ def configured(specification: Mapping[str, Any]) -> dict[str, Any]:
             is_bdf = not family and number.isdecimal()
             found["method.bdf" if is_bdf else "method.rk"] = int(number) if is_bdf else value
         else:
-            found[_CONFIG_KEYS.get(path, path)] = value
+            found[_CONFIG_KEYS.get(path, path).removesuffix(f".{INPUT}")] = value
     return found
 
 

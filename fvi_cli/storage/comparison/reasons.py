@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from fvi_cli.storage.code import Code, own_code
 from fvi_cli.storage.comparison.differences import changed_keys
-from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json
-from fvi_cli.storage.records import Place, group_path, place_of
+from fvi_cli.storage.identity import SOLVER_VERSION, specification_of, stowed
+from fvi_cli.storage.records.record import Entry, Place, place_of
 from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Run
+from fvi_cli.studies.members import with_values
 
-NEW, INCOMPLETE, OLDER_SOLVER, OTHER_SOLVER = "new", "incomplete", "older solver", "newer solver"
+NEW, OLDER_SOLVER, OTHER_SOLVER = "new", "older solver", "newer solver"
 
 MOST_KEYS = 4
 """Keys that are named at most."""
@@ -28,15 +29,14 @@ class Reasons:
     Parameters
     ----------
     stored
-        A result file with its parts.
+        A result file with its journal.
     asked
-        Places of all runs of the configuration; a stored run elsewhere is one that it no longer
-        asks for.
+        Gives the places of all runs of the configuration; a stored run elsewhere is one that it no
+        longer asks for.
     """
 
     stored: Store
-    asked: Collection[Place]
-    _read: dict[Place, Mapping[str, Any]] = field(default_factory=dict)
+    asked: Callable[[], Collection[Place]]
 
     def of(self, run: Run) -> str:
         """Why the run is computed.
@@ -44,62 +44,72 @@ class Reasons:
         Returns
         -------
         str
-            ``new``: there is none in its place; ``incomplete``: it is only half there;
-            ``older solver``: a version of the program that gave other numbers made it;
-            ``numpy 2.4.1 in place of 2.4.0``, ``other source files of fvi 0.2.0``: other code did;
-            ``changed: problem.stiffness, ...``: these keys of the configuration are not what they
-            were. Where there is none in its place, but a run of the same experiment and number of
-            steps is stored that is not asked for any more and differs in keys of the method
-            alone, these count as changed: ``changed: method.degree``.
-
-        Raises
-        ------
-        StorageError
-            If what is stored is damaged.
+            ``new``: there is none in its place; ``older solver``: a version of the program that
+            gave other numbers made it; ``numpy 2.4.1 in place of 2.4.0``, ``other source files of
+            fvi 0.2.0``: other code did; ``changed: problem.stiffness, ...``: these keys of the
+            configuration are not what they were. Where there is none in its place, but a run of
+            the same experiment and number of steps is stored that is not asked for any more and
+            differs in keys of the method alone, these count as changed: ``changed: method.degree``.
         """
         place = place_of(run)
-        specification = json.loads(canonical_json(run.specification()))
-        if place in self.stored.places():
-            return self._difference(place, specification)
-        if group_path(place) in self.stored.incomplete():
-            return INCOMPLETE
-        return self._replaced(place, specification)
+        if place in self._places:
+            allowed = run.experiment.allow_unstable
+            return self._difference(self._places[place], _specification(run), is_allowed=allowed)
+        left = self._left_over.get((place[0], place[2:]), ())
+        return _replaced([_stored_specification(one) for one in left], run) if left else NEW
 
-    def _difference(self, place: Place, specification: Mapping[str, Any]) -> str:
-        attributes = self._attributes(place)
-        changed = changed_keys(json.loads(attributes["specification"]), specification)
+    def _difference(
+        self, entry: Entry, specification: Mapping[str, Any], *, is_allowed: bool
+    ) -> str:
+        attributes = entry.source.attributes(entry)
+        changed = changed_keys(_stored_specification(entry), specification)
+        if entry.is_unstable and not changed and entry.kind.is_refusal == is_allowed:
+            changed = ("allow_unstable",)
         reasons = [_named(changed)] if changed else []
         version = int(attributes["solver_version"])
         if version != SOLVER_VERSION:
             reasons.append(OLDER_SOLVER if version < SOLVER_VERSION else OTHER_SOLVER)
-        elif not changed and "code" in attributes:
+        elif not changed:
             reasons.append(Code(**json.loads(attributes["code"])).differences(own_code()))
         return "; ".join(reasons) or "older format"
 
-    def _replaced(self, place: Place, specification: Mapping[str, Any]) -> str:
-        """As `changed` if a run is left over that this one may stand for, else `new`."""
-        candidates = (
-            changed_keys(json.loads(self._attributes(other)["specification"]), specification)
-            for other in self._left_over.get((place[0], place[2:]), ())
-        )
-        of_method = [
-            changed for changed in candidates if all(key.startswith("method.") for key in changed)
-        ]
-        return _named(min(of_method, key=len)) if of_method else NEW
-
-    def _attributes(self, place: Place) -> Mapping[str, Any]:
-        if place not in self._read:
-            self._read[place] = self.stored.attributes(place)
-        return self._read[place]
+    @cached_property
+    def _places(self) -> Mapping[Place, Entry]:
+        return self.stored.places()
 
     @cached_property
-    def _left_over(self) -> Mapping[tuple[object, ...], list[Place]]:
+    def _left_over(self) -> Mapping[tuple[object, ...], list[Entry]]:
         """Stored runs that are not asked for any more, by all but their case."""
-        found: dict[tuple[object, ...], list[Place]] = {}
-        for place in self.stored.places():
-            if place not in self.asked:
-                found.setdefault((place[0], place[2:]), []).append(place)
+        asked = self.asked()
+        found: dict[tuple[object, ...], list[Entry]] = {}
+        for place, entry in self._places.items():
+            if place not in asked:
+                found.setdefault((place[0], place[2:]), []).append(entry)
         return found
+
+
+def _specification(run: Run) -> dict[str, Any]:
+    values = {} if run.member is None else dict(run.member.values)
+    return _with_swept(specification_of(run)[0], stowed(values))
+
+
+def _stored_specification(entry: Entry) -> dict[str, Any]:
+    a = entry.source.attributes(entry)
+    return _with_swept(a["specification"], {key: a[key] for key in entry.kind.swept})
+
+
+def _with_swept(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """A specification with the values of a member in it."""
+    found: dict[str, Any] = json.loads(text)
+    return {**found, "problem": with_values(found["problem"], values)}
+
+
+def _replaced(candidates: Collection[Mapping[str, Any]], run: Run) -> str:
+    """As `changed` if the run may stand for one that is left over, else `new`."""
+    specification = _specification(run)
+    changes = [changed_keys(one, specification) for one in candidates]
+    of_method = [one for one in changes if all(key.startswith("method.") for key in one)]
+    return _named(min(of_method, key=len)) if of_method else NEW
 
 
 def _named(keys: tuple[str, ...]) -> str:

@@ -21,11 +21,6 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     ``real``, ``imaginary`` (of s, 1/time), ``frequency_hz``, ``damping_ratio``, ``loss_factor``,
     ``residual``, all ``(mode,)``; ``shape_real``, ``shape_imaginary``, ``(mode, dof)``, the
     largest entry of each shape being 1; ``coordinate(dof)``: names. Every axis has a scale.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written.
     """
     with told(path):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
-from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms, series_of
+from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms
 from fvi_cli.studies.fits.profile import Minimum, quantile
 from fvi_cli.studies.fits.regions import holds, other_sides, region_of, regions
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
@@ -52,15 +52,6 @@ Tell = Callable[[str], None]
 def fit(name: str, settings: FitSettings, *, tell: Tell = lambda words: None) -> FitResult:
     """Fit every model of an experiment to its data.
 
-    Parameters
-    ----------
-    name
-        Of the experiment.
-    settings
-        What is asked for.
-    tell
-        Hears what is being done.
-
     Raises
     ------
     RequestError
@@ -76,23 +67,15 @@ def fit(name: str, settings: FitSettings, *, tell: Tell = lambda words: None) ->
 def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = True) -> ModelFit:
     """Fit one model.
 
-    Parameters
-    ----------
-    settings, described
-        The data, and what is fitted to them.
-    with_scan
-        Look around the start; otherwise it is taken for good.
-
     Raises
     ------
     RequestError
         For parameters without influence on the data.
     """
-    every = series_of(settings.data)
-    deviations = [rms(one.values) or 1.0 for one in every]
+    model = MotionModel(described, settings.data, ())
+    model.deviations = [rms(one.values) or 1.0 for one in model.series]
     if settings.deviations:
-        deviations = [settings.deviations[one] for one in settings.columns]
-    model = MotionModel(described, settings.data, _nested(settings, deviations))
+        model.deviations = [settings.deviations[one] for one in settings.columns]
     scale = _scale(model)
     _check_influence(model, scale)
     found: list[Found] = []
@@ -151,7 +134,6 @@ def _polished(
     scale: float,
 ) -> tuple[Found, Evaluation, float, str]:
     """The minimum on steps that are fine enough, their error, and why there is none."""
-    deviations = [value for row in model.deviations for value in row]
     is_known, tolerance, message = bool(settings.deviations), FIRST_TOLERANCE, ""
     at_best = Evaluation(residuals=np.zeros(0))
     while True:
@@ -162,7 +144,7 @@ def _polished(
                 return best, at_best, math.inf, "the run fails at the best point"
             best = again
             at_best = model.evaluate(best.point)
-            if is_known or len(deviations) == 1 or _is_clean(model, at_best):
+            if is_known or len(model.series) == 1 or _is_clean(model, at_best):
                 break
             fresh, lacking = _estimated(model, at_best)
             if lacking is not None:
@@ -172,11 +154,10 @@ def _polished(
                     "standard deviation"
                 )
                 return best, at_best, math.inf, message
-            change = max(abs(a / b - 1.0) for a, b in zip(fresh, deviations, strict=True))
+            change = max(abs(a / b - 1.0) for a, b in zip(fresh, model.deviations, strict=True))
             if change < ENOUGH:
                 break
-            deviations = fresh
-            model.deviations = _nested(settings, deviations)
+            model.deviations = fresh
         at_best = model.evaluate(best.point)
         used = model.meshes
         finer = max(LAST_TOLERANCE, 1e-3 * tolerance)
@@ -189,16 +170,11 @@ def _polished(
         tolerance = max(LAST_TOLERANCE, 1e-4 * tolerance)
 
 
-def _nested(settings: FitSettings, deviations: Sequence[float]) -> list[list[float]]:
-    rest = iter(deviations)
-    return [[next(rest) for _ in data.series] for data in settings.data]
-
-
 def _scale(model: MotionModel) -> float:
     """Size of the motion, a length."""
     sizes = [
         float(np.abs(one.values).max())
-        for one in series_of(model.data)
+        for one in model.series
         if not (one.is_velocity or one.formula or one.amplitude)
     ]
     if sizes and max(sizes) > 0:
@@ -231,29 +207,19 @@ def _check_influence(model: MotionModel, scale: float) -> None:
         raise RequestError(*mistakes)
 
 
-def _split(model: MotionModel, residuals: Array) -> list[Array]:
-    """Residuals of every series in the unit of the data."""
-    sizes = [one.values.size for one in series_of(model.data)]
-    deviations = [value for row in model.deviations for value in row]
-    parts = np.split(residuals, np.cumsum(sizes)[:-1])
-    return [part * deviation for part, deviation in zip(parts, deviations, strict=True)]
-
-
 def _is_clean(model: MotionModel, at: Evaluation) -> bool:
     """Whether what is left of the data is round-off."""
-    data = np.concatenate([one.values for one in series_of(model.data)])
-    return rms(np.concatenate(_split(model, at.residuals))) <= ROUND_OFF * rms(data)
+    data = np.concatenate([one.values for one in model.series])
+    return rms(np.concatenate(model.split(at.residuals))) <= ROUND_OFF * rms(data)
 
 
 def _estimated(model: MotionModel, at: Evaluation) -> tuple[list[float], Series | None]:
     """Deviations of the series from what is left, and a series too short to have one."""
-    every = series_of(model.data)
-    left = _split(model, at.residuals)
-    freedom = own_freedoms(at, [one.values.size for one in every])
-    lacking = [one for one, count in zip(every, freedom, strict=True) if count < LEAST_FREEDOM]
+    freedom = own_freedoms(at, model.sizes)
+    lacking = [one for one, n in zip(model.series, freedom, strict=True) if n < LEAST_FREEDOM]
     found = [
         max(math.sqrt(float(part @ part) / max(count, 1e-300)), 1e-300)
-        for part, count in zip(left, freedom.tolist(), strict=True)
+        for part, count in zip(model.split(at.residuals), freedom.tolist(), strict=True)
     ]
     return found, lacking[0] if lacking else None
 
@@ -284,12 +250,9 @@ def _result(
         is_sought=is_sought,
     )
     needless = needless_terms(model, minimum, errors * slopes, variance, is_known=is_known)
-    left = _split(model, at_best.residuals)
-    deviations = [
-        value * (1.0 if is_known else math.sqrt(variance))
-        for row in model.deviations
-        for value in row
-    ]
+    left = model.split(at_best.residuals)
+    unit = 1.0 if is_known else math.sqrt(variance)
+    deviations = [value * unit for value in model.deviations]
     alike = [
         tuple(model.values(one.point).tolist())
         for one in others
@@ -304,10 +267,21 @@ def _result(
         model=model.model,
         estimates=found,
         correlations=correlations,
-        series=_series(model, best.point, left, deviations),
+        series=tuple(
+            SeriesFit(data=name, series=one, residuals=rest, deviation=deviation, curve=curve)
+            for (name, one), rest, deviation, curve in zip(
+                [(data.name, one) for data in model.data for one in data.series],
+                left,
+                deviations,
+                model.curves(best.point, POINTS_OF_CURVES),
+                strict=True,
+            )
+        ),
         misfit=at_best.cost / variance if is_known else float(freedom),
         criterion=criterion(left, deviations, p, is_known=is_known),
-        whiteness=min((whiteness(one, data.values) for one, data in _paired(model, left))),
+        whiteness=min(
+            whiteness(rest, one.values) for rest, one in zip(left, model.series, strict=True)
+        ),
         steps=sum(getattr(mesh, "n_steps", 0) for mesh in model.meshes),
         discretisation=float(ratio),
         others=tuple(alike),
@@ -325,32 +299,6 @@ def _is_apart(at_best: Evaluation, way: Array, variance: float) -> bool:
         return False
     expected = at_best.jacobian @ way
     return float(expected @ expected) > APART**2 * variance
-
-
-def _paired(model: MotionModel, left: Sequence[Array]) -> list[tuple[Array, Series]]:
-    return list(zip(left, series_of(model.data), strict=True))
-
-
-def _series(
-    model: MotionModel,
-    point: Array,
-    left: Sequence[Array],
-    deviations: Sequence[float],
-) -> tuple[SeriesFit, ...]:
-    curves = [one for each in model.curves(point, POINTS_OF_CURVES) for one in each]
-    names = [data.name for data in model.data for _ in data.series]
-    return tuple(
-        SeriesFit(
-            data=name,
-            series=series,
-            residuals=rest,
-            deviation=float(deviation),
-            curve=np.array(curve),
-        )
-        for name, series, rest, deviation, curve in zip(
-            names, series_of(model.data), left, deviations, curves, strict=True
-        )
-    )
 
 
 def _failed(model: MotionModel, message: str, point: Array | None = None) -> ModelFit:

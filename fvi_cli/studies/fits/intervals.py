@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.model import MotionModel, series_of
+from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.profile import BETTER, Minimum, Side, descend, profile_side, quantile
 from fvi_cli.studies.fits.result import Estimate
 from fvi_cli.studies.fits.settings import FitParameter
@@ -19,13 +19,7 @@ JUMP = 1.0
 
 
 class BetterMinimumError(ValueError):
-    """A profile found a point with less misfit than the supposed minimum.
-
-    Parameters
-    ----------
-    point
-        That point, in what the fit works with.
-    """
+    """A profile found a point, in what the fit works with, with less misfit than the minimum."""
 
     def __init__(self, point: Array) -> None:
         super().__init__("another minimum has less misfit")
@@ -43,19 +37,6 @@ def estimates(
 ) -> tuple[Estimate, ...]:
     """Every parameter with its interval.
 
-    Parameters
-    ----------
-    model, minima
-        What is fitted, and the least misfit of each region, the best first.
-    variance
-        Of the residuals.
-    is_known
-        Whether the noise was given.
-    is_clean
-        Whether the misfit is round-off: then only its curvature says anything.
-    is_sought
-        Whether intervals are looked for at all.
-
     Raises
     ------
     BetterMinimumError
@@ -63,7 +44,7 @@ def estimates(
     """
     best = minima[0]
     _, errors, _ = covariance(best.evaluation, variance)
-    ranks = freedoms(best.evaluation, [one.values.size for one in series_of(model.data)])
+    ranks = freedoms(best.evaluation, model.sizes)
     slopes, values = model.slopes(best.point), model.values(best.point)
     if is_sought and not is_clean:
         _check_minimum(model, best, variance)

@@ -16,7 +16,7 @@ from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
-from fvi_cli.studies.fits.settings import DataSet, FitModel, Series
+from fvi_cli.studies.fits.settings import DataSet, FitModel
 from fvi_cli.studies.members import with_values
 
 MOST_STEPS, MORE_STEPS = 20_000, 100
@@ -27,18 +27,12 @@ COARSE = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """The model at one point.
-
-    Parameters
-    ----------
-    residuals
-        (model - data) / deviation of every value, shape ``(n,)``.
-    jacobian
-        Derivatives by what the fit works with, ``(n, p)``; None where they were not asked for.
-    """
+    """The model at one point."""
 
     residuals: Array
+    """(model - data) / deviation of every value, shape ``(n,)``."""
     jacobian: Array | None = None
+    """Derivatives by what the fit works with, ``(n, p)``; None where they were not asked for."""
 
     @property
     def cost(self) -> float:
@@ -47,29 +41,17 @@ class Evaluation:
 
 
 class MotionModel:
-    """The motions of all data sets for given parameters.
+    """The motions of all data sets as functions of the free parameters.
 
-    Parameters
-    ----------
-    model
-        What is fitted.
-    data
-        What it is fitted to.
-    deviations
-        Of every series of every data set, in their order.
-
-    Attributes
-    ----------
-    free
-        The parameters that may change; those of one data set with ``@`` and its name in the key.
-    evaluations
-        Runs so far.
+    Parameters of one data set have ``@`` and its name in their keys. `deviations` are those of all
+    series, one after the other; `evaluations` counts runs.
     """
 
     def __init__(
-        self, model: FitModel, data: Sequence[DataSet], deviations: Sequence[Sequence[float]]
+        self, model: FitModel, data: Sequence[DataSet], deviations: Sequence[float]
     ) -> None:
-        self.model, self.data, self.deviations = model, tuple(data), deviations
+        self.model, self.data, self.deviations = model, tuple(data), list(deviations)
+        self.series = [one for each in data for one in each.series]
         self.free = [
             replace(one, key=one.key + suffix)
             for one in model.parameters
@@ -83,7 +65,17 @@ class MotionModel:
     @property
     def size(self) -> int:
         """Number of measured values."""
-        return sum(one.size for one in self.data)
+        return sum(self.sizes)
+
+    @property
+    def sizes(self) -> list[int]:
+        """The same of every series."""
+        return [one.values.size for one in self.series]
+
+    def split(self, residuals: Array) -> list[Array]:
+        """Residuals of every series in the unit of the data."""
+        parts = np.split(residuals, np.cumsum(self.sizes)[:-1])
+        return [part * deviation for part, deviation in zip(parts, self.deviations, strict=True)]
 
     @property
     def start(self) -> Array:
@@ -202,7 +194,8 @@ class MotionModel:
             If there is no scene for these values.
         """
         values, factors = self.values(inner), self.slopes(inner)
-        residuals, rows = [], []
+        residuals: list[Array] = []
+        rows: list[Array] = []
         for number, data in enumerate(self.data):
             self.evaluations += 1
             own = [
@@ -213,10 +206,8 @@ class MotionModel:
             # steps of the search may lead to motions that grow beyond all bounds
             with np.errstate(all="ignore"):
                 predicted = self._predicted(number, data, values, own)
-            for one, (found, rates), deviation in zip(
-                data.series, predicted, self.deviations[number], strict=True
-            ):
-                left = found - one.values
+            for one, (found, rates) in zip(data.series, predicted, strict=True):
+                left, deviation = found - one.values, self.deviations[len(rows)]
                 if one.amplitude is not None and one.amplitude.part == "phase":
                     left = (left + 180.0) % 360.0 - 180.0
                 residuals.append(left / deviation)
@@ -253,23 +244,18 @@ class MotionModel:
             return predict_response(scene, data, variations, direction)
         return predict_motion(scene, self.meshes[number], data, variations, specified)
 
-    def curves(self, inner: Array, count: int) -> list[list[tuple[Array, Array]]]:
-        """For every series of every data set times and what was fitted, for a figure."""
+    def curves(self, inner: Array, count: int) -> list[Array]:
+        """For every series times and what was fitted, for a figure, shape ``(2, count)``."""
         values, found = self.values(inner), []
         for number, data in enumerate(self.data):
             first = min(float(one.times[0]) for one in data.series) if data.forces else 0.0
             times = np.linspace(first, data.last_time, count)
             finer = replace(data, series=tuple(replace(one, times=times) for one in data.series))
             predicted = self._predicted(number, finer, values, ())
-            found.append([(times, curve) for curve, _ in predicted])
+            found += [np.array([times, curve]) for curve, _ in predicted]
         return found
 
 
 def rms(values: Array) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
-
-
-def series_of(data: Sequence[DataSet]) -> list[Series]:
-    """All series, one after the other."""
-    return [one for each in data for one in each.series]

@@ -41,17 +41,6 @@ def predict_motion(
 ) -> Predicted:
     """What was measured of a motion.
 
-    Parameters
-    ----------
-    scene, steps
-        What moves, and how it is integrated.
-    data
-        What was measured.
-    variations
-        The parameters.
-    specified
-        Where formulas find the parameters of the problem.
-
     Raises
     ------
     RunFailedError

@@ -33,46 +33,24 @@ DAMPING = (0.0, 1e-3, 0.1, 10.0, 1e3)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Side:
-    """One end of an interval.
+    """One end of an interval."""
 
-    Parameters
-    ----------
-    end
-        In what the fit works with; nan where it was not found.
-    is_bound
-        Whether a bound of the parameter came first.
-    reached
-        The farthest value that is known to lie inside.
-    points
-        Values tried and signed roots of the increase there, ``(n, 2)``.
-    better
-        A point with less misfit than the supposed minimum, which ends the search; None: no such.
-    """
-
-    end: float
-    is_bound: bool = False
-    reached: float = math.nan
+    end: float  # in what the fit works with; nan where it was not found
+    is_bound: bool = False  # whether a bound of the parameter came first
+    reached: float = math.nan  # the farthest value that is known to lie inside
     points: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """Values tried and signed roots of the increase there, ``(n, 2)``."""
     better: Array | None = None
+    """A point with less misfit than the supposed minimum, which ends the search; None: no such."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum:
-    """Where profiles begin.
+    """Where profiles begin."""
 
-    Parameters
-    ----------
-    point
-        In what the fit works with.
-    evaluation
-        The model there.
-    bounds
-        Within which the motion is a smooth function of the parameters.
-    """
-
-    point: Array
+    point: Array  # in what the fit works with
     evaluation: Evaluation
-    bounds: tuple[Array, Array]
+    bounds: tuple[Array, Array]  # within which the motion is a smooth function of the parameters
 
 
 def quantile(freedom: float, *, is_known: bool) -> float:
@@ -96,19 +74,6 @@ def profile_side(
     """One end of the interval of a parameter.
 
     A value at which the misfit cannot be computed is neither inside nor outside.
-
-    Parameters
-    ----------
-    model, begin
-        What is fitted, and a minimum of its misfit.
-    index, step
-        The parameter, and a first guess of the distance with its sign.
-    least
-        The least misfit of all minima.
-    variance
-        Of the residuals.
-    threshold
-        What the root of the increase over the variance may reach.
     """
     sign = math.copysign(1.0, step)
     best = float(begin.point[index])
@@ -180,20 +145,11 @@ def profile_side(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """Where parameters end when one is held, or none; the misfit there is an upper bound.
-
-    Parameters
-    ----------
-    point, cost
-        In what the fit works with, and the misfit.
-    is_minimum
-        Whether it is the least nearby.
-    jacobian
-        Derivatives of the residuals there.
-    """
+    """Where parameters end when one is held, or none; the misfit there is an upper bound."""
 
     point: Array
     cost: float
+    """In what the fit works with, and the misfit."""
     is_minimum: bool
     jacobian: Array | None = None
 
@@ -235,19 +191,7 @@ def descend(
     index: int,
     least: float,
 ) -> Followed:
-    """The least misfit near a point, by least squares within the bounds of a minimum.
-
-    Parameters
-    ----------
-    model, begin
-        What is fitted, and whose bounds hold.
-    point, now
-        Where it begins, and the model there.
-    index
-        The parameter that is held; -1: none.
-    least
-        The least misfit of all: its increase need not be known better than to a share.
-    """
+    """The least misfit near a point, by least squares within the bounds of a minimum."""
     first = 0
     for _ in range(MOST_STEPS):
         if now.jacobian is None:

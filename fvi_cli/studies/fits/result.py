@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,39 +18,27 @@ ALIKE = 0.99
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """One parameter.
-
-    Parameters
-    ----------
-    name
-        Key path; with ``@`` and the data set where each has its own.
-    value, standard_error
-        The estimate, and the one that follows from the curvature of the misfit.
-    low, high
-        The 95 % interval by profile likelihood; infinite where the data set no limit, nan where
-        an end was not found.
-    at_bound
-        Which ends of it are bounds of the parameter: ``low``, ``high``, ``both`` or nothing.
-    at_jump
-        The same for ends at order 1, where the motion jumps and the other side fits worse.
-    over_jump
-        Whether values from both sides of such a jump lie in it.
-    reached
-        The farthest values below and above that are known to lie in it.
-    profile
-        Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``.
-    """
+    """One parameter."""
 
     name: str
+    """Key path; with ``@`` and the data set where each has its own."""
     value: float
     standard_error: float = math.nan
+    """The estimate, and the one that follows from the curvature of the misfit."""
     low: float = math.nan
     high: float = math.nan
+    """The 95 % interval by profile likelihood; infinite where the data set no limit, nan where an
+    end was not found."""
     at_bound: str = ""
+    """Which ends of it are bounds of the parameter: ``low``, ``high``, ``both`` or nothing."""
     at_jump: str = ""
+    """The same for ends at order 1, where the motion jumps and the other side fits worse."""
     over_jump: bool = False
+    """Whether values from both sides of such a jump lie in it."""
     reached: tuple[float, float] = (math.nan, math.nan)
+    """The farthest values below and above that are known to lie in it."""
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    """Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -81,81 +70,46 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeriesFit:
-    """A measured column, and what the fit makes of it.
-
-    Parameters
-    ----------
-    data
-        Name of the data set.
-    series
-        What was measured.
-    residuals
-        Model minus data, in the unit of the data, shape ``(n,)``.
-    deviation
-        Standard deviation of the noise, given or estimated.
-    curve
-        Times and the fitted motion, shape ``(2, n)``.
-    """
+    """A measured column, and what the fit makes of it."""
 
     data: str
     series: Series
     residuals: Array
+    """Model minus data, in the unit of the data, shape ``(n,)``."""
     deviation: float
+    """Standard deviation of the noise, given or estimated."""
     curve: Array
+    """Times and the fitted motion, shape ``(2, n)``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFit:
-    """One model, fitted; by default as where nothing could be computed.
-
-    Parameters
-    ----------
-    model
-        What was fitted.
-    estimates
-        Its parameters.
-    correlations
-        Of the estimates, ``(p, p)``.
-    series
-        The data and what is left of them.
-    misfit
-        Sum of squares over the variance of the noise.
-    criterion
-        AICc: smaller is better.
-    whiteness
-        Probability (Ljung and Box) of residuals as correlated as these if they were noise.
-    steps
-        Steps of the runs.
-    discretisation
-        Error of the runs, relative to what is left of the data.
-    others
-        Other minima that fit alike: values of the parameters.
-    needless
-        Terms whose removal the data do not refuse.
-    evaluations
-        Runs that were computed.
-    is_converged
-        Whether a minimum was found.
-    message
-        What is to be said: why not, or what the data cannot tell.
-    assignments
-        For every data set the values by key path.
-    """
+    """One model, fitted; by default as where nothing could be computed."""
 
     model: FitModel
     estimates: tuple[Estimate, ...]
     correlations: Array
+    """Of the estimates, ``(p, p)``."""
     evaluations: int
     message: str
+    """What is to be said: why not, or what the data cannot tell."""
     assignments: tuple[dict[str, float], ...]
+    """For every data set the values by key path."""
     series: tuple[SeriesFit, ...] = ()
+    """The data and what is left of them."""
     misfit: float = math.inf
+    """Sum of squares over the variance of the noise."""
     criterion: float = math.inf
+    """AICc: smaller is better."""
     whiteness: float = 1.0
+    """Probability (Ljung and Box) of residuals as correlated as these if they were noise."""
     steps: int = 0
     discretisation: float = math.inf
+    """Error of the runs, relative to what is left of the data."""
     others: tuple[tuple[float, ...], ...] = ()
+    """Other minima that fit alike: values of the parameters."""
     needless: tuple[NeedlessTerm, ...] = ()
+    """Terms whose removal the data do not refuse."""
     is_converged: bool = False
 
     @property
@@ -218,21 +172,13 @@ class ModelFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitResult:
-    """All models of an experiment, fitted to the same data.
-
-    Parameters
-    ----------
-    name
-        Of the experiment.
-    settings
-        What was asked for.
-    models
-        In the order of the configuration.
-    """
+    """All models of an experiment, fitted to the same data."""
 
     name: str
     settings: FitSettings
     models: tuple[ModelFit, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Labels of units for figures."""
 
     @property
     def best(self) -> ModelFit:

@@ -35,23 +35,11 @@ HOPELESS = 30.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """Where least squares ended.
+    """Where least squares ended."""
 
-    Parameters
-    ----------
-    point
-        In what the fit works with.
-    cost
-        Sum of squares there.
-    is_converged
-        Whether it is a minimum, as far as can be told.
-    message
-        Why the search ended.
-    """
-
-    point: Array
+    point: Array  # in what the fit works with
     cost: float
-    is_converged: bool
+    is_converged: bool  # whether it is a minimum, as far as can be told
     message: str
 
 
@@ -65,16 +53,7 @@ def least_squares_from(
 ) -> Found | None:
     """Gauss-Newton in a trust region, with exact derivatives.
 
-    Parameters
-    ----------
-    model
-        Whose misfit becomes least.
-    start, bounds
-        In what the fit works with.
-    most
-        Evaluations at most.
-    tolerance
-        Of the parameters, relative; the misfit may still change by its square.
+    The tolerance is that of the parameters, relative; the misfit may still change by its square.
 
     Returns
     -------
@@ -135,17 +114,7 @@ def _inside(bound: Array, other: Array, share: float) -> Array:
 
 
 def search(model: MotionModel, bounds: tuple[Array, Array], scale: float) -> list[Found]:
-    """Minima of the misfit, the best first.
-
-    Parameters
-    ----------
-    model
-        With all data.
-    bounds
-        Of what the fit works with.
-    scale
-        Size of the motion, for the steps.
-    """
+    """Minima of the misfit, the best first."""
     parts = [_part(model, data) for data in _windows(model)]
     for one in parts:
         one.loosen(1e-4 * scale)

@@ -20,77 +20,44 @@ LEAST_SHARE, LARGEST_SHARE = 1e-12, 1e12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Amplitude:
-    """A part of the complex amplitude of a response to harmonic forces.
-
-    Parameters
-    ----------
-    row
-        The linear form of the coordinates that was measured, shape ``(d,)``.
-    rate
-        0: itself; 1: its velocity; 2: its acceleration.
-    part
-        One of :data:`PARTS`.
-    """
+    """A part of the complex amplitude of a response to harmonic forces."""
 
     row: Array
-    rate: int
+    """The linear form of the coordinates that was measured, shape ``(d,)``."""
+    rate: int  # 0: itself; 1: its velocity; 2: its acceleration
     part: str
+    """One of :data:`PARTS`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """A measured column.
-
-    Parameters
-    ----------
-    name
-        What was measured: a coordinate, ``v`` and its name for a velocity, a quantity, an
-        expression; of a response the part as well.
-    column
-        Where it stands in the file.
-    times, values
-        Shape ``(n,)``, times (of a response frequencies) increasing.
-    component, is_velocity
-        Number of the coordinate, from 0, and whether its velocity was measured.
-    formula
-        What was measured, in place of these, of a motion.
-    amplitude
-        What was measured of a response.
-    """
+    """A measured column."""
 
     name: str
-    column: str
+    """What was measured: a coordinate, ``v`` and its name for a velocity, a quantity, an
+    expression; of a response the part as well."""
+    column: str  # where it stands in the file
     times: Array
     values: Array
+    """Shape ``(n,)``, times (of a response frequencies) increasing."""
     component: int = 0
     is_velocity: bool = False
-    formula: Expression | None = None
-    amplitude: Amplitude | None = None
+    """Number of the coordinate, from 0, and whether its velocity was measured."""
+    formula: Expression | None = None  # what was measured, in place of these, of a motion
+    amplitude: Amplitude | None = None  # what was measured of a response
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DataSet:
-    """What was measured in one motion, or of one response to harmonic forces.
-
-    Parameters
-    ----------
-    name
-        Of the motion.
-    series
-        The columns.
-    changes
-        What is different from the problem of the experiment, by key path.
-    forces
-        Harmonic forces of a response, as for ``fvi response``; empty: it is a motion.
-    coordinates
-        Names of the coordinates in formulas and forces.
-    """
+    """What was measured in one motion, or of one response to harmonic forces."""
 
     name: str
     series: tuple[Series, ...]
     changes: Mapping[str, float] = field(default_factory=dict)
+    """What is different from the problem of the experiment, by key path."""
     forces: tuple[str, ...] = ()
-    coordinates: tuple[str, ...] = ()
+    """Harmonic forces of a response, as for ``fvi response``; empty: it is a motion."""
+    coordinates: tuple[str, ...] = ()  # names of the coordinates in formulas and forces
 
     @property
     def last_time(self) -> float:
@@ -115,32 +82,18 @@ class DataSet:
 
 @dataclass(frozen=True, kw_only=True)
 class FitParameter:
-    """A number of the problem that is fitted, or follows one that is.
-
-    Parameters
-    ----------
-    key
-        Its key path, such as ``problem.damping.0.order``.
-    start
-        Where the search begins.
-    low, high
-        Its bounds.
-    is_own
-        Whether every data set has its own value.
-    tied_to, factor
-        It is `factor` times this parameter; empty: it is free.
-    place
-        Where it stands in the configuration, for complaints.
-    """
+    """A number of the problem that is fitted, or follows one that is."""
 
     key: str
-    start: float
+    """Its key path, such as ``problem.damping.0.order``."""
+    start: float  # where the search begins
     low: float = -math.inf
     high: float = math.inf
-    is_own: bool = False
+    is_own: bool = False  # whether every data set has its own value
     tied_to: str = ""
     factor: float = 1.0
-    place: str = ""
+    """It is `factor` times this parameter; empty: it is free."""
+    place: str = ""  # where it stands in the configuration, for complaints
 
     @property
     def is_positive(self) -> bool:
@@ -168,41 +121,23 @@ class FitParameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitModel:
-    """One description that is fitted.
+    """One description that is fitted."""
 
-    Parameters
-    ----------
-    name
-        Of a model among several; empty: the only one.
-    specification
-        The resolved ``problem`` mapping.
-    parameters
-        What is fitted.
-    """
-
-    name: str
+    name: str  # of a model among several; empty: the only one
     specification: Mapping[str, Any]
+    """The resolved ``problem`` mapping."""
     parameters: tuple[FitParameter, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitSettings:
-    """What is fitted to what.
-
-    Parameters
-    ----------
-    data
-        The motions.
-    models
-        The descriptions, one or several to be compared.
-    deviations
-        Standard deviations of the noise by data set and column; empty: they are estimated from
-        what is left.
-    """
+    """What is fitted to what."""
 
     data: tuple[DataSet, ...]
-    models: tuple[FitModel, ...]
+    models: tuple[FitModel, ...]  # the descriptions, one or several to be compared
     deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """Standard deviations of the noise by data set and column; empty: they are estimated from what
+    is left."""
 
     @property
     def columns(self) -> list[tuple[str, str]]:

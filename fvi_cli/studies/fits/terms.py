@@ -26,25 +26,14 @@ SPECTRUM = ("moduli", "times")
 
 @dataclass(frozen=True, kw_only=True)
 class NeedlessTerm:
-    """A term without which the data are fitted as well.
-
-    Parameters
-    ----------
-    key
-        Its key path.
-    parameters
-        Fitted parameters that it has.
-    increase
-        By how much the misfit grows without it, in variances of the noise.
-    probability
-        Of such an increase, or a larger one, if there is no such term (likelihood ratio; F where
-        the noise is estimated).
-    """
+    """A term without which the data are fitted as well."""
 
     key: str
     parameters: int
-    increase: float
+    increase: float  # by how much the misfit grows without it, in variances of the noise
     probability: float
+    """Of such an increase, or a larger one, if there is no such term (likelihood ratio; F where the
+    noise is estimated)."""
 
     @property
     def words(self) -> str:
@@ -64,19 +53,7 @@ def needless_terms(
     *,
     is_known: bool,
 ) -> tuple[NeedlessTerm, ...]:
-    """Terms whose removal is not refused by the data.
-
-    Parameters
-    ----------
-    model, best
-        What is fitted, and its minimum.
-    errors
-        Standard errors of the parameters themselves, ``(p,)``.
-    variance
-        Of the residuals.
-    is_known
-        Whether the noise was given.
-    """
+    """Terms whose removal is not refused by the data."""
     values, found = model.values(best.point), []
     for key, lists in _terms(model.model.specification, [one.key for one in model.free]):
         gone = [i for i, one in enumerate(model.free) if _renamed(one.key, lists) is None]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
@@ -13,76 +14,50 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.integrator.stability.prediction import Verdict, predict_stability
-from fvi_cli.integrator.trajectory import Status
+from fvi_cli.integrator.trajectory import Status, Trajectory
+from fvi_cli.scenes.registry import build_scene
 
 Sense = Literal["at most", "at least"]
-Judged = Literal["runs", "predictions"]
+
+FLAGSHIP = "Gauss3"
+"""The method for which everything must hold."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Setting:
-    """A scene and the number of steps that it gets; the same object is computed only once."""
+    """A problem and the truth about it, as JSON texts, and the number of steps that it gets."""
 
-    scene: Scene
+    problem: str
     n_steps: int
+    truth: str = "null"  # a specification for judges.exact_solution
+
+    @functools.cached_property
+    def scene(self) -> Scene:
+        """The scene of the problem."""
+        return build_scene(json.loads(self.problem))
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """One number that must hold.
-
-    Parameters
-    ----------
-    quantity
-        What is measured, in words.
-    limit
-        The number.
-    settings
-        What is computed for it.
-    judge
-        Trajectories of the settings, in their order, to the measured number; their stability
-        predictions, if those are `judged`.
-    sense
-        Whether the number must be at most, or at least, the limit.
-    judged
-        ``runs`` or, before any run, ``predictions``.
-    is_comparable
-        Whether every machine measures the same number; not so where round-off decides.
-    """
+    """One number that must hold."""
 
     quantity: str
     limit: float
-    settings: Sequence[Setting]
-    judge: Callable[..., float]
+    settings: tuple[Setting, ...]
+    judge: Callable[..., float]  # trajectories of the settings, or their stability predictions
     _: KW_ONLY
     sense: Sense = "at most"
-    judged: Judged = "runs"
-    is_comparable: bool = True
+    judges_predictions: bool = False
+    is_comparable: bool = True  # not where round-off decides
 
     def holds(self, measured: float) -> bool:
         """Whether a measured number fulfils the claim; nan does not."""
-        if self.sense == "at least":
-            return measured >= self.limit
-        return measured <= self.limit
+        return measured >= self.limit if self.sense == "at least" else measured <= self.limit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HardCase:
-    """A case in words, with its claims.
-
-    Parameters
-    ----------
-    name
-        Letters, digits and -.
-    title
-        What is hard about it, in a few words.
-    description
-        Equation, data and steps.
-    reference
-        Where the truth comes from.
-    claims
-        What must hold.
-    """
+    """A case in words, with its claims."""
 
     name: str
     title: str
@@ -93,52 +68,34 @@ class HardCase:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What became of one claim with one method.
-
-    Parameters
-    ----------
-    case, quantity
-        The claim.
-    method
-        Name of the method as people read it.
-    measured
-        The number; infinite where a run did not come to its end, nan where it means nothing.
-    limit, sense, holds
-        What it is held against, and how it came out.
-    status
-        The worst status of the runs.
-    predicted
-        The worst prediction for the runs.
-    is_comparable
-        As in the claim, and False as well for runs whose growth starts from round-off.
-    """
+    """The result of one claim with one method."""
 
     case: str
     quantity: str
     method: str
+    """Name of the method in the report."""
     measured: float
+    """The number; infinite where a run did not come to its end, nan where it means nothing."""
     limit: float
     sense: Sense
     holds: bool
     status: Status
     predicted: Verdict
+    """The worst status of the runs, and the worst prediction for them."""
     is_comparable: bool = True
+    """The claim; not comparable as well are runs whose growth starts from round-off."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HardCaseReport:
-    """What was found, with the cases that it is about.
+    """The findings, case by case, for every claim and method, with the cases.
 
-    Parameters
-    ----------
-    cases
-        The cases, in their order.
-    findings
-        One for every claim and method, case by case.
+    `is_partial`: some cases or methods were left out.
     """
 
     cases: tuple[HardCase, ...]
     findings: tuple[Finding, ...]
+    is_partial: bool = False
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -150,52 +107,55 @@ class HardCaseReport:
         return tuple(finding for finding in self.findings if finding.case == case)
 
 
-class Bench:
-    """Runs of one method and their predictions, each computed once however many claims ask."""
+def examined_methods() -> Mapping[str, Method]:
+    """Every family with the defaults that a configuration gives it, by its name in the report."""
+    orders = range(1, 7)
+    return {
+        **{f"Gauss{m}": Method(cq="gauss", degree=m, start="graded") for m in (3, 1, 2, 4)},
+        "Radau IIA 3": Method(cq="radau-iia", degree=3, start="none"),
+        "Lobatto IIIC 4": Method(cq="lobatto-iiic", degree=3, start="none"),
+        **{
+            f"BDF{p} points": Method(cq=f"bdf{p}", degree=(p + 1) // 2, forcing_quadrature="exact")
+            for p in orders
+        },
+        **{f"BDF{p} nodes": Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in orders},
+    }
 
-    def __init__(self, method: Method) -> None:
-        self.run = functools.cache(lambda one: integrate(one.scene, method, one.n_steps))
-        self.prediction = functools.cache(
-            lambda one: predict_stability(one.scene, method, one.n_steps)
-        )
+
+WORST_FIRST: tuple[Verdict, ...] = ("unstable", "unknown", "stable")
 
 
 def examine(case: HardCase, name: str, method: Method) -> Iterator[Finding]:
-    """Every claim of a case with a method, as far as that is made for it."""
-    bench = Bench(method)
+    """Every claim of a case with a method that is made for it; each run is computed once."""
+
+    @functools.cache
+    def run(problem: str, n_steps: int) -> Trajectory:
+        return integrate(Setting(problem, n_steps).scene, method, n_steps)
+
     for claim in case.claims:
-        if not any(law_objection(one.scene, method) for one in claim.settings):
-            yield examine_claim(case, claim, name, bench)
-
-
-def examine_claim(case: HardCase, claim: Claim, name: str, bench: Bench) -> Finding:
-    """One claim with one method."""
-    predictions = [bench.prediction(setting) for setting in claim.settings]
-    worst: Status = "ok"
-    if claim.judged == "predictions":
-        measured = float(claim.judge(*predictions))
-    else:
-        runs = [bench.run(setting) for setting in claim.settings]
-        worst = next((run.status for run in runs if run.status != "ok"), "ok")
-        if worst == "ok":
-            measured = float(claim.judge(*runs))
+        if any(law_objection(one.scene, method) for one in claim.settings):
+            continue
+        predictions = [predict_stability(one.scene, method, one.n_steps) for one in claim.settings]
+        verdicts = {prediction.verdict for prediction in predictions}
+        predicted = next(one for one in WORST_FIRST if one in verdicts)
+        worst: Status = "ok"
+        if claim.judges_predictions:
+            measured = claim.judge(*predictions)
         else:
+            runs = [run(one.problem, one.n_steps) for one in claim.settings]
+            worst = next((one.status for one in runs if one.status != "ok"), "ok")
             measured = math.inf if claim.sense == "at most" else math.nan
-    predicted = _worst_verdict([prediction.verdict for prediction in predictions])
-    return Finding(
-        case=case.name,
-        quantity=claim.quantity,
-        method=name,
-        measured=measured,
-        limit=claim.limit,
-        sense=claim.sense,
-        holds=worst == "ok" and claim.holds(measured),
-        status=worst,
-        predicted=predicted,
-        is_comparable=claim.is_comparable and predicted != "unstable",
-    )
-
-
-def _worst_verdict(verdicts: Sequence[Verdict]) -> Verdict:
-    order: tuple[Verdict, ...] = ("unstable", "unknown", "stable")
-    return next((verdict for verdict in order if verdict in verdicts), "unknown")
+            if worst == "ok":
+                measured = claim.judge(*runs)
+        yield Finding(
+            case=case.name,
+            quantity=claim.quantity,
+            method=name,
+            measured=float(measured),
+            limit=claim.limit,
+            sense=claim.sense,
+            holds=worst == "ok" and claim.holds(measured),
+            status=worst,
+            predicted=predicted,
+            is_comparable=claim.is_comparable and predicted != "unstable",
+        )

@@ -16,7 +16,7 @@ from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.plan import planned_bytes, planned_seconds
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.studies.norms import Norm, error_norm
 from fvi_cli.studies.tolerance.search import solve
 
@@ -67,31 +67,9 @@ def solve_on_equal_steps(
     that its error and its order ask for. N is a power of two times the least number of steps on
     whose grid all break points of the forcing lie.
 
-    Parameters
-    ----------
-    scene
-        What is integrated.
-    methods
-        The candidates; the first of equals is preferred.
-    tolerance
-        Largest error of the position in `norm`.
-    relative
-        The same as a share of the largest position of the run; one of the two.
-    norm
-        ``max``, ``final`` or ``l2``.
-    available_bytes
-        Memory that a run may take; None: as much as it likes.
-    tell
-        Is told of every run in a line.
-    checkpoints
-        Where every run of the search has a part.
-    witness
-        The adaptive run, by :func:`solve_witness`; None: it is made here.
-
-    Returns
-    -------
-    method, trajectory
-        What was chosen, with an assessment; where the tolerance is out of reach the best run.
+    The tolerance holds in `norm`, the first of equal methods is preferred, and where the tolerance
+    is out of reach the best run is returned. `tell` is given a line for every run; every run has a
+    part of `checkpoints`.
     """
     unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
     if witness is None:
@@ -177,7 +155,7 @@ class _Search:
             options = [one for one in options if self._has_room(one)]
             if not options:
                 break
-            chosen = min(options, key=self._seconds)
+            chosen = min(options, key=self._work)
             self._advance(chosen)
             if chosen.run is not None and chosen.error + own <= self.target:
                 return chosen.method, self._ended(chosen.run, "met", chosen.error + own, "")
@@ -199,16 +177,15 @@ class _Search:
             base = 1
         return base << max(0, math.ceil(math.log2(FIRST_STEPS / base)))
 
-    def _seconds(self, one: _Candidate) -> float:
-        """What the next run is thought to take; every method is tried once before."""
-        if one.run is None:
-            return -1.0
-        return planned_seconds(self.scene, one.method, one.next_steps)
+    def _work(self, one: _Candidate) -> float:
+        """What the next run takes; every method is tried once before."""
+        return -1.0 if one.run is None else plan_run(self.scene, one.method, one.next_steps).work
 
     def _has_room(self, one: _Candidate) -> bool:
         if self.available_bytes is None:
             return True
-        return planned_bytes(self.scene, one.method, one.next_steps) <= self.available_bytes
+        plan = plan_run(self.scene, one.method, one.next_steps)
+        return plan.memory_bytes <= self.available_bytes
 
     def _advance(self, one: _Candidate) -> None:
         """Run it, hold it against the witness, and say where it goes next."""

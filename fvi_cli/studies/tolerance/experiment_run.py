@@ -39,22 +39,8 @@ def run_for_tolerance(
     reported between the points of the mesh is held against the polynomials of the run itself, on
     equal steps against an adaptive run; where they differ by more than the tolerance it is not met.
 
-    Parameters
-    ----------
-    search
-        One of :meth:`~fvi_cli.studies.experiment.Experiment.searches`.
-    available_bytes
-        Memory that a run on equal steps may take.
-    tell
-        Is told of every run in a line.
-    checkpoints
-        Where every run of the search has a part.
-
-    Returns
-    -------
-    FinishedRun
-        Of the experiment with what was chosen, with an assurance. Status ``refused`` where the
-        tolerance is not kept.
+    The finished run is that of the experiment with what was chosen, with an assurance; its status
+    is ``refused`` where the tolerance is not kept. `available_bytes` limits runs on equal steps.
     """
     experiment = search.experiment
     accuracy, problem = _wanted(search)
@@ -144,17 +130,7 @@ def run_for_tolerance(
 
 
 def _between_points(reported: Trajectory, truth: Trajectory, known: Assessment) -> Assessment:
-    """What is known of the error at the times that are reported.
-
-    Parameters
-    ----------
-    reported
-        The run at these times.
-    truth
-        What it is held against: its own polynomials, or an adaptive run.
-    known
-        What is known of its error on the mesh, and of that of the truth.
-    """
+    """What is known of the error at the times that are reported, held against polynomials."""
     if truth.steps is None or known.outcome != "met" or not reported.time.size:
         return known
     gaps = np.abs(reported.position - truth(reported.time)).max(axis=1)

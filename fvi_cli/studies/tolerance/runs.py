@@ -37,16 +37,7 @@ def gauss(scene: Scene, degree: int) -> Method:
 class AdaptiveRuns:
     """Runs of one scene by one Gauss method, whose steps keep one local tolerance each.
 
-    Parameters
-    ----------
-    scene, degree
-        What is integrated, and the number of stages.
-    points
-        Further points of the mesh.
-    most_steps
-        A run with more steps than this fails.
-    checkpoints
-        Where every run has a part.
+    `points` are further points of the mesh; a run with more than `most_steps` fails.
     """
 
     def __init__(
@@ -100,18 +91,8 @@ def knots_of(scene: Scene) -> tuple[float, ...]:
 def knot_mesh(scene: Scene, knots: Sequence[float], per_interval: int) -> Mesh:
     """A mesh with all knots and break points among its points.
 
-    Parameters
-    ----------
-    scene
-        What is integrated.
-    knots
-        Times inside of the run.
-    per_interval
-        Equal steps between two of them.
-
-    Notes
-    -----
-    Where the motion begins like a fractional power of t, the first step is cut towards t = 0.
+    Between two of them lie `per_interval` equal steps. Where the motion begins like a fractional
+    power of t, the first step is cut towards t = 0.
     """
     breaks = set(scene.break_points)
     ends = np.array([0.0, *sorted({*knots, *breaks}), scene.final_time])

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,12 +175,7 @@ class DynamicStiffness:
 
 
 class Factors:
-    """A complex matrix by its factors.
-
-    Parameters
-    ----------
-    matrix
-        Dense or sparse.
+    """A complex matrix, dense or sparse, by its factors; `solve` takes right-hand sides.
 
     Raises
     ------
@@ -197,9 +192,10 @@ class Factors:
                 warnings.simplefilter("ignore")
                 pair = lu_factor(matrix, check_finite=False)
             self._pivots = np.diagonal(pair[0])
-            self._exchanges: tuple[list[int], ...] = (_order_of(pair[1]),)
             if not np.abs(self._pivots).min() > 0:
                 raise np.linalg.LinAlgError("Singular matrix")
+            rows = np.arange(pair[1].size)
+            self._exchanges: Callable[[], int] = lambda: int((pair[1] != rows).sum())
             self.solve: Callable[[ComplexArray], ComplexArray] = lambda right: np.asarray(
                 lu_solve(pair, right, check_finite=False)
             )
@@ -211,37 +207,24 @@ class Factors:
             except RuntimeError as error:
                 raise np.linalg.LinAlgError(str(error)) from error
             self._pivots = np.asarray(found.U.diagonal())
-            self._exchanges = (found.perm_r.tolist(), found.perm_c.tolist())
+            self._exchanges = lambda: _exchanges(found.perm_r) + _exchanges(found.perm_c)
             self.solve = lambda right: np.asarray(found.solve(np.ascontiguousarray(right)))
 
     @property
     def log_determinant(self) -> complex:
         """Logarithm of the determinant, any branch."""
-        parity = sum(map(_parity, self._exchanges))
-        return complex(np.log(self._pivots).sum()) + 1j * math.pi * parity
+        return complex(np.log(self._pivots).sum()) + 1j * math.pi * (self._exchanges() % 2)
 
 
-def _order_of(exchanges: NDArray[np.int32]) -> list[int]:
-    """The permutation that exchanges of each row with another, one after the other, make."""
-    order = list(range(exchanges.size))
-    for row, other in enumerate(exchanges.tolist()):
-        order[row], order[other] = order[other], order[row]
-    return order
+def _exchanges(permutation: NDArray[np.signedinteger[Any]]) -> int:
+    """Number of exchanges that make a permutation: its size less its cycles."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
 
-
-def _parity(permutation: list[int]) -> int:
-    """Number of exchanges that make a permutation, modulo 2: its size less its cycles."""
-    seen = [False] * len(permutation)
-    cycles = 0
-    for start in range(len(permutation)):
-        if seen[start]:
-            continue
-        cycles += 1
-        place = start
-        while not seen[place]:
-            seen[place] = True
-            place = permutation[place]
-    return (len(permutation) - cycles) % 2
+    size = permutation.size
+    graph = csr_array((np.ones(size), (np.arange(size), permutation)), shape=(size, size))
+    cycles, _ = connected_components(graph)
+    return int(size - cycles)
 
 
 def _norm(form: Form) -> float:

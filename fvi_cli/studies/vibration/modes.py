@@ -12,8 +12,8 @@ modes are found in their parts by contour integrals.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
@@ -44,21 +44,14 @@ SAME: Final = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mode:
-    r"""A solution :math:`v e^{st}` of a scene without forcing.
-
-    Parameters
-    ----------
-    frequency
-        s, with positive imaginary part; its conjugate is one as well. 1/time.
-    shape
-        v, shape ``(d,)``, complex; its largest entry is 1.
-    residual
-        Size of T(s) v relative to that of its terms.
-    """
+    r"""A solution :math:`v e^{st}` of a scene without forcing."""
 
     frequency: complex
+    """s, with positive imaginary part; its conjugate is one as well. 1/time."""
     shape: ComplexArray
+    """v, shape ``(d,)``, complex; its largest entry is 1."""
     residual: float
+    """Size of T(s) v relative to that of its terms."""
 
     @property
     def hertz(self) -> float:
@@ -84,37 +77,25 @@ class Mode:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeTable:
-    """Modes of one scene.
-
-    Parameters
-    ----------
-    name
-        Of the experiment.
-    coordinates
-        Names of the degrees of freedom.
-    modes
-        By frequency.
-    sector
-        The region of complex frequencies in which modes were counted; None: they were not.
-    reach
-        ``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor
-        are faster ones; ``around``: it was chosen around the modes that were asked for.
-    member
-        Swept values in words; empty without a sweep.
-    counted
-        How many are in it; None where that could not be told.
-    inside
-        How many of `modes` are in it.
-    """
+    """Modes of one scene."""
 
     name: str
     coordinates: tuple[str, ...]
+    """Names of the degrees of freedom."""
     modes: tuple[Mode, ...]
     sector: Sector | None
+    """The region of complex frequencies in which modes were counted; None: they were not."""
     counted: int | None
+    """How many are in it; None where that could not be told."""
     inside: int
+    """How many of `modes` are in it."""
     reach: Reach = "around"
+    """``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor are
+    faster ones; ``around``: it was chosen around the modes that were asked for."""
     member: str = ""
+    """Swept values in words; empty without a sweep."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Labels of units for figures."""
 
     @property
     def is_complete(self) -> bool:
@@ -123,16 +104,7 @@ class ModeTable:
 
 
 def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTable:
-    """Modes of lowest frequency, or nearest to one.
-
-    Parameters
-    ----------
-    scene
-        A linear one.
-    count
-        How many at most.
-    near
-        Frequency in oscillations per unit of time; None: from 0 on.
+    """At most `count` modes of lowest frequency, or nearest to one in oscillations per time.
 
     Returns
     -------

@@ -34,28 +34,20 @@ _CLOSEST = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class Peak:
-    r"""A maximum of the magnitude.
-
-    Parameters
-    ----------
-    at
-        Of which output.
-    hertz, magnitude
-        Where, in oscillations per unit of time, and how large; infinite at a mode without damping.
-    low, high
-        Frequencies at both sides where the magnitude is :math:`1/\sqrt 2` of that; nan where it
-        does not fall so far in the range, or rises again before.
-    modes
-        Number of modes that belong to it: those whose frequency lies between these two and that
-        have no other peak nearer. None: modes are not known.
-    """
+    r"""A maximum of the magnitude."""
 
     at: str
     hertz: float
     magnitude: float
+    """Where, in oscillations per unit of time, and how large; infinite at a mode without damping.
+    """
     low: float
     high: float
+    r"""Frequencies at both sides where the magnitude is :math:`1/\sqrt 2` of that; nan where it
+    does not fall so far in the range, or rises again before."""
     modes: int | None = None
+    """Number of modes that belong to it: those whose frequency lies between these two and that have
+    no other peak nearer. None: modes are not known."""
 
     @property
     def loss_factor(self) -> float:
@@ -65,18 +57,10 @@ class Peak:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModesInRange:
-    """Modes in a range of frequencies.
+    """Modes in a range of frequencies."""
 
-    Parameters
-    ----------
-    modes
-        Those that are known, in the range or next to it.
-    are_all
-        Whether no mode with a damping ratio up to 0.995 is missing.
-    """
-
-    modes: tuple[Mode, ...]
-    are_all: bool
+    modes: tuple[Mode, ...]  # those that are known, in the range or next to it
+    are_all: bool  # whether no mode with a damping ratio up to 0.995 is missing
 
     @property
     def growing(self) -> tuple[Mode, ...]:
@@ -131,19 +115,7 @@ def resolving_frequencies(hertz: Array, known: ModesInRange, *, is_small: bool) 
 def find_peaks(
     name: str, hertz: Array, size: Array, at: Callable[[float], float], known: ModesInRange
 ) -> list[Peak]:
-    """The maxima between the first and the last frequency.
-
-    Parameters
-    ----------
-    name
-        Of the output.
-    hertz, size
-        :func:`resolving_frequencies` and the magnitudes there, shape ``(n,)``.
-    at
-        The magnitude at any frequency.
-    known
-        Modes in the range.
-    """
+    """The maxima between the first and the last frequency."""
     rising = np.diff(size) > 0
     tops = np.flatnonzero(rising[:-1] & ~rising[1:]) + 1
     found: list[Peak] = []

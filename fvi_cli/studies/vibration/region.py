@@ -58,13 +58,6 @@ def region_of_all_modes(
 
     Where the stiffness is singular nothing may be known of slow modes; the sector then begins far
     below the slowest motion that the stiffness makes.
-
-    Parameters
-    ----------
-    stiffness
-        T, with dense matrices.
-    largest_ratio
-        Of the damping, in (0, 1).
     """
     terms = _terms(stiffness)
     last = math.pi - math.acos(largest_ratio)

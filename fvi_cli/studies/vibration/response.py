@@ -3,8 +3,8 @@ r"""Steady responses to harmonic forces: :math:`T(i\omega) \hat q = \hat f`, sol
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -31,36 +31,24 @@ GROUND: Final = "ground"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResponseTable:
-    r"""Response of one scene over frequencies.
-
-    Parameters
-    ----------
-    name
-        Of the experiment.
-    load
-        What acts, in words.
-    outputs
-        What is told of: coordinates, or combinations of them.
-    hertz
-        Frequencies, oscillations per unit of time, shape ``(n,)``.
-    values
-        Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``.
-    peaks
-        Maxima of the magnitudes inside of the range.
-    member
-        Swept values in words; empty without a sweep.
-    known
-        The modes by which peaks were looked for.
-    """
+    r"""Response of one scene over frequencies."""
 
     name: str
     load: str
     outputs: tuple[str, ...]
+    """What is told of: coordinates, or combinations of them."""
     hertz: Array
+    """Frequencies, oscillations per unit of time, shape ``(n,)``."""
     values: ComplexArray
+    r"""Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``."""
     peaks: tuple[Peak, ...]
+    """Maxima of the magnitudes inside of the range."""
     member: str = ""
+    """Swept values in words; empty without a sweep."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Labels of units for figures."""
     known: ModesInRange = NO_MODES
+    """The modes by which peaks were looked for."""
 
     @property
     def magnitude(self) -> Array:
@@ -82,21 +70,10 @@ def harmonic_response(
     rows: Array | None,
     load_words: str = "",
 ) -> ResponseTable:
-    """Amplitudes over frequencies, with peaks and their half-power widths.
+    """Amplitudes over ascending frequencies above 0, with peaks and their half-power widths.
 
-    Parameters
-    ----------
-    scene
-        A linear one.
-    load
-        Amplitude of the force, shape ``(d,)``.
-    hertz
-        Frequencies above 0, ascending.
-    outputs, rows
-        Names of the outputs, and the linear forms that they are, shape ``(k, d)``; None: the
-        coordinate that moves most, named by `outputs`, which are then all coordinates.
-    load_words
-        The load in words.
+    `load` is the amplitude of the force, ``(d,)``. `rows` are the linear forms of the `outputs`,
+    ``(k, d)``; None: the coordinate that moves most, `outputs` being all coordinates.
 
     Raises
     ------
@@ -161,15 +138,8 @@ def harmonic_force(
 ) -> Array:
     """The amplitude of a force, shape ``(d,)``.
 
-    Parameters
-    ----------
-    text
-        A coordinate or combination of them, with ``=amplitude`` where that is not 1, or
-        ``ground``, an acceleration of 1.
-    scene, coordinates
-        On what it acts, and the names of the coordinates.
-    ground_direction
-        How much of the ground's acceleration each coordinate has.
+    `text` is a coordinate or combination of them, with ``=amplitude`` where that is not 1, or
+    ``ground``, an acceleration of 1; the direction says how much of it each coordinate has.
 
     Raises
     ------

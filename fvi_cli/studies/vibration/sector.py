@@ -32,29 +32,29 @@ RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Sector:
-    """A piece of a ring.
-
-    Parameters
-    ----------
-    least, largest
-        Of the modulus of s, 1/time.
-    first, last
-        Of its argument, radians.
-    """
+    """A piece of a ring."""
 
     least: float
     largest: float
+    """Of the modulus of s, 1/time."""
     first: float
     last: float
+    """Of its argument, radians."""
 
     def holds(self, s: complex) -> bool:
         """Whether s lies inside."""
         return self.least < abs(s) < self.largest and self.first < cmath.phase(s) < self.last
 
-    def corners(self) -> list[tuple[float, float]]:
-        """Logarithm of the modulus, and argument, of the corners, counter-clockwise."""
+    def edges(self) -> list[tuple[complex, complex]]:
+        """Logarithms of s at the ends of the four edges, counter-clockwise."""
         inner, outer = math.log(self.least), math.log(self.largest)
-        return [(inner, self.first), (outer, self.first), (outer, self.last), (inner, self.last)]
+        corners = [
+            complex(inner, self.first),
+            complex(outer, self.first),
+            complex(outer, self.last),
+            complex(inner, self.last),
+        ]
+        return list(zip(corners, [*corners[1:], corners[0]], strict=True))
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -78,13 +78,6 @@ class CountError(Exception):
 def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[complex] = ()) -> int:
     """Number of zeros of the determinant inside, with their multiplicity.
 
-    Parameters
-    ----------
-    stiffness, sector
-        T and where.
-    known
-        Zeros that are known, in the sector or not, each as often as it is one.
-
     Raises
     ------
     CountError
@@ -105,10 +98,8 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
 
     # s^2d turns by less than half around in a step, lest whole turns pass unseen
     density = STEPS_PER_FOLD + (stiffness.dimension if stiffness.is_small else 0)
-    corners = sector.corners()
     total = 0.0
-    for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        first, last = complex(*begin), complex(*end)
+    for first, last in sector.edges():
 
         def edge(part: Array, first: complex = first, last: complex = last) -> ComplexArray:
             return np.exp((1.0 - part) * first + part * last)
@@ -136,13 +127,6 @@ def modes_by_integrals(
 ) -> list[tuple[complex, ComplexArray]]:
     r"""Approximations of the modes inside, by the moments of :math:`T(s)^{-1}` around the sector.
 
-    Parameters
-    ----------
-    stiffness, sector
-        T and where.
-    count
-        Number of modes inside.
-
     Notes
     -----
     Beyn, *An integral method for solving nonlinear eigenvalue problems*, Linear Algebra Appl. 436
@@ -154,12 +138,10 @@ def modes_by_integrals(
     moments = [np.zeros((d, columns), dtype=complex) for _ in range(2)]
     nodes, weights = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
     scale = sector.largest
-    corners = sector.corners()
-    for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        rate = complex(end[0] - begin[0], end[1] - begin[1]) / 2.0
+    for begin, end in sector.edges():
+        rate = (end - begin) / 2.0
         for node, weight in zip(nodes, weights, strict=True):
-            log = complex(*begin) + rate * (1.0 + node)
-            s = cmath.exp(log)
+            s = cmath.exp(begin + rate * (1.0 + node))
             found = stiffness.factors(s).solve(random) * (weight * rate * s / scale)
             for power, moment in enumerate(moments):
                 moment += (s / scale) ** power * found

@@ -9,7 +9,7 @@ from spread import spread
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damper_forces import forces_of_dampers, stored_energy
+from fvi_cli.integrator.balances.damping_along import DampingAlong
 from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.damping.directions import directions_of, pattern_of
 from fvi_cli.integrator.members import integrate_members
@@ -134,12 +134,13 @@ def test_forces_of_dampers_add_up_and_their_work_is_stored_or_lost(name, case, n
     rng = np.random.default_rng(n)
     whole = damping_on(scene, method, sizes)
     inputs = rng.normal(size=(1, n, whole.tables(sizes[0], 1).kernels.n_inputs, 3))
-    total = forces_of_dampers(whole, sizes, inputs).sum(axis=0)
+    total = DampingAlong(damping=whole, step_sizes=sizes, inputs=inputs).forces().sum(axis=0)
     apart = damping_on(scene, method, sizes, is_separate=True)
-    forces = forces_of_dampers(apart, sizes, inputs)
+    along = DampingAlong(damping=apart, step_sizes=sizes, inputs=inputs)
+    forces = along.forces()
     assert len(forces) == len(scene.active_forces)
     assert np.abs(forces.sum(axis=0) - total).max() < 1e-13 * np.abs(forces).max()
-    stored = stored_energy(apart, sizes, inputs)
+    stored = along.stored()
     assert (stored is None) == (not method.is_runge_kutta)
     if stored is not None:
         assert stored.min() >= 0.0
@@ -154,5 +155,5 @@ def test_a_force_of_order_1_is_the_velocity():
     damping = damping_on(chain((1.0, COUPLING)), METHODS["gauss2"], sizes)
     assert damping.n_states == 0
     inputs = np.random.default_rng(0).normal(size=(1, 70, 2, 3))
-    force = forces_of_dampers(damping, sizes, inputs)[0]
+    force = DampingAlong(damping=damping, step_sizes=sizes, inputs=inputs).forces()[0]
     np.testing.assert_allclose(force, inputs @ COUPLING, rtol=1e-15)

@@ -13,7 +13,7 @@ from spread import spread
 from benchmarks.talbot import talbot_inverse
 from fvi_cli.config.method_names import method_named
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
 from fvi_cli.effects.laws.law import Law, RelaxationKernel
@@ -29,7 +29,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.plan import plan_run
+from fvi_cli.planning.plan import effects_of_scene, plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
@@ -205,7 +205,7 @@ def test_the_plan_counts_what_a_run_with_laws_does():
     assert plan_run(SCENE, method, 300).history_operations == (
         integrate(SCENE, method, 300).history_operations
     )
-    assert plan_run(SCENE, method, 300).effects[-1] == "relaxation of order 0.675 in 0.3"
+    assert effects_of_scene(SCENE)[-1] == "relaxation of order 0.675 in 0.3"
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_few_adaptive_steps_reach_the_oracle():
 @pytest.mark.parametrize("steps", [40, AdaptiveSteps(tolerance=1e-4)])
 def test_energy_with_what_the_law_stores_falls_in_every_step(steps):
     method = Method(cq="gauss", degree=3, start="graded")
-    run = integrate(SCENE, method, steps, diagnostics=Asked(energy_balance=True))
+    run = integrate(SCENE, method, steps, diagnostics=DiagnosticsRequest(energy_balance=True))
     stored = run.diagnostics.stored_energy
     assert stored.max() > 0.1
     total = run.energy + stored

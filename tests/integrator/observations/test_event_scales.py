@@ -9,7 +9,7 @@ from letters import spring
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations import criteria, events
+from fvi_cli.integrator.observations import formulas, search
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
@@ -122,7 +122,7 @@ def test_all_changes_of_sign_are_found_many(seed):
 def test_without_ranges_pulses_are_lost(monkeypatch):
     """The control: pieces of which only values are looked at."""
 
-    monkeypatch.setattr(events, "Isolated", criteria.Resolved)
+    monkeypatch.setattr(search, "Isolated", search.Resolved)
     lost = 0
     for seed in range(1, 25, 5):
         try:
@@ -157,12 +157,12 @@ def test_what_cannot_be_found_is_said():
 
 def test_a_value_that_is_zero_but_for_round_off_costs_little(monkeypatch):
     seen = []
-    own = criteria.FormulaAlong.enclosed
+    own = formulas.FormulaAlong.enclosed
 
-    def counted(self: criteria.FormulaAlong, steps: Array, tau: Array):
+    def counted(self: formulas.FormulaAlong, steps: Array, tau: Array):
         seen.append(len(tau))
         return own(self, steps, tau)
 
-    monkeypatch.setattr(criteria.FormulaAlong, "enclosed", counted)
+    monkeypatch.setattr(formulas.FormulaAlong, "enclosed", counted)
     fvi.integrate(spring(T=20.0, m=1.0, k=1.0, x=1.0), "gauss4", 40, events={"e": "ax + x"})
     assert sum(seen) < 40 * 64

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from oracles.volterra import solve_volterra
 
 import fvi_cli as fvi
-from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
@@ -97,7 +97,7 @@ def test_other_motions_keep_the_momenta_of_the_recursion(monkeypatch):
 
 def test_what_keeps_the_error_is_said():
     scene = scene_of("riemann-liouville", (1.75, 0.4))
-    asked = Asked(energy_balance=True)
+    asked = DiagnosticsRequest(energy_balance=True)
     (said,) = integrate(scene, EQUAL, 40, diagnostics=asked).remarks
     assert said.startswith("dissipated work and energies of the balance keep an error")
     assert "h**0.25 " in said

@@ -4,17 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from measured_responses import response_data
 
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation
 from fvi_cli.studies.fits.result import ModelFit
 from fvi_cli.studies.fits.settings import (
-    Amplitude,
     DataSet,
     FitModel,
     FitParameter,
     FitSettings,
-    Series,
 )
 from fvi_cli.studies.fits.statistics import covariance
 
@@ -29,25 +28,11 @@ def receptance(hertz: Any, stiffness: float, *terms: tuple[float, float], mass: 
 
 def measured(name: str, hertz: Any, values: Any, noise: float = 0.0, **changes: float) -> DataSet:
     drawn = np.random.default_rng([7, len(name)]).standard_normal((2, hertz.size))
-    series = tuple(
-        Series(
-            name=part,
-            column=part,
-            times=hertz,
-            values=column + noise * draw,
-            amplitude=Amplitude(row=np.ones(1), rate=0, part=part),
-        )
-        for part, column, draw in zip(
-            ("real", "imaginary"), (values.real, values.imag), drawn, strict=True
-        )
-    )
-    return DataSet(
-        name=name,
-        series=series,
-        forces=("x",),
-        coordinates=("x",),
-        changes={f"problem.{key}": value for key, value in changes.items()},
-    )
+    columns = {
+        "real": values.real + noise * drawn[0],
+        "imaginary": values.imag + noise * drawn[1],
+    }
+    return response_data(hertz, columns, name, changes=changes)
 
 
 def fitted(data: list[DataSet], *parameters: FitParameter, terms: int = 1) -> ModelFit:

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from measured_responses import response_data
 
 import fvi_cli as fvi
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.fits.model import MotionModel
-from fvi_cli.studies.fits.settings import Amplitude, DataSet, FitModel, FitParameter, Series
+from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, Series
 
 STRUCTURE: dict[str, Any] = {
     "kind": "structure",
@@ -71,7 +72,7 @@ def model_of(specification: dict[str, Any], keys: list[str], *data: DataSet) -> 
         for key in keys
     )
     model = FitModel(name="", specification=specification, parameters=parameters)
-    return MotionModel(model, data, [[1.0 for _ in one.series] for one in data])
+    return MotionModel(model, data, [1.0 for one in data for _ in one.series])
 
 
 @pytest.mark.parametrize("name", FORMULAS)
@@ -129,18 +130,15 @@ def test_formulas_are_those_of_a_run():
 
 
 def responses(parts: list[str], hertz: Any, **rates: int) -> DataSet:
-    row = np.array([-1.0, 1.0])
-    series = tuple(
-        Series(
-            name=part,
-            column=part,
-            times=hertz,
-            values=np.zeros(hertz.size),
-            amplitude=Amplitude(row=row, rate=rates.get(part, 0), part=part),
-        )
-        for part in parts
+    columns = {part: np.zeros(hertz.size) for part in parts}
+    return response_data(
+        hertz,
+        columns,
+        row=(-1.0, 1.0),
+        rates=rates,
+        force="x2=2",
+        coordinates=("x1", "x2"),
     )
-    return DataSet(name="a", series=series, forces=("x2=2",), coordinates=("x1", "x2"))
 
 
 def test_a_response_and_its_derivatives():

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from measured_responses import response_data
 from oracles.least_squares import (
     interval,
     least,
@@ -17,7 +18,6 @@ from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.profile import Minimum, profile_side
 from fvi_cli.studies.fits.settings import (
-    Amplitude,
     DataSet,
     FitModel,
     FitParameter,
@@ -37,17 +37,8 @@ def parts(values: Any) -> Any:
 def responses(values: Any, noise: float, seed: int) -> tuple[DataSet, Any]:
     """Real and imaginary part with noise, and all of them in one row."""
     drawn = parts(values) + noise * np.random.default_rng(seed).standard_normal(2 * HERTZ.size)
-    series = tuple(
-        Series(
-            name=part,
-            column=part,
-            times=HERTZ,
-            values=column,
-            amplitude=Amplitude(row=np.ones(1), rate=0, part=part),
-        )
-        for part, column in zip(("real", "imaginary"), np.split(drawn, 2), strict=True)
-    )
-    return DataSet(name="a", series=series, forces=("x",), coordinates=("x",)), drawn
+    columns = dict(zip(("real", "imaginary"), np.split(drawn, 2), strict=True))
+    return response_data(HERTZ, columns), drawn
 
 
 def fitted(data: DataSet, damping: list[Any], keys: dict[str, Any], noise: float) -> Any:
@@ -138,7 +129,7 @@ def test_a_descent_that_does_not_end_is_no_misfit(monkeypatch):
             ),
         ),
         [data],
-        [[0.01, 0.01]],
+        [0.01, 0.01],
     )
     model.meshes = [1]
     at = model.evaluate(model.start)

@@ -97,7 +97,7 @@ def test_the_ends_of_an_interval_are_where_the_misfit_says(noisy):
     from scipy.optimize import least_squares
 
     data = measured(motion(TIMES) + noise(3, 0.02))
-    described = MotionModel(model(), [data], [[0.02]])
+    described = MotionModel(model(), [data], [0.02])
     described.loosen(1e-6)
     best = described.evaluate(
         np.array(
@@ -129,7 +129,7 @@ def test_derivatives_of_the_residuals():
             ),
         ),
         [measured(motion(TIMES))],
-        [[0.1]],
+        [0.1],
     )
     described.remesh(described.start, 1e-8)
     at = described.evaluate(described.start)

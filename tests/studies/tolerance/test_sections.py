@@ -9,7 +9,7 @@ import pytest
 from oracles.volterra import solve_volterra
 
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.observations import criteria, events
+from fvi_cli.integrator.observations import search
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -102,7 +102,7 @@ def test_more_drawn_sections(seed):
 
 def test_by_values_alone_sections_are_not_complete(monkeypatch):
     """The control: pieces of which only values are looked at, as if the formula were a motion."""
-    monkeypatch.setattr(events, "Isolated", criteria.Resolved)
+    monkeypatch.setattr(search, "Isolated", search.Resolved)
     lost = 0
     for seed in range(4):
         data = draw(seed) | {"more": "", "rate": 6e3 * math.pi / draw(seed)["final_time"]}

@@ -193,11 +193,11 @@ def test_tolerances_below_the_floor_say_what_is_reached(given):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({}, "either tolerance or relative"),
-        ({"tolerance": 1e-3, "relative": 1e-3}, "either tolerance or relative"),
-        ({"tolerance": 0.0}, "must be positive"),
-        ({"tolerance": float("nan")}, "must be positive"),
-        ({"relative": 2.0}, "less than 1"),
+        ({}, "tolerance: missing; give a tolerance"),
+        ({"tolerance": 1e-3, "relative": 1e-3}, "relative: not together with tolerance"),
+        ({"tolerance": 0.0}, "greater than 0"),
+        ({"tolerance": float("nan")}, "a finite number"),
+        ({"relative": 2.0}, "between 0 and 1"),
     ],
 )
 def test_what_is_refused(given, words):

@@ -17,20 +17,19 @@ from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.criteria import FormulaAlong
-from fvi_cli.integrator.observations.events import first_below
+from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.impacts.landing import Landing, SceneStep
 from fvi_cli.integrator.observations.impacts.restitution import Restitution
 from fvi_cli.integrator.observations.impacts.surface import (
     ROUND_OFF,
     Contact,
-    Fall,
     Surface,
     is_rough_behind_impacts,
     power_behind_impact,
     step_ends,
     velocity_at_end,
 )
+from fvi_cli.integrator.observations.search import Fall, first_fall
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -53,40 +52,24 @@ def momentum_of_members(engine: Engine, change: Array) -> Array:
 
 
 class Bouncing:
-    """Steps of T / N, graded behind the start, break points and impacts, cut where these are.
-
-    Parameters
-    ----------
-    scene, method, n_steps
-        The run.
-    surfaces
-        What it bounces off, by name.
-
-    Attributes
-    ----------
-    times
-        Of the impacts, by name.
-    jumps, late
-        Sum of the pushes at every point of the mesh, ``(d,)`` each; and by the number of the point
-        those that come when the step before it is recorded.
-    rest
-        What is said of a motion that has come to rest; empty: it has not.
-    """
+    """Steps of T / N, graded behind the start, break points and impacts, cut where these are."""
 
     def __init__(
         self, scene: Scene, method: Method, n_steps: int, surfaces: Mapping[str, Surface]
     ) -> None:
         self._scene, self._surfaces = scene, surfaces
-        self._law = Restitution(scene=scene, surfaces=surfaces)
+        self._law = Restitution(scene, surfaces)
         self._end, self._degree = scene.final_time, method.degree
         self._tables = step_tables(method)
         self._step, self._shortest = self._end / n_steps, SHORTEST_STEP * self._end
         self._is_rough = is_rough_behind_impacts(scene)
         self._stops = [*scene.break_points, self._end]
+        # the sum of the pushes at every point of the mesh, (d,) each; and by the number of the
+        # point those that come when the step before it is recorded
         self.jumps = [np.zeros(scene.dimension)]
         self.late: dict[int, Array] = {}
         self.times: dict[str, list[float]] = {name: [] for name in surfaces}
-        self.rest = ""
+        self.rest = ""  # remark on a motion that has come to rest
         self.failure: Failure | None = None
         self._contacts: dict[str, Contact] = {}
         # the last two steps: ends, sizes, and velocities at the stages
@@ -141,29 +124,28 @@ class Bouncing:
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The end of a step that meets no surface, or ends on one; None: another one is needed."""
-        if steps.failed.any():
+        if steps.has_failed:
             self._fail(why_unsolved(steps, state))
             return None
         step = SceneStep.of(engine, state, steps)
         if self._landing is not None:
             return self._land(self._landing, engine, step, steps)
-        fall = self._first_fall(step)
-        if fall is None:
+        met = self._first_fall(step)
+        if met is None:
             end = self._targets.pop()
             self._go_on(step, end)
             if not self._targets:
                 self._begin_flight(BREAK, self._passed + 1)
             return end
-        if fall.root * step.size <= self._shortest:
-            if fall.surface in self._contacts:
-                self._end_in_rest(fall, step)
-            else:
-                self._push_here(fall.surface, engine, state, step)
-        elif self._is_endless(fall, step):
-            self._end_in_rest(fall, step)
+        name, fall = met
+        is_here = fall.root * step.size <= self._shortest
+        if is_here and name not in self._contacts:
+            self._push_here(name, engine, state, step)
+        elif is_here or self._is_endless(name, fall, step):
+            self._end_in_rest(name, fall, step)
         else:
             self._landing = Landing(
-                surface=fall.surface,
+                surface=name,
                 low=fall.top * step.size,
                 high=min(fall.below, 1.0) * step.size,
                 size=fall.root * step.size,
@@ -238,17 +220,14 @@ class Bouncing:
         gaps = self._along(name, step)(_ONE_STEP, _ENDS)
         return bool(max(gaps) > self._tolerance(name, step))
 
-    def _first_fall(self, step: SceneStep) -> Fall | None:
-        """Where a step first goes through a surface, by more than round-off."""
-        first: Fall | None = None
-        for name in self._surfaces:
-            found = first_below(self._along(name, step), -self._tolerance(name, step))
-            if found is None:
-                continue
-            top, below, root, gap = found
-            if first is None or root < first.root:
-                first = Fall(surface=name, root=root, top=top, below=below, gap=gap)
-        return first
+    def _first_fall(self, step: SceneStep) -> tuple[str, Fall] | None:
+        """Which surface a step first goes through, by more than round-off, and where."""
+        found = [
+            (name, first_fall(self._along(name, step), self._tolerance(name, step)))
+            for name in self._surfaces
+        ]
+        falls = [(name, one) for name, one in found if one is not None]
+        return min(falls, key=lambda one: one[1].root) if falls else None
 
     # impacts
 
@@ -268,7 +247,7 @@ class Bouncing:
             self._fail(StepFailedError(f"the push of {met} is not finite", reason="not finite"))
             return np.zeros_like(momentum)
         self.jumps[-1] = self.jumps[-1] + push
-        velocity = law.velocity(position, momentum + push, time)
+        velocity = law.scene.velocity(position, momentum + push, time)
         for name, slack in here.items():
             if name in pushing or name == met:
                 self.times[name].append(time)
@@ -288,22 +267,22 @@ class Bouncing:
         last = self._last if self._last[0][0] > self._begin else self._last[-1:]
         ends, sizes, stages = zip(*last, strict=True)
         velocity = velocity_at_end(ends, sizes, stages, self._tables.points, self._time)
-        right = self._law.momentum(position, velocity, self._time)
+        right = self._law.scene.momentum(position, velocity, self._time)
         return np.asarray(momentum - self.jumps[-1] - right)
 
     # rest
 
-    def _is_endless(self, fall: Fall, step: SceneStep) -> bool:
+    def _is_endless(self, name: str, fall: Fall, step: SceneStep) -> bool:
         """Whether a fall is the next of endless rebounds: its flight is short, and they shrink."""
-        contact = self._contacts.get(fall.surface)
-        if contact is None or self._surfaces[fall.surface].impact.restitution == 1.0:
+        contact = self._contacts.get(name)
+        if contact is None or self._surfaces[name].impact.restitution == 1.0:
             return False
         flight = step.begin - contact.time + fall.root * step.size
         return flight < SHORTEST_FLIGHT * self._end
 
-    def _end_in_rest(self, fall: Fall, step: SceneStep) -> None:
+    def _end_in_rest(self, name: str, fall: Fall, step: SceneStep) -> None:
         """End the run on a surface that it does not leave by more than round-off."""
-        name, contact = fall.surface, self._contacts[fall.surface]
+        contact = self._contacts[name]
         begin, speed = contact.time, contact.speed
         restitution = self._surfaces[name].impact.restitution
         if restitution == 0.0 or speed == 0.0:
@@ -311,7 +290,9 @@ class Bouncing:
             return
         # the fall from the contact on says the acceleration, and with it the flights
         since = step.begin - begin + fall.below * step.size
-        flight = min(since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.gap), 1e-300))
+        flight = min(
+            since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.value), 1e-300)
+        )
         end = begin + (flight / (1.0 - restitution) if restitution < 1.0 else 0.0)
         self.rest = (
             f"at rest on {name} from t = {end:.10g} on: after {len(self.times[name])} impacts the "

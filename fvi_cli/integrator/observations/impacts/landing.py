@@ -16,25 +16,15 @@ SWEEPS = 60
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneStep:
-    """A solved step in the coordinates of the scene.
-
-    Parameters
-    ----------
-    begin, size
-        t and h.
-    position, momentum, end_position, end_momentum
-        At both ends, shape ``(d,)``.
-    unknowns
-        U, shape ``(s, d)``.
-    """
+    """A solved step in the coordinates of the scene."""
 
     begin: float
     size: float
-    position: Array
+    position: Array  # at its beginning, (d,)
     momentum: Array
     end_position: Array
     end_momentum: Array
-    unknowns: Array
+    unknowns: Array  # (s, d)
 
     @property
     def end(self) -> float:
@@ -69,35 +59,18 @@ class Landing:
 
     Newton's iteration, and bisection where that leaves the part of the step in which the gap
     changes its sign.
-
-    Parameters
-    ----------
-    surface
-        Its name.
-    low, high
-        Lengths between which the root lies.
-    size
-        Length to try; in the end that of the best step.
     """
 
     surface: str
-    low: float
+    low: float  # lengths between which the root lies
     high: float
-    size: float
+    size: float  # to try; in the end that of the best step
     has_ended: bool = False
     _best: tuple[float, float, float] | None = None
     _sweeps: int = 0
 
     def take(self, gap: float, speed: float, tolerance: float) -> bool:
-        """Whether the search ends with the step of this length.
-
-        Parameters
-        ----------
-        gap, speed
-            At the end of the step, and its derivative by the length.
-        tolerance
-            Gaps smaller than this are not told from 0.
-        """
+        """Whether the search ends with the step of this length, by its gap and the slope of it."""
         now, best = self.size, self._best
         self._sweeps += 1
         if best is None or abs(gap) < abs(best[1]):

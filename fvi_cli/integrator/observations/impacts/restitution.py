@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.observations.impacts.surface import Surface
 from fvi_cli.mathematics.arrays import Array
@@ -19,37 +18,17 @@ NEGLIGIBLE = 1e-14
 """Speeds towards a surface below this share of the first one are none."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Restitution:
-    """The surfaces of a scene, and how they reverse its normal velocity.
-
-    Parameters
-    ----------
-    scene, surfaces
-        What moves, and what it bounces off, by name.
-    """
+    """The surfaces of a scene, and how they reverse its normal velocity."""
 
     scene: Scene
     surfaces: Mapping[str, Surface]
 
-    def velocity(self, position: Array, momentum: Array, time: float) -> Array:
-        """Velocity to a momentum, shape ``(d,)``."""
-        lagrangian = self.scene.lagrangian
-        if lagrangian is not None:
-            return lagrangian.velocity(position, momentum, time)
-        return self.scene.inertia.velocity(momentum)
-
-    def momentum(self, position: Array, velocity: Array, time: float) -> Array:
-        """Momentum to a velocity, shape ``(d,)``."""
-        lagrangian = self.scene.lagrangian
-        if lagrangian is not None:
-            return lagrangian.momentum(position, velocity, time)
-        return np.asarray(times(velocity, self.scene.inertia.form))
-
     def speed(self, name: str, position: Array, momentum: Array, time: float) -> float:
         """Derivative of a gap by the time along the motion."""
         normal, rate = self.surfaces[name].slopes(position, time)
-        return float(normal @ self.velocity(position, momentum, time)) + rate
+        return float(normal @ self.scene.velocity(position, momentum, time)) + rate
 
     def push(
         self, names: list[str], position: Array, momentum: Array, time: float
@@ -80,9 +59,8 @@ class Restitution:
 
     def _mobility(self, normal: Array, position: Array, momentum: Array, time: float) -> Array:
         """Inverse of the mass matrix times a normal."""
-        lagrangian = self.scene.lagrangian
-        if lagrangian is None:
+        if self.scene.lagrangian is None:
             return self.scene.inertia.velocity(normal)
-        velocity = lagrangian.velocity(position, momentum, time)
-        at = lagrangian.derivatives(position, velocity, time)
-        return np.asarray(np.linalg.solve(at.mass, normal))
+        velocity = self.scene.velocity(position, momentum, time)
+        mass = self.scene.lagrangian.derivatives(position, velocity, time).mass
+        return np.asarray(np.linalg.solve(mass, normal))

@@ -18,7 +18,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.effects.dynamics import dynamics_of
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
@@ -53,20 +52,9 @@ def integrate_with_impacts(
     parameters: Mapping[str, float],
     checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, dict[str, Array]]:
-    """Integrate a scene with surfaces that it bounces off.
+    """Integrate a scene with surfaces that it bounces off, by a Runge-Kutta method.
 
-    Parameters
-    ----------
-    scene, method
-        What moves, and by which Runge-Kutta method.
-    n_steps
-        N: steps are T / N long, and shorter behind the start, break points and impacts.
-    impacts
-        Surfaces by name.
-    coordinates, parameters
-        Names in their expressions.
-    checkpoints
-        Where the run keeps a checkpoint, and goes on from one.
+    Steps are T / N long, and shorter behind the start, break points and impacts.
 
     Raises
     ------
@@ -94,16 +82,16 @@ def integrate_with_impacts(
     ready = clock.perf_counter()
     asked = (method.case, n_steps, scene.final_time / n_steps)
     seconds = this.march(checkpoints, asked, (scene, method, tuple(surfaces.items())))
-    steps, dynamics = this.recorder.steps(0), dynamics_of(scene)
+    steps = this.recorder.steps(0)
     momentum = steps.momentum.copy()
     for point, push in source.late.items():
         momentum[point] += push
     steps = replace(steps, momentum=momentum, jump=np.array(source.jumps))
     if is_rough_behind_impacts(scene):
-        momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
+        momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
         steps = replace(steps, momentum=momentum)
     with np.errstate(all="ignore"):
-        energy = dynamics.energy(steps.position, steps.momentum, steps.time)
+        energy = scene.energy(steps.position, steps.momentum, steps.time)
     failure = this.recorder.failures.get(0)
     trajectory = Trajectory(
         time=steps.time,

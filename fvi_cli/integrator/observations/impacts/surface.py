@@ -23,15 +23,7 @@ ROUND_OFF = 32 * 2.0**-52
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surface:
-    """A surface g(q, t) = 0 of a scene.
-
-    Parameters
-    ----------
-    impact
-        The expression and its coefficient of restitution.
-    coordinates, parameters
-        Names in the expression, and values of further names.
-    """
+    """A surface g(q, t) = 0 of a scene."""
 
     impact: Impact
     coordinates: Sequence[str]
@@ -64,46 +56,14 @@ class Surface:
         return ROUND_OFF * size
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fall:
-    """Where a step goes through a surface.
-
-    Parameters
-    ----------
-    surface
-        Its name.
-    root, top, below
-        Places in the step: of the root, of the last gap above 0 before it, and behind it, where
-        the gap is below 0 by more than round-off.
-    gap
-        That gap.
-    """
-
-    surface: str
-    root: float
-    top: float
-    below: float
-    gap: float
-
-
 @dataclass(frozen=True)
 class Contact:
-    """A surface that the motion is on.
+    """A surface that the motion is on."""
 
-    Parameters
-    ----------
-    time
-        Since when.
-    slack
-        How far off the gap was then, or may be by round-off.
-    speed, pace
-        With which the gap began to grow, and what its terms were in size.
-    """
-
-    time: float
-    slack: float
-    speed: float
-    pace: float
+    time: float  # since when
+    slack: float  # how far off the gap was then, or may be by round-off
+    speed: float  # with which the gap began to grow
+    pace: float  # what its terms were in size
 
 
 def start_objection(scene: Scene, surface: Surface) -> str:
@@ -191,16 +151,8 @@ def step_ends(
 ) -> list[float]:
     """Ends of the steps behind a singular point, relative to it, up to a length.
 
-    Parameters
-    ----------
-    step
-        Length of the steps that are not cut.
-    length
-        Where the last one ends.
-    stages, power
-        Of the method; and the least fractional power of the position, None: it is smooth.
-    least
-        Ends nearer than this are left out.
+    `step` is the length of those that are not cut, `power` the least fractional one of the
+    position (None: it is smooth); ends nearer to others than `least` are left out.
     """
     count = max(1, math.ceil(length / step * (1.0 - 1e-12)))
     ends = [one for one in _pattern(step, count, stages, power) if least <= one < length - least]

@@ -1,0 +1,306 @@
+"""What commands share: their options, how they begin, show what they compute, and end."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded
+from fvi_cli.cli.options import (
+    RESULTS,
+    AllowUnstable,
+    Check,
+    CheckpointEvery,
+    Dask,
+    DryRun,
+    FailFast,
+    Formats,
+    Fresh,
+    Json,
+    Output,
+    Overrides,
+    Quiet,
+    Shard,
+    Style,
+    Verbose,
+    Wait,
+    Workers,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fvi_cli.render.results import Results
+    from fvi_cli.runner.outcome import Outcome
+    from fvi_cli.runner.request import Request, Task
+
+_logger = logging.getLogger("fvi_cli")
+R = TypeVar("R")
+
+ALWAYS = ("quiet", "verbose")
+CONFIGURED = ("output", "overrides", "dry_run", "fail_fast", "json")
+COMPUTED = (*CONFIGURED, "workers", "dask", "wait", "fresh", "allow_unstable")
+DRAWN = ("formats", "style")
+"""Options of all commands, of those that read configurations, compute runs, or draw."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Call:
+    """One call of a command: its shared options, and what it found so far."""
+
+    output: Output = RESULTS
+    check: Check = False
+    formats: Formats = None
+    style: Style = None
+    overrides: Overrides = None
+    workers: Workers = 1
+    dask: Dask = None
+    wait: Wait = False
+    checkpoint_every: CheckpointEvery = 60.0
+    shard: Shard = "1/1"
+    dry_run: DryRun = False
+    fresh: Fresh = False
+    fail_fast: FailFast = False
+    allow_unstable: AllowUnstable = False
+    json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = False
+    stores_runs: bool = field(init=False, default=False)
+    requests: Sequence[Request] = field(init=False, default=())
+    files: list[Path] = field(init=False, default_factory=list)
+    rows: dict[str, list[object]] = field(init=False, default_factory=dict)
+    differences: list[str] = field(init=False, default_factory=list)
+    failures: dict[str, int] = field(init=False, default_factory=dict)
+    violations: list[str] = field(init=False, default_factory=list)
+
+    def gather(self, sources: Sequence[str], over: Sequence[str] = ()) -> Sequence[Request]:
+        """Read and check configurations, with what the options change in them."""
+        from fvi_cli.keys.complaints import ChecksMember, every_member
+        from fvi_cli.runner.request import gather
+
+        checks_member: ChecksMember = every_member
+        results: Callable[[str], Path] | None = None
+        if self.stores_runs:
+            # needs the engine, without which other commands check
+            from fvi_cli.runner.parts.shard import shard_named
+
+            part = shard_named(self.shard)
+            checks_member = part.checks_member
+            results = lambda name: self.output / part.file_name(name)  # noqa: E731
+
+        self.requests = gather(
+            sources,
+            self.overrides or (),
+            over=over,
+            allow_unstable=self.allow_unstable,
+            checks_member=checks_member,
+            results=results,
+        )
+        return self.requests
+
+    def show_plans(self, *, fresh: bool = False) -> int:
+        """Print what would be done with every run."""
+        from fvi_cli.api.calls import plan
+        from fvi_cli.render.json import plans_as_json
+        from fvi_cli.render.plans import plans_as_text
+
+        plans = [
+            one
+            for request in self.requests
+            for one in plan(
+                request,
+                output=self.output,
+                workers=self.workers,
+                fresh=fresh or self.fresh,
+                shard=self.shard,
+            )
+        ]
+        print(plans_as_json(plans) if self.json else plans_as_text(plans, in_full=self.verbose))
+        return DONE
+
+    def show_tasks(self, tasks_of: Callable[[Request], Sequence[Task]]) -> int:
+        """Print what would be computed other than runs."""
+        from fvi_cli.render.json import document
+        from fvi_cli.render.runs import aligned
+
+        rows = [asdict(task) for request in self.requests for task in tasks_of(request)]
+        if self.json:
+            print(document({"tasks": rows}))
+        else:
+            print(aligned([list(rows[0]), *(list(row.values()) for row in rows)]))
+        return DONE
+
+    def run(self, request: Request, *, keeps_motions: bool = True) -> list[Outcome]:
+        """Recall or compute the runs of a request."""
+        from fvi_cli.api.calls import run
+
+        return run(
+            request,
+            output=self.output,
+            workers=self.workers,
+            dask=self.dask,
+            fresh=self.fresh,
+            fail_fast=self.fail_fast,
+            keep=not self.check,
+            wait=self.wait,
+            shard=self.shard,
+            checkpoint_every=self.checkpoint_every,
+            progress=not self.quiet,
+            keeps_motions=keeps_motions,
+        )
+
+    def noted(self, request: Request) -> list[Outcome]:
+        """The runs of a request from which a report is made; their failures are counted."""
+        outcomes = self.run(request)
+        self.note(outcomes)
+        return outcomes
+
+    def note(self, results: Results) -> None:
+        """Count what of the results decides the exit code."""
+        from fvi_cli.render.results import kind_of
+
+        kind, found = kind_of(results)
+        self.violations += kind.violations(found)
+        if failed := len(kind.failures(found)):
+            self.failures[kind.words] = self.failures.get(kind.words, 0) + failed
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a failure ends the command (``--fail-fast``)."""
+        return self.fail_fast and bool(self.failures)
+
+    def each(self, compute: Callable[[Request], R], show: Callable[[R, Request], None]) -> int:
+        """Compute what every request asks for and show it; returns the exit code."""
+        from fvi_cli.render.figures import pictures_as
+
+        with pictures_as(self.formats or (), self.style):
+            for request in self.requests:
+                results = compute(request)
+                if not self.is_stopped:
+                    show(results, request)
+                if self.is_stopped:
+                    break
+        return self.close()
+
+    def show(
+        self,
+        results: Results,
+        request: Request | None = None,
+        *,
+        also: Callable[[], list[Path]] = list,
+        is_kept: bool = True,
+    ) -> None:
+        """Print and write results, or with ``--check`` find in what the stored ones differ.
+
+        Parameters
+        ----------
+        results, request
+            What was computed, and for which configuration.
+        also
+            Writes further files.
+        is_kept
+            Whether anything is written.
+        """
+        from fvi_cli.render.json import rows_of
+        from fvi_cli.render.results import compare, show, write
+
+        self.note(results)
+        name = None if request is None else request.name
+        paths: list[Path] = []
+        if self.check:
+            self.differences += compare(results, self.output, name=name)
+        elif is_kept:
+            paths = write(results, self.output, name=name, anew=self.fresh)
+            paths += also()
+        self.files += paths
+        if self.json:
+            self.collect(rows_of(results, name))
+        elif not self.check:
+            show(results, name=name)
+            print("", *paths, "", sep="\n")
+
+    def show_figures(self, drawn: Mapping[str, Figure]) -> None:
+        """Write figures, or with ``--check`` find in what the stored ones differ."""
+        from fvi_cli.render.figures import compare_figures, write_figures
+
+        if self.check:
+            self.differences += compare_figures(drawn, self.output)
+            return
+        paths = write_figures(drawn, self.output, anew=self.fresh)
+        self.files += paths
+        if not self.json:
+            print(*paths, sep="\n")
+
+    def collect(self, rows: Mapping[str, Sequence[object]]) -> None:
+        """Keep rows for the JSON document."""
+        for name, own in rows.items():
+            self.rows.setdefault(name, []).extend(own)
+
+    def close(self) -> int:
+        """Print the JSON document or the outcome of a check; returns the exit code."""
+        from fvi_cli.render.json import document
+
+        if self.check:
+            self.differences += self.violations
+        if self.json:
+            paths = {"files": [path.as_posix() for path in self.files]}
+            print(
+                document(
+                    {**({"differences": self.differences} if self.check else paths), **self.rows}
+                )
+            )
+        elif self.check:
+            print(*(self.differences or ["up to date"]), sep="\n")
+        if self.differences:
+            _logger.error("stale: %d differences", len(self.differences))
+        for words, count in self.failures.items():
+            _logger.error("%d %s", count, words)
+        if self.failures:
+            return RUN_FAILED
+        return CHECK_FAILED if self.differences or self.violations else DONE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """A command of the line: what it does, which options of :class:`Call` it has, and examples."""
+
+    body: Callable[..., int]
+    shared: tuple[str, ...]
+    examples: str
+
+    @property
+    def name(self) -> str:
+        """As it is typed."""
+        return self.body.__name__.rstrip("_").replace("_", "-")
+
+    @property
+    def summary(self) -> str:
+        """The first line of its help."""
+        return (self.body.__doc__ or "").partition("\n")[0]
+
+    def callback(self) -> Callable[..., None]:
+        """The function for typer, with the shared options behind the command's own."""
+        _, *own = inspect.signature(self.body, eval_str=True).parameters.values()
+        known = inspect.signature(Call, eval_str=True).parameters.values()
+        shared = [one for one in known if one.name in (*self.shared, *ALWAYS)]
+
+        @functools.wraps(self.body)
+        def begun(**options: Any) -> int:
+            call = Call(**{one.name: options.pop(one.name) for one in shared})
+            call.stores_runs = "fresh" in self.shared
+            return self.body(call, **options)
+
+        begun.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+            [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in (*own, *shared)]
+        )
+        return guarded(begun)
+
+
+def command(*shared: str, examples: str = "") -> Callable[[Callable[..., int]], Command]:
+    """Make a function of a :class:`Call` a command with these shared options."""
+    return lambda body: Command(body=body, shared=shared, examples=examples)

@@ -1,0 +1,120 @@
+"""Commands for result files: ``show``, ``export``, ``merge``, ``forget``."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fvi_cli.cli.command import Call, command
+from fvi_cli.cli.completion import export_formats
+from fvi_cli.cli.exits import DONE, RUN_FAILED
+from fvi_cli.cli.options import ResultFile
+
+_logger = logging.getLogger("fvi_cli")
+
+
+@command("json")
+def show(
+    call: Call,
+    file: ResultFile,
+    config: Annotated[
+        bool, typer.Option("--config", help="Print the configuration that made the file.")
+    ] = False,
+) -> int:
+    """List what a result file holds, or print the configuration that made it."""
+    from fvi_cli.api.calls import configuration, contents
+    from fvi_cli.render.json import contents_as_json
+    from fvi_cli.render.plans import machinery_as_text
+    from fvi_cli.render.runs import contents_as_text
+    from fvi_cli.runner.plan import engine_plans
+    from fvi_cli.storage import printable
+
+    if config:
+        made_by = configuration(file)
+        print(printable(made_by.text), end="")
+        for override in made_by.overrides:
+            _logger.warning("made with --set %s", printable(override))
+    elif call.json:
+        print(contents_as_json(contents(file)))
+    else:
+        print(contents_as_text(contents(file)))
+        if call.verbose:
+            (request,) = call.gather([str(file)])
+            runs = [run for one in request.loaded.experiments for run in one.runs()]
+            print(f"\n{machinery_as_text(engine_plans(runs))}")
+    return DONE
+
+
+@command("output")
+def export(
+    call: Call,
+    file: ResultFile,
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="csv|npz|mat",
+            help="Format to write.",
+            autocompletion=export_formats,
+        ),
+    ],
+) -> int:
+    """Write the runs of a result file as CSV, npz (NumPy) or mat (MATLAB, Octave, SciPy)."""
+    from fvi_cli.api.calls import export as export_to
+
+    print(*export_to(file, to, call.output / "export" / file.stem), sep="\n")
+    return DONE
+
+
+@command("output", "wait")
+def merge(
+    call: Call,
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE.h5...", help="Results of `fvi run --shard I/N`.")
+    ],
+) -> int:
+    """Join result files of one configuration, such as those of its parts, into one."""
+    from fvi_cli.runner.parts.merge import merge_files
+
+    merged = merge_files(files, call.output, waits=call.wait)
+    print(f"{merged.path}: {merged.runs - merged.missing} of {merged.runs} runs")
+    if merged.missing:
+        _logger.error(
+            "%d runs are in none of the files; run their part, then merge again", merged.missing
+        )
+    return RUN_FAILED if merged.missing else DONE
+
+
+@command("overrides", "dry_run")
+def forget(
+    call: Call,
+    file: ResultFile,
+    case: Annotated[
+        str | None,
+        typer.Option("--case", help="Only runs of this method, such as bdf2 or gauss-s3-graded."),
+    ] = None,
+    others: Annotated[
+        bool,
+        typer.Option("--others", help="Runs that the file's configuration does not ask for."),
+    ] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Every run; removes the file.")] = False,
+) -> int:
+    """Remove runs from a result file: those of other values (--set), of a method, or all."""
+    from fvi_cli.render.runs import entries_as_text
+    from fvi_cli.runner.forget import forget_runs
+
+    found = forget_runs(
+        file,
+        overrides=call.overrides or (),
+        case=case,
+        others=others,
+        everything=everything,
+        is_tried=call.dry_run,
+    )
+    print(entries_as_text(found))
+    ending = "would be forgotten" if call.dry_run else "forgotten"
+    print(f"{file}: {len(found)} run{'s' if len(found) > 1 else ''} {ending}")
+    return DONE

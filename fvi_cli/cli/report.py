@@ -1,0 +1,88 @@
+"""Commands that report on runs: ``convergence``, ``plot``, ``quantities``."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from fvi_cli.cli.command import COMPUTED, DRAWN, Call, command
+from fvi_cli.cli.options import Sources, UsualSources
+
+if TYPE_CHECKING:
+    from fvi_cli.runner.outcome import Outcome
+    from fvi_cli.runner.request import Request
+
+_logger = logging.getLogger("fvi_cli")
+
+DEFAULT_TABLES = ("table-1", "table-2", "full-order")
+DEFAULT_FIGURES = (
+    "saturation",
+    "damped-oscillator-comparison",
+    "damped-oscillator",
+    "bagley-torvik-1-2",
+    "bagley-torvik-3-2",
+    "bagley-torvik-3-2-long",
+    "corrected-bdf3",
+)
+
+
+@command(
+    *COMPUTED,
+    "check",
+    examples="""
+    fvi convergence
+    fvi convergence damped-oscillator -j 2
+    fvi convergence results/damped-oscillator.h5
+    """,
+)
+def convergence(call: Call, sources: UsualSources = None) -> int:
+    """Make tables of orders; without arguments, those of the paper and of full order."""
+    from fvi_cli.render.results import order_tables
+    from fvi_cli.reports import missing
+
+    requests = call.gather(sources or DEFAULT_TABLES)
+    if call.dry_run:
+        return call.show_plans()
+    folder = call.output / "tables"
+    if call.check and (absent := [line for one in requests for line in missing(folder, one.name)]):
+        call.differences += absent
+        return call.close()
+    return call.each(lambda request: order_tables(call.noted(request)), call.show)
+
+
+@command(
+    *COMPUTED,
+    *DRAWN,
+    "check",
+    examples="""
+    fvi plot damped-oscillator
+    fvi plot results/damped-oscillator.h5 --format svg --style thesis.mplstyle
+    """,
+)
+def plot(call: Call, sources: UsualSources = None) -> int:
+    """Draw figures, from stored runs where there are any; without arguments, the paper's."""
+    from fvi_cli import plotting
+    from fvi_cli.render.results import figures, studies
+
+    def show(outcomes: list[Outcome], request: Request) -> None:
+        if not sources and request is call.requests[0]:
+            call.show_figures({"interpolation": plotting.interpolation_figure()})
+        for line in plotting.left_out(studies(outcomes)):
+            _logger.warning("%s", line)
+        call.show_figures(figures(outcomes, name=request.name))
+
+    call.gather(sources or DEFAULT_FIGURES)
+    if call.dry_run:
+        return call.show_plans()
+    return call.each(call.noted, show)
+
+
+@command(*COMPUTED, "check")
+def quantities(call: Call, sources: Sources) -> int:
+    """Make tables of quantities (peak, its time, RMS) and events of every run."""
+    from fvi_cli.render.results import observed_report
+
+    call.gather(sources)
+    if call.dry_run:
+        return call.show_plans()
+    return call.each(lambda request: observed_report(call.noted(request), request.name), call.show)

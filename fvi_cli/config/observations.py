@@ -1,0 +1,162 @@
+"""What must hold between what is asked of a motion and the rest of an experiment."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from fvi_cli.config.keys.experiment import ExperimentKeys
+from fvi_cli.config.keys.ladder import Ladder
+from fvi_cli.config.keys.methods import ListedMethod
+from fvi_cli.config.keys.observations import IN_G, Output
+from fvi_cli.config.keys.store import Store
+from fvi_cli.errors import ArgumentError
+from fvi_cli.integrator.observations.asked import (
+    Event,
+    Impact,
+    Observations,
+    check_observable,
+    known_names,
+    surface_objection,
+)
+from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
+from fvi_cli.keys.complaints import listed as listed_words
+from fvi_cli.keys.complaints import suggestion
+from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.scalars import Formula
+from fvi_cli.keys.settings import as_plain
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.studies.experiment import UNITS
+
+KEYS: Final = ("output", "quantities", "events", "impacts")
+_TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def _named(given: object) -> Mapping[str, Any]:
+    """What was read under names; empty where no mapping stands."""
+    return given if isinstance(given, Mapping) else {}
+
+
+def check_units(asked: ExperimentKeys, problem: AnyProblem, at: Cursor) -> None:
+    """Units must belong to something that is drawn."""
+    coordinates = problem.coordinates if isinstance(problem, Problem) else ()
+    known = (*UNITS, *coordinates, *_named(asked.quantities))
+    for name in _named(asked.units):
+        if name not in known:
+            at.under("units").refuse_key(
+                name,
+                f"has no unit of its own{suggestion(name, known)} "
+                f"(known here: {listed_words(known[:12])}); {IN_G}",
+            )
+
+
+def read_observations(
+    asked: ExperimentKeys,
+    parameters: Mapping[str, float],
+    problem: AnyProblem,
+    methods: Sequence[ListedMethod],
+    at: Cursor,
+) -> Observations:
+    """What the keys of an experiment, which stands at `at`, ask of its motion."""
+    given = [name for name in KEYS if at.has(name)]
+    if not given:
+        return Observations()
+    if not isinstance(problem, Problem):
+        at.refuse_key(given[0], f"not for kind {problem.kind}, in which nothing moves")
+        return Observations()
+    _check_neighbours(asked, methods, given[0], at)
+    of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
+    names = tuple(dict.fromkeys((*of_surfaces, *work_names(problem.scene))))
+    quantities: dict[str, Expression] = {}
+    events: dict[str, Event] = {}
+    impacts: dict[str, Impact] = {}
+    for name in _named(asked.quantities):
+        found = _expression(name, names, problem, at.under("quantities"))
+        if found is not None:
+            quantities[name] = found
+    for name, one in _named(asked.events).items():
+        if not is_complete(one):
+            continue
+        found = _expression(name, names, problem, at.under("events"), "when")
+        if found is not None:
+            events[name] = Event(when=found, direction=one.direction, stop=one.stop)
+    for name, one in _named(asked.impacts).items():
+        under = at.under("impacts")
+        found = _expression(name, of_surfaces, problem, under, "when") if is_complete(one) else None
+        if found is None:
+            continue
+        if name in events:
+            under.refuse_key(name, "is the name of an event already; take another")
+        elif said := surface_objection(found, problem.coordinates):
+            under.refuse(said, name, "when")
+        elif one.restitution > 1.0:
+            under.refuse(f"{one.restitution:g} is above 1", name, "restitution")
+        else:
+            impacts[name] = Impact(when=found, restitution=one.restitution)
+            surface = Surface(
+                impact=impacts[name], coordinates=problem.coordinates, parameters=parameters
+            )
+            if said := start_objection(problem.scene, surface):
+                under.refuse(said, name, "when")
+    times = None
+    if isinstance(asked.output, Output) and is_complete(asked.output):
+        try:
+            times = asked.output.instants(problem.final_time)
+        except ArgumentError as error:
+            at.under("output").tell(error)
+    return Observations(
+        coordinates=problem.coordinates,
+        times=times,
+        quantities=quantities,
+        events=events,
+        impacts=impacts,
+        parameters=parameters,
+        inputs=problem.inputs,
+        output=None if times is None else as_plain(asked.output),
+    )
+
+
+def _check_neighbours(
+    asked: ExperimentKeys, methods: Sequence[ListedMethod], name: str, at: Cursor
+) -> None:
+    """What does not go together with output, quantities and events."""
+    for listed in methods:
+        try:
+            check_observable(listed.method)
+        except ValueError as error:
+            at.refuse_key(name, str(error))
+            break
+    has_diagnostics = isinstance(asked.store, Store) and asked.store.diagnostics is not None
+    if at.has("output") and isinstance(asked.store, Store):
+        if asked.store.every != 1:
+            at.refuse("not together with output, which says what is kept", "store", "every")
+        if has_diagnostics:
+            at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
+    if not at.has("impacts"):
+        return
+    if at.has("sweep") and not at.has("output"):
+        at.refuse_key("impacts", "in a sweep every member has a mesh of its own; give output too")
+    if at.has("accuracy"):
+        at.refuse_key("impacts", "not together with accuracy; give a ladder")
+    if isinstance(asked.ladder, Ladder) and asked.ladder.grading is not None:
+        at.refuse("not together with impacts, which grade the mesh themselves", "ladder", "grading")
+    if has_diagnostics:
+        at.refuse("not together with impacts", "store", "diagnostics")
+
+
+def _expression(
+    name: str, names: tuple[str, ...], problem: Problem, under: Cursor, *inner: str
+) -> Expression | None:
+    """The expression under a name; None, with complaints, where something is wrong."""
+    if not _NAME.fullmatch(name):
+        under.refuse_key(name, "a name has letters, digits and _, and begins with a letter")
+        return None
+    if name in (*problem.coordinates, *_TAKEN):
+        under.refuse_key(name, "is the name of something that is stored already; take another")
+        return None
+    text = Formula(variables=names).read(under.under(name, *inner))
+    return Expression.parse(text, variables=names) if isinstance(text, str) else None

@@ -1,0 +1,157 @@
+r"""Works, energy balance and momentum maps along a run, with the scheme's own quadrature.
+
+With the increments of step k in the polynomial :math:`x_d`, the forces enter the equations of
+motion by their moments :math:`g_{k\nu} = h \sum_i b_i l_\nu(c_i) f_{k,i}` against the basis, and
+their work and their pull along :math:`\xi` are
+
+.. math:: W_k = \sum_\nu g_{k\nu} \cdot x_d'(d_\nu h; k), \qquad
+          \Lambda_k = \sum_\nu g_{k\nu} \cdot \xi(x_k^\nu).
+
+What holds exactly, whatever the step size:
+
+- the balance of every momentum map, for every variational method (`nodes`, `points`,
+  Runge-Kutta): the discrete equations tested with :math:`\xi(x_k^\nu)` (Marsden, West, *Discrete
+  mechanics and variational integrators*, Acta Numerica 2001, section 3.2);
+- the balance of the energy, for a constant mass matrix, a quadratic potential, as many Gauss
+  points as the degree and ``forcing_quadrature: galerkin``: the action's step is then a Gauss
+  method, which keeps quadratic invariants, and a kick at a node does its work at the mean of the
+  velocities before and after it.
+
+Otherwise the defects fall with the order of the method; but with :math:`h^{2 - 2 \gamma}` at the
+points of a method where a Riemann-Liouville derivative of order
+:math:`\gamma < 1` makes the force :math:`t^{-\gamma}` of an initial position: the velocity that
+meets it is known to :math:`t^{1 - \gamma}` only (measured).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.damping_along import damping_along, pieces_of_equal_steps
+from fvi_cli.integrator.engine.frame import sampling_of
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.diagnostics import Diagnostics
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+
+def diagnose_run(
+    scene: Scene,
+    method: Method,
+    mesh: Mesh,
+    steps: RunSteps,
+    loads: StepLoads,
+    request: DiagnosticsRequest,
+) -> Diagnostics:
+    """The diagnostics that are asked for, on the points of a run.
+
+    The mesh is that of the whole run, which may have ended before; `loads` are the known forces.
+    """
+    along, damping, stored = damping_along([scene], method, mesh, [steps]), None, None
+    if along is not None:
+        damping = sampling_of(method).to_loads @ along.forces().sum(axis=0)[0]
+        damping = damping * steps.step_size[:, None, None]
+        every = along.stored() if request.energy_balance else None
+        stored = None if every is None else every[:, 0].sum(axis=0)
+    fresh = np.isin(steps.time[:-1], [one.begin for one in mesh.stretches if one.is_fresh])
+    added = loads_along(loads.of_damping, steps, fresh)
+    if added is not None:
+        damping = -added if damping is None else damping - added
+    forcing = loads_along(loads.of_forcing, steps, fresh)
+    dissipated = worked = defect = maps = defects = None
+    if request.energy_balance:
+        rates = np.einsum("vj,nvd->njd", _slopes(steps), steps.unknowns)
+        dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
+        if method.sampling == "nodes" and damping is not None:
+            # half of each kick is in the steps beside its point
+            kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])
+            dissipated = _work_of_kicks(scene, steps, kicks)
+        if scene.lagrangian is not None and scene.lagrangian.depends_on_time:
+            at_stages = steps.stage_position, steps.velocity, steps.stage_time
+            rate = scene.lagrangian.time_derivative(*at_stages)
+            worked = worked - _running(steps.step_size * (rate @ steps.tables.weights))
+        energy = scene.energy(steps.position, steps.momentum, steps.time)
+        defect = energy - energy[0] + dissipated - worked
+    if request.symmetries:
+        start = steps.position[:-1, None]
+        places = start + steps.step_size[:, None, None] * steps.unknowns
+        places = np.concatenate([start, places], axis=1)
+        directions = [one.direction(places) for one in request.symmetries]
+        maps = np.stack(
+            [one.momentum(steps.position, steps.momentum) for one in request.symmetries], axis=1
+        )
+        pulls = [_summed(damping, one) - _summed(forcing, one) for one in directions]
+        defects = maps - maps[0] + np.stack(pulls, axis=1)
+    return Diagnostics(
+        dissipated_work=dissipated,
+        forcing_work=worked,
+        energy_defect=defect,
+        stored_energy=stored,
+        momentum_map=maps,
+        momentum_map_defect=defects,
+        map_names=tuple(one.name for one in request.symmetries),
+    )
+
+
+def _slopes(steps: RunSteps) -> Array:
+    basis = lobatto_basis(steps.tables.degree)
+    return np.asarray(basis.derivatives(basis.control_points)[1:])
+
+
+def _work_of_kicks(scene: Scene, steps: RunSteps, kicks: Array) -> Array:
+    """Work against kicks at the nodes, up to the middle of the kick at every grid point.
+
+    The stored momentum is the one in the middle of a kick, so its velocity is the mean of those
+    before and after it, and half a kick from there has its mean velocity a quarter of it earlier.
+    """
+    velocity = scene.velocity
+    middle = velocity(steps.position, steps.momentum, steps.time)
+    earlier = velocity(steps.position, steps.momentum + 0.25 * kicks, steps.time)
+    whole, half = (np.einsum("kd,kd->k", kicks, one) for one in (middle, 0.5 * earlier))
+    return np.asarray(_running(whole[:-1]) + half)
+
+
+def _summed(loads: Array | None, values: Array) -> Array:
+    """Running sum over the steps of load vectors times values at the control points."""
+    if loads is None:
+        return np.zeros(values.shape[0] + 1)
+    return _running(np.einsum("nvd,nvd->n", loads, values))
+
+
+def _running(changes: Array) -> Array:
+    """Sum of the changes over the steps up to every point, ``(n,)`` to ``(n + 1,)``."""
+    return np.concatenate([[0.0], np.cumsum(changes)])
+
+
+def loads_along(
+    of_steps: Callable[..., Array | None], steps: RunSteps, fresh: NDArray[np.bool_]
+) -> Array | None:
+    """Load vectors of all steps of a run, ``(n, s + 1, d)``; None without forces.
+
+    `of_steps` is as :meth:`fvi_cli.integrator.loads.step_loads.StepLoads.of_steps`; `fresh` steps
+    begin where a force may be singular, ``(n,)``.
+    """
+    total: Array | None = None
+    for first, last in pieces_of_equal_steps(steps.step_size):
+        # a piece may hold several singular points: each begins a part of its own
+        inside = (first + 1 + np.flatnonzero(fresh[first + 1 : last])).tolist()
+        for begin, end in zip([first, *inside], [*inside, last], strict=True):
+            own = of_steps(
+                float(steps.time[begin]),
+                float(steps.step_size[begin]),
+                end - begin,
+                is_fresh=bool(fresh[begin]),
+            )
+            if own is not None:
+                # where a force is zero there are none
+                total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
+                total[begin:end] = own
+    return total

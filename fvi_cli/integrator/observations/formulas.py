@@ -1,0 +1,189 @@
+"""Formulas along a motion, and when a polynomial may stand for one on a piece of a step.
+
+To integrate a formula and to find its extremes its polynomial must be resolved. To find its roots
+none may hide: a piece is halved until the range of the formula over the boxes of its variables, by
+interval arithmetic, excludes zero, or is no wider than that of its polynomial, or shrinks with the
+piece (Moore, Kearfott, Cloud, *Introduction to Interval Analysis*, SIAM 2009, section 8.1). So
+pulses and waves between all samples are met, however long the steps are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fvi_cli.integrator.observations.pieces import (
+    POINTS,
+    Along,
+    Mask,
+    by_owner,
+    coefficients_of,
+)
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
+from fvi_cli.mathematics.intervals.interval import Interval
+
+Variables = Callable[[Places, Array], Mapping[str, Array | float]]
+"""The variables of a formula there, by name, numbers or of shape ``(n,)``."""
+
+DECAY = 1e-9
+"""Last coefficients of a piece that is resolved, relative to the largest."""
+LEAST_HALVINGS, MOST_HALVINGS, MOST_BISECTIONS = 4, 7, 40
+TIGHT = 1.1
+"""Ranges up to so many times that of the polynomial of a piece hide nothing."""
+SHRINKAGE, SHRINKS = 0.6, 3
+"""Ranges that so often shrink to this share with half of the piece are overestimates only."""
+ROUND_OFF = 1e-14
+"""Relative to the largest value; narrower ranges are told from nothing."""
+ULPS = 4 * 2.0**-52
+"""By so much of its size every variable may be off."""
+
+
+@dataclass(frozen=True, eq=False)
+class FormulaAlong:
+    """A formula along a motion."""
+
+    expression: Expression
+    variables: Variables
+    constants: Sequence[Mapping[str, float]] = ({},)  # of every member; one for all of them
+    owner: Places | None = None  # member of every step, (N,), where constants are more than one
+
+    def __call__(self, steps: Places, tau: Array) -> Array:
+        """Values at places of steps, ``(n,)``."""
+        return self._values(steps, self.variables(steps, tau))
+
+    def _values(self, steps: Places, variables: Mapping[str, Array | float]) -> Array:
+        found = np.empty(steps.size)
+        for chosen, value in self._by_constants(steps, variables, NUMPY_FUNCTIONS):
+            found[chosen] = value
+        return found
+
+    def _by_constants(
+        self, steps: Places, variables: Mapping[str, Any], functions: Mapping[str, Any]
+    ) -> Iterator[tuple[Places | slice, Any]]:
+        """Places that share constants, and the value there, on any algebra."""
+        groups: list[tuple[int, Places | slice]] = [(0, slice(None))]
+        if len(self.constants) > 1 and self.owner is not None:
+            groups = by_owner(self.owner, steps, len(self.constants))
+        for member, chosen in groups:
+            own = {name: _at(one, chosen) for name, one in variables.items()}
+            yield chosen, self.expression.evaluate({**self.constants[member], **own}, functions)
+
+    def enclosed(self, steps: Places, tau: Array) -> tuple[Array, Interval, Array]:
+        """Values at the Chebyshev points of pieces, ranges over them, and round-off of the values.
+
+        Steps are ``(n,)``, their places ``(n, POINTS)``.
+        """
+        variables = self.variables(np.repeat(steps, POINTS), tau.ravel())
+        values = self._values(np.repeat(steps, POINTS), variables).reshape(tau.shape)
+        boxes: dict[str, Interval | float] = {}
+        points: dict[str, Interval | float] = {}
+        for name in self.expression.names & set(variables):
+            one = variables[name]
+            if np.ndim(one) == 0:
+                boxes[name] = points[name] = float(one)
+                continue
+            columns = np.reshape(one, tau.shape)
+            boxes[name] = _box(columns)
+            middle = columns[:, POINTS // 2]
+            off = ULPS * np.abs(middle)
+            points[name] = Interval(middle - off, middle + off)
+        noise = width_of(self._range(steps, points))
+        found = self._range(steps, boxes)
+        return values, found, np.where(np.isfinite(noise), noise, 0.0)
+
+    def _range(self, steps: Places, boxes: Mapping[str, Interval | float]) -> Interval:
+        low, high = np.empty(steps.size), np.empty(steps.size)
+        with np.errstate(all="ignore"):
+            for chosen, value in self._by_constants(steps, boxes, INTERVAL_FUNCTIONS):
+                is_range = isinstance(value, Interval)
+                low[chosen], high[chosen] = (value.low, value.high) if is_range else (value, value)
+        return Interval(
+            np.where(np.isnan(low), -math.inf, low), np.where(np.isnan(high), math.inf, high)
+        )
+
+
+def _at(one: Any, chosen: Places | slice) -> Any:
+    if isinstance(one, Interval):
+        return Interval(one.low[chosen], one.high[chosen])
+    return one[chosen] if np.ndim(one) else one
+
+
+def width_of(found: Interval) -> Array:
+    """Length of ranges; inf where both ends are infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isnan(found.width), math.inf, found.width)
+
+
+def _box(values: Array) -> Interval:
+    """Range of the polynomials through Chebyshev points, shape ``(n, POINTS)`` to ``(n,)``."""
+    finite = np.isfinite(values).all(axis=1)
+    coefficients = coefficients_of(values)
+    middle, reach = coefficients[:, 0], np.abs(coefficients[:, 1:]).sum(axis=1)
+    return Interval(
+        np.where(finite, middle - reach, -math.inf), np.where(finite, middle + reach, math.inf)
+    )
+
+
+class Resolved:
+    """The polynomial of every piece is resolved; where halving does not help it is round-off."""
+
+    def __init__(self, along: Along) -> None:
+        self._along = along
+        self._before = np.zeros(0)
+
+    def __call__(
+        self, depth: int, step: Places, tau: Array, part: Places, carried: Array
+    ) -> tuple[Array, Array, Mask, Array]:
+        """As :class:`~fvi_cli.integrator.observations.pieces.Criterion`."""
+        values = self._along(np.repeat(step, POINTS), tau.ravel()).reshape(tau.shape)
+        coefficients = coefficients_of(values)
+        size = np.abs(coefficients)
+        rough = size[:, -2:].max(axis=1) > DECAY * size.max(axis=1)
+        if depth == 0:
+            self._before = np.bincount(part).astype(float)
+        now = np.bincount(part[rough], minlength=self._before.size).astype(float)
+        if depth >= LEAST_HALVINGS:
+            rough &= ~(now > 1.8 * self._before)[part]
+        self._before = now
+        if depth == MOST_HALVINGS:
+            rough[:] = False
+        return values, coefficients, rough, carried
+
+
+class Isolated:
+    """Every piece has the roots of its polynomial."""
+
+    def __init__(self, along: FormulaAlong) -> None:
+        self._along = along
+        self._largest = np.zeros(0)
+
+    def __call__(
+        self, depth: int, step: Places, tau: Array, part: Places, carried: Array
+    ) -> tuple[Array, Array, Mask, Array]:
+        """As :class:`~fvi_cli.integrator.observations.pieces.Criterion`."""
+        values, found, noise = self._along.enclosed(step, tau)
+        coefficients = coefficients_of(values)
+        size = np.abs(coefficients)
+        if depth == 0:
+            self._largest = np.zeros(int(part.max()) + 1)
+        finite = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=1)
+        np.maximum.at(self._largest, part, finite)
+        tail = size[:, -2:].max(axis=1)
+        is_settled = (tail <= DECAY * size.max(axis=1)) | (tail <= noise)
+        is_settled &= np.isfinite(values[:, 1:-1]).all(axis=1)
+        width, (before, shrinks) = width_of(found), carried.T
+        shrinks = np.where(width <= SHRINKAGE * before, shrinks + 1.0, 0.0)
+        is_told = width <= TIGHT * 2.0 * size[:, 1:].sum(axis=1)
+        rough = (found.low <= 0.0) & (found.high >= 0.0)
+        rough &= ~(is_settled & (is_told | (shrinks >= SHRINKS)))
+        rough &= ~(width <= np.maximum(ROUND_OFF * self._largest[part], 4.0 * noise))
+        if depth == MOST_BISECTIONS:
+            rough[:] = False
+        return values, coefficients, rough, np.stack([width, shrinks], axis=1)

@@ -1,0 +1,154 @@
+"""What a function along a motion goes through between all points: roots and extremes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fvi_cli.integrator.observations.formulas import FormulaAlong, Isolated, Resolved
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.pieces import Along, bracketed_roots, parts_of, pieces_of
+from fvi_cli.integrator.results.observed import Extent
+from fvi_cli.mathematics.arrays import Array, Places
+
+
+def event_places(
+    along: FormulaAlong, members: Sequence[int], direction: str
+) -> tuple[Places, Array, dict[int, float]]:
+    """Step and place in it of every change of sign, in the order of steps.
+
+    Members have so many steps each; directions are ``any``, ``rising`` and ``falling``. For members
+    where changes may be missing there is the step, with the place in it as a fraction, from which
+    on. Between neighbours among ends and extremes there is one root at most, so none is lost where
+    a step has two. Where the value is zero at an end, or changes from one step to the next, the
+    root is there.
+    """
+    firsts = np.append(0, np.cumsum(members))
+    owner = np.repeat(np.arange(len(members)), members)
+    parts = [one for first, n in zip(firsts, members, strict=False) for one in parts_of(first, n)]
+    steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+    last: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
+    lost: dict[int, float] = {}
+    for found in pieces_of(parts, Isolated(along)):
+        for since in found.lost:
+            member = int(owner[int(since)])
+            lost[member] = min(lost.get(member, math.inf), since - float(firsts[member]))
+        own = found.stations(along, found.reach >= np.abs(found.middle))
+        step, place, value = (np.concatenate(pair) for pair in zip(last, own, strict=True))
+        signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
+        first, second = signed[:-1], signed[1:]
+        sign = np.sign(value)
+        turns = (sign[first] != sign[second]) & (owner[step[first]] == owner[step[second]])
+        if direction != "any":
+            turns &= sign[second] == (1.0 if direction == "rising" else -1.0)
+        first, second = first[turns], second[turns]
+        inside = (step[first] == step[second]) & (second == first + 1)
+        left, right = first[inside], second[inside]
+        root, at = place[first].copy(), step[first].copy()
+        if left.size:
+            root[inside] = bracketed_roots(
+                along, step[left], place[left], place[right], value[left], value[right]
+            )
+        # the value is zero there, or its sign changes by round-off between two steps
+        between = np.minimum(first + 1, second)[~inside]
+        at[~inside], root[~inside] = step[between], place[between]
+        steps.append(at)
+        places.append(root)
+        kept = signed[-1:]
+        last = (step[kept], place[kept], value[kept])
+    return np.concatenate(steps), np.concatenate(places), lost
+
+
+class Fall(NamedTuple):
+    """Where a function along one step first falls through zero by more than round-off.
+
+    Both places but that of `below` are 0 where no value before is above round-off.
+    """
+
+    root: float
+    top: float  # of the last value above round-off before the root
+    below: float  # of the first value below it, behind the root
+    value: float  # there
+
+
+def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
+    """Where a function along one step first falls below minus its round-off; None: nowhere."""
+    (found,) = pieces_of(parts_of(0, 1), Isolated(along))
+    step, place, value = found.stations(along, found.middle - found.reach < -round_off)
+    low = np.flatnonzero(value < -round_off)
+    if not low.size:
+        return None
+    first = int(low[0])
+    high = np.flatnonzero(value[:first] > round_off)
+    if not high.size:
+        return Fall(0.0, 0.0, float(place[first]), float(value[first]))
+    last = int(high[-1])
+    ends = [place[[last]], place[[first]], value[[last]], value[[first]]]
+    root = bracketed_roots(along, step[:1], *ends)
+    return Fall(float(root[0]), float(place[last]), float(place[first]), float(value[first]))
+
+
+def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list[Extent]:
+    """Extents of a function for every member, up to a time of its own."""
+    q, size = len(motion.scenes), motion.step_size
+    parts = []
+    for index, end in enumerate(ends):
+        first, last = motion.firsts[index : index + 2].tolist()
+        begins = motion.begin[first:last]
+        count = int(np.searchsorted(begins, end, side="left"))
+        until = 1.0
+        if count and motion.end[first + count - 1] > end:
+            until = float((end - begins[count - 1]) / size[first + count - 1])
+        parts += parts_of(first, count, until)
+    # of minus the function and of the function: least values and their times
+    least, at = np.full((2, q), math.inf), np.zeros((2, q))
+    square, length = np.zeros((2, q))
+    for found in pieces_of(parts, Resolved(along)):
+        owner = motion.owner[found.step]
+        np.add.at(square, owner, size[found.step] * found.squares)
+        np.add.at(length, owner, size[found.step] * (found.end - found.begin))
+        best = least.copy()
+        for k, sign in enumerate((-1.0, 1.0)):
+            known = np.where(np.isfinite(found.values), sign * found.values, math.inf)
+            np.minimum.at(best[k], owner, known.min(axis=1))
+        wanted = found.middle + found.reach > -best[0][owner]
+        wanted |= found.middle - found.reach < best[1][owner]
+        step, place, values = found.stations(along, wanted)
+        finite = np.isfinite(values)
+        step, place, values = step[finite], place[finite], values[finite]
+        times, member = motion.time(step, place), motion.owner[step]
+        for k, sign in enumerate((-1.0, 1.0)):
+            _improve(least[k], at[k], sign * values, member, times)
+    return [
+        _extent(*(float(one) for one in (*least[:, k], *at[:, k], square[k], length[k])))
+        for k in range(q)
+    ]
+
+
+def _improve(least: Array, at: Array, values: Array, owner: Places, time: Array) -> None:
+    """Take smaller values, the first of each member, and their times."""
+    # by member, then by value; equal values keep their order in time
+    order = np.lexsort((values, owner))
+    first = order[np.append(True, np.diff(owner[order]) > 0)] if order.size else order
+    first = first[values[first] < least[owner[first]]]
+    least[owner[first]], at[owner[first]] = values[first], time[first]
+
+
+def _extent(
+    below: float, least: float, below_at: float, least_at: float, square: float, length: float
+) -> Extent:
+    """The extent of a function with these least values of its negative and of itself."""
+    greatest, nan = -below, math.nan
+    if not math.isfinite(least):
+        return Extent(peak=nan, peak_time=nan, least=nan, greatest=nan, rms=nan)
+    is_low = -least > greatest
+    return Extent(
+        peak=-least if is_low else greatest,
+        peak_time=least_at if is_low else below_at,
+        least=least,
+        greatest=greatest,
+        rms=math.sqrt(max(square, 0.0) / length) if length else abs(greatest),
+    )

@@ -1,0 +1,72 @@
+"""Largest memory of a run, from the sizes of the arrays that are alive together."""
+
+from __future__ import annotations
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.damping_along import PIECE
+from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.engine.recurrence import HALVINGS, pays_as_one
+from fvi_cli.integrator.loads.panels import tested_rule
+from fvi_cli.integrator.loop.loop import chunk_steps
+from fvi_cli.integrator.loop.plan import MeshPlan
+from fvi_cli.integrator.members import MOST_TOGETHER
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import step_tables
+
+SHORT_BLOCK = 8
+"""Steps of a block of graded steps, about."""
+SMALLEST = 8_000
+"""Numbers in the tables of a method, in expressions and the like."""
+
+
+def peak_bytes(
+    scene: Scene, method: Method, plan: MeshPlan, *, n_kept: int, members: int, is_diagnosed: bool
+) -> int:
+    """Bytes at the peak of a run or of a batch of members, the program itself left out.
+
+    Numbers are counted as they were found by tracing: tables of the blocks with what is kept so
+    far and a chunk of steps, or with the points that are put together at the end; or what makes
+    the tables of a recurrence; or what diagnostics evaluate along the run.
+    """
+    tables = step_tables(method)
+    samples, stages, degree = tables.sample_points.size, tables.points.size, tables.degree
+    inputs = stages if method.is_runge_kutta else degree
+    e, is_linear, is_forced = plan.coupled, scene.is_linear, scene.forcing is not None
+    d, block = members * scene.dimension, max(plan.block, 1)
+    systems = members * plan.systems
+    together = min(systems, MOST_TOGETHER)
+    chunk = min(chunk_steps(together * e), plan.n_steps)
+
+    def of_tables(block: int) -> float:
+        """Matrices of a block of all systems that are stepped together, and of their memory."""
+        unknowns = block * degree * e
+        found = 1.0 * together * unknowns * (unknowns + block * e)
+        memory = block * samples * (block * inputs + 1.5 * plan.n_states)
+        found += len(pattern_of(scene)) * memory
+        # remainders at the points: of momenta too, for general Lagrangians
+        rests = 0 if is_linear else block * stages * e * (2 if scene.lagrangian else 1)
+        return found + together * rests * (rests + unknowns) + rests * unknowns
+
+    kept = (2 + 2 * d) * n_kept
+    every_table = of_tables(block) + (plan.n_sizes - 1) * of_tables(min(block, SHORT_BLOCK))
+    size, making, recurrence = (plan.n_states + 2) * e, 0.0, 0.0
+    if is_linear and together == 1 and pays_as_one(size, block, chunk // block, plan.n_steps):
+        loads, outputs = block * (degree + 1) * e, block * (inputs + 2) * e
+        given = loads + 2 * e
+        making = given * (2.0 * outputs + block * (degree + 2) * e)
+        recurrence = outputs * (given + block * samples * e + size)
+        recurrence += (HALVINGS + 1.0) * size * size + is_forced * (2 * outputs + size) * loads
+    per_step = d * (6 + 3 * (degree + 1) * is_forced + 5 * degree * (not is_linear))
+    if is_forced and method.forcing_quadrature != "galerkin":
+        per_step += (1 + 2 * scene.dimension) * tested_rule(degree, is_graded=False)[0].size
+    stepping = (
+        kept + every_table + recurrence + chunk * min(1.0, MOST_TOGETHER / systems) * per_step
+    )
+    ended = kept + max(every_table + d * n_kept, (members + 2 * scene.dimension) * n_kept)
+    found = max(every_table + making, stepping, ended)
+    if is_diagnosed:
+        of_steps = (8 + (7 + 5 * inputs) * d) * plan.n_steps
+        pieces = min(PIECE, plan.n_steps) + 3 * SHORT_BLOCK * (plan.n_sizes - 1)
+        again = (3 + (2 + inputs) * d) * plan.n_steps + 4 * plan.n_states * pieces * samples
+        found = max(found, kept + every_table + max(of_steps, again))
+    return int(8 * (SMALLEST + found))

@@ -1,0 +1,168 @@
+"""What a picture is drawn of: curves, and panels of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.plotting.looks import EXACT, Look
+from fvi_cli.plotting.style import COLOURS, LINE_STYLES, MARKERS
+
+_SAME = 0.02  # of a panel's height: less is one line to the eye
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve:
+    """Points, what they are called, and what is marked among them.
+
+    Parameters
+    ----------
+    x, y
+        Shape ``(n,)``; nan where there is nothing to draw.
+    label
+        Its entry in the legend.
+    by
+        A number that a colour bar shows in place of the label.
+    look
+        None: by its place among the curves of the panel.
+    peaks
+        Points that are marked by crosses.
+    lost
+        Abscissas without a value, with what happened.
+    order, stated
+        Slope that theory expects (one, or one for every point) and that the source states; nan:
+        none.
+    floor
+        Values below are round-off.
+    """
+
+    x: Array
+    y: Array
+    label: str = ""
+    by: float = math.nan
+    look: Look | None = None
+    peaks: Sequence[tuple[float, float]] = ()
+    lost: Sequence[tuple[float, str]] = ()
+    order: float | Array = math.nan
+    stated: float = math.nan
+    floor: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panel:
+    """Curves that share their axes.
+
+    Parameters
+    ----------
+    curves
+        At least one.
+    y, x
+        Words beside the axes, with units.
+    title, remark
+        Above the panel, the remark in small letters on the right.
+    height
+        Inches, without legend and words.
+    is_log
+        Whether the ordinate is logarithmic, where that is to be chosen.
+    is_ensemble
+        Whether the curves are members of a sweep: of many there are bands.
+    has_slopes
+        Whether triangles explain a ladder.
+    may_run_away
+        Whether a curve may leave the panel so that it does not press the others flat.
+    rounding
+        Values below are hatched as round-off.
+    levels
+        Dashed horizontal lines.
+    """
+
+    curves: Sequence[Curve]
+    y: str
+    x: str = ""
+    title: str = ""
+    remark: str = ""
+    height: float = 2.0
+    is_log: bool = False
+    is_ensemble: bool = False
+    has_slopes: bool = True
+    may_run_away: bool = False
+    rounding: float = 0.0
+    levels: Sequence[float] = ()
+
+
+def looks(curves: Sequence[Curve], *, marked: bool) -> list[Look]:
+    """What every curve of a panel looks like: as it says, else by its place."""
+    return [
+        curve.look
+        or Look(
+            colour=COLOURS[k % len(COLOURS)],
+            dashes=LINE_STYLES[k % len(LINE_STYLES)],
+            marker=MARKERS[k % len(MARKERS)] if marked else "",
+        )
+        for k, curve in enumerate(curves)
+    ]
+
+
+def merge_alike(panels: Sequence[Panel]) -> list[Panel]:
+    """Panels in which curves that coincide in all of them are one, with a joint label."""
+    count = len(panels[0].curves)
+    if any(p.is_ensemble or p.is_log or len(p.curves) != count for p in panels):
+        return list(panels)
+    groups: list[list[int]] = []
+    for k in range(count):
+        own = next((g for g in groups if all(_coincide(p, g[0], k) for p in panels)), None)
+        if own is None:
+            groups.append([k])
+        else:
+            own.append(k)
+    return [
+        replace(
+            panel,
+            curves=[
+                replace(
+                    panel.curves[group[-1]],
+                    look=panel.curves[group[0]].look,
+                    label=join_labels([panel.curves[k].label for k in group]),
+                )
+                for group in groups
+            ],
+        )
+        for panel in panels
+    ]
+
+
+def _coincide(panel: Panel, first: int, second: int) -> bool:
+    one, other = panel.curves[first], panel.curves[second]
+    if EXACT in (one.look, other.look) or one.x.shape != other.x.shape:
+        return False
+    if not all(look is None or look.has_line for look in (one.look, other.look)):
+        return False
+    if not np.allclose(one.x, other.x, rtol=1e-9):
+        return False
+    there = np.isfinite(one.y)
+    if not there.any() or not np.array_equal(there, np.isfinite(other.y)):
+        return False
+    a, b = one.y[there], other.y[there]
+    return bool(np.abs(a - b).max() <= _SAME * np.ptp([a, b]))
+
+
+def join_labels(labels: Sequence[str]) -> str:
+    """``BDF2 and BDF3, degree 1`` for two names that share a part."""
+    if len(labels) == 1:
+        return labels[0]
+    parts = [label.partition(", ")[::2] for label in labels]
+    heads, tails = (
+        list(dict.fromkeys(p[0] for p in parts)),
+        list(dict.fromkeys(p[1] for p in parts)),
+    )
+
+    def listed(words: Sequence[str]) -> str:
+        return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+    if len(tails) == 1:
+        return ", ".join(filter(None, (listed(heads), tails[0])))
+    return f"{heads[0]}, {listed(tails)}" if len(heads) == 1 else "; ".join(labels)

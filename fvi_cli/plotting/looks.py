@@ -1,0 +1,156 @@
+"""What a line looks like, and one look for every method, the same in every figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NotRequired, TypedDict
+
+from matplotlib.colors import to_hex, to_rgb
+
+from fvi_cli.integrator.method import BASELINE_NAMES, PEER_NAMES, AnyMethod, Baseline, Method
+from fvi_cli.plotting.style import COLOURS, LINE_STYLES, LineStyle
+from fvi_cli.plotting.words import typeset
+from fvi_cli.reports.naming import describe_method, method_names
+
+BASELINE_COLOURS = ("#8c8c8c", "#5c5c5c")
+
+# BDF p has the p-th of these; Runge-Kutta families run from light to dark with their stages
+_BDF_MARKERS = "os^DvP"
+_STAGE_COLOURS: Mapping[str, Sequence[str]] = {
+    "gauss": ("#B79FDB", "#8A5CC8", "#4B2A87", "#8B0037"),
+    "radau-iia": ("#C79A6B", "#A0662D", "#7A4413", "#4A2600"),
+    "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
+}
+_STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
+_BASELINE_MARKERS = "x+1234|"
+# for methods that differ in more than convolution quadrature and degree
+_FURTHER_MARKERS = "<>8dHp"
+
+
+class LineProperties(TypedDict):
+    """Properties of a matplotlib line."""
+
+    color: str
+    linestyle: LineStyle | Literal["none"]
+    marker: str
+    markerfacecolor: str
+    markeredgecolor: str
+    markeredgewidth: float
+    linewidth: NotRequired[float]
+    markersize: NotRequired[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """Colour, marker, dashes and width of a line, or of marks without one."""
+
+    colour: str
+    marker: str = ""
+    dashes: LineStyle = "-"
+    has_line: bool = True
+    is_filled: bool = True
+    width: float | None = None
+    size: float | None = None
+
+    def properties(self) -> LineProperties:
+        """Keyword arguments of a line of this look."""
+        found: LineProperties = {
+            "color": self.colour,
+            "linestyle": self.dashes if self.has_line else "none",
+            "marker": self.marker,
+            "markerfacecolor": self.colour if self.is_filled else "white",
+            # a white edge keeps filled marks apart that lie upon each other
+            "markeredgecolor": "white"
+            if self.is_filled and self.marker not in "x+.*"
+            else self.colour,
+            "markeredgewidth": 0.5 if self.is_filled else 0.9,
+        }
+        if self.width is not None:
+            found["linewidth"] = self.width
+        if self.size is not None:
+            found["markersize"] = self.size
+        return found
+
+
+EXACT = Look(colour="#bdbdbd", width=4.0)
+"""A broad light line, seen even where thin ones lie upon it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodLook:
+    """The name of a method in a figure, and its look."""
+
+    label: str
+    look: Look
+
+
+def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
+    """Name and look of every method by its case, told apart in colour as well as in grey.
+
+    Colour and marker belong to the convolution quadrature (with its stages), or to the baseline,
+    and are the same in every figure; baselines are grey. Odd degrees are filled, even ones hollow,
+    each with its own dashes. Methods that differ in something else get another marker and a darker
+    shade. Where all methods would have one colour, each gets its own.
+    """
+    distinct = {method.case: method for method in methods}
+    labels = method_labels(list(distinct.values()))
+    seen: dict[tuple[str, int], int] = {}
+    found = {}
+    for case, method in distinct.items():
+        key = (method.name, 0) if isinstance(method, Baseline) else (method.cq, method.degree)
+        repeat = seen[key] = seen.get(key, -1) + 1
+        found[case] = MethodLook(label=labels[case], look=_look(method, repeat))
+    plain = [method for method in distinct.values() if isinstance(method, Method)]
+    if len(plain) > 1 and len({method.cq for method in plain}) == 1 and not plain[0].is_runge_kutta:
+        for index, method in enumerate(plain):
+            own = found[method.case]
+            colour = COLOURS[index % len(COLOURS)]
+            found[method.case] = replace(own, look=replace(own.look, colour=colour))
+    return found
+
+
+def _look(method: AnyMethod, repeat: int) -> Look:
+    """Look of the method that is number `repeat`, from 0, of its quadrature and degree."""
+    if isinstance(method, Baseline):
+        index = (*BASELINE_NAMES, *PEER_NAMES).index(method.name)
+        colour, marker, dashes = BASELINE_COLOURS[index % 2], _BASELINE_MARKERS[index], index + 1
+        is_filled = False
+    elif method.is_runge_kutta:
+        index = method.stages - 1 - (method.cq == "lobatto-iiic")
+        shades, markers = _STAGE_COLOURS[method.cq], _STAGE_MARKERS[method.cq]
+        colour, marker = shades[min(index, len(shades) - 1)], markers[index % len(markers)]
+        # in grey neighbours differ by their dashes
+        dashes, is_filled = (0, 2, 0, 1)[index % 4], True
+    else:
+        index = method.bdf_order - 1
+        colour, marker, dashes = COLOURS[index], _BDF_MARKERS[index], method.degree - 1
+        is_filled = method.degree % 2 == 1
+    if repeat:
+        red, green, blue = (0.6**repeat * part for part in to_rgb(colour))
+        colour = to_hex((red, green, blue))
+        marker = _FURTHER_MARKERS[(index + repeat) % len(_FURTHER_MARKERS)]
+    return Look(
+        colour=colour,
+        marker=marker,
+        dashes=LINE_STYLES[(dashes + 2 * repeat) % len(LINE_STYLES)],
+        is_filled=is_filled,
+    )
+
+
+def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
+    """Name of every method by case, as in tables, with powers typeset."""
+    return {case: typeset(name.label) for case, name in method_names(methods).items()}
+
+
+def common_features(methods: Sequence[AnyMethod]) -> str:
+    """What all BDF methods of a figure have in common: degree, quadrature points, sampling.
+
+    Where methods of other families are drawn as well, it says of which it speaks.
+    """
+    plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
+    described = {", ".join(describe_method(method)[:3]) for method in plain}
+    if len(described) != 1:
+        return ""
+    whose = ", ".join(dict.fromkeys(method.label for method in plain))
+    return described.pop() if len(plain) == len(methods) else f"{whose}: {described.pop()}"

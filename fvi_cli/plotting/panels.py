@@ -1,0 +1,336 @@
+"""The two pictures of this room: log-log ladders, and curves over time; drawn of plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from fvi_cli.plotting.curves import Curve, Panel, looks, merge_alike
+from fvi_cli.plotting.looks import EXACT, Look
+from fvi_cli.plotting.slopes import explain
+from fvi_cli.plotting.style import (
+    COLOURS,
+    INK,
+    colour_bar,
+    colour_of,
+    few_decades,
+    hatch_rounding,
+    journal_style,
+    label_size,
+    legend_of,
+    logarithmic_ticks,
+    new_figure,
+    panel_grid,
+    short_numbers,
+    small,
+    wrap,
+)
+
+MOST_LINES = 6
+"""Members of a sweep that have a name of their own."""
+MOST_COLOURED = 100
+"""Members that have a line with a colour of a bar; of more there are bands."""
+_MARKS = 12  # on one curve
+_FINE_POINTS = 2001
+_BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
+
+
+def over_time(
+    panels: Sequence[Panel],
+    *,
+    x: str,
+    span: tuple[float, float] | None = None,
+    bar: str = "",
+    logarithmic: bool = False,
+    title: str = "",
+    columns: int = 1,
+    from_zero: bool = False,
+    shared: bool = True,
+) -> Figure:
+    """Draw one panel below the other over the same abscissa, which may be `logarithmic`.
+
+    Curves that the eye cannot tell apart are drawn once, under their joint name. Numbers of
+    curves stand at a colour `bar` of that name. `title` stands above the legend. `from_zero`:
+    ordinates are sizes. `shared`: all panels have the same abscissas.
+    """
+    panels = merge_alike(panels)
+    with journal_style():
+        heights = [panel.height for panel in panels[::columns]]
+        figure = new_figure(sum(heights) + 0.5)
+        grid, used = panel_grid(
+            figure, len(panels), columns, sharex=shared, sharey=columns > 1, height_ratios=heights
+        )
+        colours = _colours(panels) if bar else None
+        for axes, panel in zip(used, panels, strict=True):
+            axes.set_yscale("log", nonpositive="mask") if panel.is_log else None
+            if logarithmic:
+                axes.set_xscale("log")
+            _draw_curves(axes, panel, colours)
+            for level in panel.levels:
+                line = axes.axhline(level, color="#888888", linewidth=0.5, linestyle=(0, (4, 2)))
+                line.set_gid("decoration")
+            _limit_over_time(axes, panel)
+            axes.set_xlim(*(span or _ends(panels if shared else [panel])))
+            if from_zero:
+                axes.set_ylim(bottom=0.0)
+            if logarithmic:
+                short_numbers(axes.xaxis)
+        _name_axes(figure, grid, used, panels, x)
+        figure.align_ylabels(used)
+        finish(figure, used, panels, colours, bar=bar, title=title)
+    return figure
+
+
+def ladders(
+    panels: Sequence[Panel],
+    *,
+    x: str = "step size $h$",
+    columns: int = 1,
+    bar: str = "",
+    title: str = "",
+    above: bool = True,
+    shared: bool = False,
+) -> Figure:
+    """Draw log-log panels of errors, the values that were lost in a strip at the top.
+
+    Errors below a floor that a curve reaches are hatched. Triangles show the slopes that theory
+    expects, or else those observed; what a source states is dashed. `shared`: all panels have the
+    same abscissas.
+    """
+    with journal_style():
+        figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.45)
+        grid, used = panel_grid(figure, len(panels), columns, sharex=shared)
+        colours = _colours(panels) if bar else None
+        for axes, panel in zip(used, panels, strict=True):
+            axes.set(xscale="log", yscale="log")
+            _draw_curves(axes, panel, colours, nested=True)
+        _name_axes(figure, grid, used, panels, x)
+        finish(figure, used, panels, colours, bar=bar, title=title, above=above)
+        for axes, panel in zip(used, panels, strict=True):
+            limit_ladder(axes, panel.curves)
+        figure.draw_without_rendering()
+        for axes, panel in zip(used, panels, strict=True):
+            if panel.has_slopes and not panel.is_ensemble:
+                explain(axes, panel.curves)
+    return figure
+
+
+def _draw_curves(
+    axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool = False
+) -> None:
+    """All curves of a panel; `nested`: with a mark at every point, larger below smaller ones."""
+    curves = panel.curves
+    if colours is None and panel.is_ensemble and len(curves) > MOST_LINES:
+        _draw_bands(axes, curves, marked=nested)
+        return
+    for position, (curve, look) in enumerate(
+        zip(curves, looks(curves, marked=nested), strict=True)
+    ):
+        properties = look.properties()
+        if colours is not None:
+            colour = colour_of(colours, curve.by)
+            properties = Look(colour=colour, width=0.6).properties()
+        every = max(1, curve.x.size // _FINE_POINTS)
+        xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
+        stride = max(1, xs.size // _MARKS)
+        shifted = (((2 * position + 1) * stride // 6) % stride, stride)
+        if nested:
+            later = sum(_is_near(curve, other) for other in curves[position + 1 :])
+            if later:
+                properties["markersize"] = 4.0 + 0.9 * min(later, 3)
+                properties["linewidth"] = rcParams["lines.linewidth"] + 0.5 * min(later, 3)
+        elif len(curves) == 1:
+            properties["marker"], properties["linestyle"] = "", "-"
+        axes.plot(
+            xs,
+            ys,
+            label=curve.label,
+            gid=f"floor {curve.floor:.1e}" if curve.floor else None,
+            markevery=None if nested or not look.has_line else shifted,
+            zorder=2.0 if look is EXACT else 3 + 0.01 * position + (not look.has_line),
+            **properties,
+        )
+        if curve.peaks:
+            axes.plot(
+                *np.array(curve.peaks).T,
+                "x",
+                color=INK if colours is None and len(curves) == 1 else properties["color"],
+                markersize=5,
+                markeredgewidth=1.3,
+                label=f"_peak {curve.label}",
+                zorder=6,
+            )
+    if panel.rounding > 0:
+        hatch_rounding(axes, 1e-300, panel.rounding)
+
+
+def _is_near(one: Curve, other: Curve) -> bool:
+    """Whether marks of two ladders lie upon each other at half of their points or more."""
+    shared, a, b = np.intersect1d(one.x, other.x, return_indices=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        apart = np.abs(np.log10(one.y[a] / other.y[b]))
+    return bool(shared.size and np.mean(apart < 0.06) >= 0.5)
+
+
+def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
+    """The median of many members, and bands that hold 9 of 10 and all of them."""
+    x = np.unique(np.concatenate([curve.x for curve in curves]))
+    values = np.full((len(curves), x.size), np.nan)
+    for row, curve in zip(values, curves, strict=True):
+        row[np.searchsorted(x, curve.x)] = curve.y
+    shown = np.isfinite(values).any(axis=0)
+    values, x = values[:, shown], x[shown]
+    for low, high, label, alpha in _BANDS:
+        edges = np.nanpercentile(values, [low, high], axis=0)
+        axes.fill_between(x, *edges, color=COLOURS[0], alpha=alpha, linewidth=0)
+        # the edges carry the numbers that a stored figure is compared by
+        for edge, name in zip(edges, ("least", "greatest"), strict=True):
+            axes.plot(x, edge, color=COLOURS[0], linewidth=0.5, label=f"_{label}, {name}")
+    median = np.nanmedian(values, axis=0)
+    axes.plot(x, median, color="black", marker="o" if marked else "", label="median")
+
+
+def _colours(panels: Sequence[Panel]) -> ScalarMappable:
+    """Colours of the numbers of curves, by their logarithms where they span more than a decade."""
+    numbers = [curve.by for panel in panels for curve in panel.curves]
+    low, high = min(numbers), max(numbers)
+    scale = LogNorm if low > 0 and high > 10 * low else Normalize
+    return ScalarMappable(scale(low, high))
+
+
+def finish(
+    figure: Figure,
+    axes: Sequence[Axes],
+    panels: Sequence[Panel],
+    colours: ScalarMappable | None = None,
+    *,
+    bar: str = "",
+    title: str = "",
+    above: bool = True,
+) -> None:
+    """The legend, or the bar that explains the colours."""
+    if colours is not None:
+        colour_bar(figure, axes, colours, bar)
+        return
+    legend_of(figure, legend_entries(panels, axes), title=title, above=above)
+
+
+def legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
+    """An entry for every name in the panels, none for a single curve that has no peak."""
+    entries: dict[str, Line2D | Patch] = {}
+    size, width = rcParams["lines.markersize"], rcParams["lines.linewidth"]
+    for line in (line for one in axes for line in one.lines):
+        label = str(line.get_label())
+        if label.startswith("_") or label in entries:
+            continue
+        entries[label] = entry = Line2D([], [])
+        entry.update_from(line)
+        entry.set(label=label, markevery=None)
+        if line.get_markersize() > size and line.get_marker() != "*":
+            # what lies below other curves is larger in the panel
+            entry.set(markersize=size, linewidth=width)
+    if "median" in entries and any(panel.is_ensemble for panel in panels):
+        for _, _, label, alpha in _BANDS:
+            entries[label] = Patch(facecolor=COLOURS[0], alpha=1.5 * alpha, label=label)
+    if any(curve.peaks for panel in panels for curve in panel.curves):
+        entries["peak"] = Line2D([], [], color=INK, marker="x", linestyle="none", label="peak")
+    return list(entries.values())
+
+
+def _name_axes(
+    figure: Figure,
+    grid: Sequence[Sequence[Axes]],
+    used: Sequence[Axes],
+    panels: Sequence[Panel],
+    x: str,
+) -> None:
+    """Words beside the panels, in lines that are no longer than these."""
+    columns, factor = (
+        len(grid),
+        figure.get_figheight() / (sum(p.height for p in panels[:: len(grid)])),
+    )
+    wide = (figure.get_figwidth() - 0.6) / columns
+    for position, (axes, panel) in enumerate(zip(used, panels, strict=True)):
+        if panel.title:
+            lines = [
+                wrap(line, wide - 0.1 if columns > 1 else wide, label_size())
+                for line in panel.title.split("\n")
+            ]
+            axes.set_title("\n".join(lines))
+        if panel.remark:
+            axes.set_title(panel.remark, loc="right", fontsize=small(), pad=2.5)
+        if position % columns == 0 or panel.y != panels[position - 1].y:
+            tall = 1.05 * panel.height * min(factor, 1.0)
+            axes.set_ylabel(wrap(panel.y, tall, label_size()))
+        is_lowest = any(axes is column[-1] for column in grid)
+        if panel.x or is_lowest:
+            axes.set_xlabel(wrap(panel.x or x, wide, label_size()))
+
+
+def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
+    """Fit limits and ticks of a log-log panel to all steps, and to the errors that there are."""
+    steps = [h for curve in curves for h in curve.x.tolist()]
+    errors = np.concatenate([curve.y for curve in curves])
+    errors = errors[np.isfinite(errors) & (errors > 0)]
+    low, high = (errors.min(), errors.max()) if errors.size else (1e-2, 1.0)
+    if high / low < 10:
+        low, high = low / 3, high * 3
+    margin = (high / low) ** 0.06
+    beside = (max(steps) / min(steps)) ** 0.06 if len(set(steps)) > 1 else 2.0
+    axes.set_xlim(min(steps) / beside, max(steps) * beside)
+    axes.set_ylim(low / margin, high * margin)
+    logarithmic_ticks(axes, steps)
+    if not errors.size:
+        # numbers beside an empty panel would claim a range that nobody measured
+        axes.set_yticks([])
+        axes.set_yticks([], minor=True)
+
+
+def _limit_over_time(axes: Axes, panel: Panel) -> None:
+    """Keep curves that run away, and zeros of an error, from pressing the others flat."""
+    if any(curve.peaks for curve in panel.curves):
+        # room for the crosses
+        axes.margins(y=0.15)
+    exact = [curve for curve in panel.curves if curve.look is EXACT]
+    ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
+    ranges = [values for values in ranges if values.size]
+    if panel.is_log:
+        positive = [values[values > 0] for values in ranges if np.any(values > 0)]
+        if not positive:
+            # everything is exactly 0
+            axes.set_ylim(panel.rounding / 10 or 1e-17, 100 * panel.rounding or 1e-15)
+            return
+        middles = [float(np.median(values)) for values in positive]
+        high = min(max(values.max() for values in positive), 1e3 * max(middles))
+        low = max(min(values.min() for values in positive), 1e-3 * min(middles))
+        if panel.rounding:
+            low, high = min(low, panel.rounding / 3), max(high, 30 * panel.rounding)
+        axes.set_ylim(low / 2, high * 2)
+        few_decades(axes.yaxis, 6 if high / low > 1e2 else 3)
+        return
+    if not panel.may_run_away or not ranges:
+        return
+    values = np.concatenate(ranges)
+    if len(ranges) > 1:
+        calmest = min(float(np.abs(values).max()) for values in ranges)
+        values = values[np.abs(values) <= 10 * calmest]
+    low, high = float(values.min()), float(values.max())
+    span = (high - low) or abs(high) or 1.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
+
+
+def _ends(panels: Iterable[Panel]) -> tuple[float, float]:
+    """First and last abscissa of all curves."""
+    places = np.concatenate([curve.x for panel in panels for curve in panel.curves])
+    low, high = float(places.min()), float(places.max())
+    # a tick at an end stays one though the end is rounded
+    return low - 1e-3 * abs(low), high + 1e-3 * abs(high)

@@ -1,0 +1,104 @@
+"""Words in figures: names of coordinates, formulas, numbers, units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+
+from fvi_cli.reports.naming import key_in_words
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.members import Member, value_in_words
+
+_GREEK = {"theta": r"\theta", "phi": r"\varphi", "psi": r"\psi", "omega": r"\omega"}
+
+
+def fraction(value: float) -> str:
+    """``5/2`` for 2.5, and the decimal number where no small denominator does."""
+    nearest = Fraction(value).limit_denominator(12)
+    return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
+
+
+def typeset(name: str) -> str:
+    """``weights $t^{5/2}$`` for ``weights t^2.5``."""
+    return re.sub(r"t\^([\d.]+)", lambda power: f"$t^{{{fraction(float(power[1]))}}}$", name)
+
+
+def typeset_name(name: str) -> str:
+    r"""``$\theta_{1}$`` for ``theta1``."""
+    stem = name.rstrip("0123456789")
+    index = name[len(stem) :]
+    letter = _GREEK.get(stem, stem if len(stem) == 1 else rf"\mathrm{{{stem}}}".replace("_", r"\_"))
+    return f"${letter}_{{{index}}}$" if index else f"${letter}$"
+
+
+def typeset_sum(words: str) -> str:
+    """``$x_{10} - x_{9}$`` for ``x10 - x9``; what is no sum of coordinates stays as it is."""
+    if not re.fullmatch(r"[A-Za-z]\w*(\s*[-+]\s*[A-Za-z]\w*)*", words):
+        return words
+    inner = re.sub(r"[A-Za-z]\w*", lambda found: typeset_name(found[0]).strip("$"), words)
+    return f"${inner}$"
+
+
+def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...]:
+    """Names of the coordinates; of what has none ``x``."""
+    problem = experiment.problem
+    return (problem.coordinates if isinstance(problem, Problem) else ()) or ("x",) * dimension
+
+
+def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
+    """A label with the unit of the first of some names that has one.
+
+    Where a length and a time have one, velocity, acceleration, rate and frequency follow.
+    """
+    known = {**units}
+    if "time" in known:
+        known.setdefault("rate", f"1/{known['time']}")
+        known.setdefault("frequency", "Hz" if known["time"] == "s" else f"1/{known['time']}")
+    if {"length", "time"} <= known.keys():
+        known.setdefault("velocity", f"{known['length']}/{known['time']}")
+        known.setdefault("acceleration", f"{known['length']}/{known['time']}²")
+    unit = next((known[name] for name in names if name in known), "")
+    return f"{label} ({unit})" if unit else label
+
+
+def in_formula(value: float, digits: int = 8) -> str:
+    r"""A number inside of a formula: ``2.5 \times 10^{-5}`` for 2.5e-5."""
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    if not exponent:
+        return mantissa
+    power = f"10^{{{int(exponent)}}}"
+    return power if mantissa == "1" else rf"{mantissa} \times {power}"
+
+
+def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str:
+    """Words below an axis of time, with the step size where all runs have the same."""
+    sizes = {item.run.step_size for item in shown}
+    unit = experiment.units.get("time", "")
+    if len(sizes) != 1:
+        return with_unit("time $t$", experiment.units, "time")
+    step = f"step size $h = {in_formula(sizes.pop(), 5)}$"
+    return f"time $t$ ({unit}), {step} {unit}" if unit else f"time $t$ ({step})"
+
+
+def member_label(member: Member | None) -> str:
+    """What tells a member of a sweep from the others."""
+    values = {} if member is None else member.values
+    if len(values) == 1:
+        return value_in_words(next(iter(values.values())))
+    return ", ".join(
+        f"{key_in_words(key)} {value_in_words(value)}" for key, value in values.items()
+    )
+
+
+def swept_number(member: Member | None) -> float | None:
+    """The value of a member where one number is swept."""
+    values = [] if member is None else list(member.values.values())
+    is_number = len(values) == 1 and isinstance(values[0], int | float)
+    return float(values[0]) if is_number else None
+
+
+def swept_in_words(experiment: Experiment) -> str:
+    """The keys of a sweep as words."""
+    return ", ".join(key_in_words(key) for key in experiment.swept)

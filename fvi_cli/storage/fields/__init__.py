@@ -1,1 +1,0 @@
-"""What a run has beside its trajectory, as datasets and attributes, and back."""

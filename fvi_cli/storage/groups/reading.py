@@ -1,0 +1,230 @@
+"""A group of a result file is read: one run, or the members of a sweep side by side.
+
+What the runs of a group have in common is an attribute; what members of a sweep differ in is a
+dataset along ``member``, and their arrays have that axis in front. A trajectory that stopped early
+ends in nan there; ``points`` says how much of it counts.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.storage.groups.columns import Column, Columns, row_of
+from fvi_cli.storage.records.fields import OCCURRENCE, TIME
+from fvi_cli.storage.records.record import SWEPT
+
+MEMBER: Final = "member"
+CONVERGENCE: Final = "convergence"
+"""Group of a case that holds no run."""
+INDEX, INPUTS = "@index", "@inputs"
+"""Groups beside those of experiments: which runs lie where, and long lists of numbers by digest."""
+SUBGROUPS: Final = ("quantities", "events")
+"""Groups inside of the group of a run."""
+
+IDENTITY, POINTS, ARRAYS = "identity", "points", "arrays"
+"""Attributes that tell how runs lie: identity, number of points, and names and axes of arrays."""
+
+COUNTS: Final = "event_counts"
+
+MOST_ROWS: Final = 256
+"""Runs that are in memory at a time, at most: what is said of short ones is more than they are."""
+
+BLOCK_BYTES = 2**25
+"""Trajectories of members that are read at a time."""
+
+Axes = Mapping[str, tuple[str, ...]]
+
+
+def axes_in_words(axes: Axes) -> str:
+    """``time(time) position(time,dof)``."""
+    return " ".join(f"{name}({','.join(own)})" for name, own in axes.items())
+
+
+@functools.lru_cache(maxsize=256)
+def axes_from_words(text: str) -> Axes:
+    """The axes of arrays by name, as :func:`axes_in_words` tells."""
+    pairs = (one.rstrip(")").split("(") for one in text.split())
+    return {name: tuple(own.split(",")) for name, own in pairs}
+
+
+def scale_of(axis: str, *, of_members: bool) -> str:
+    """The dataset with the values of an axis: of an event in a run that stands alone its times."""
+    if not of_members and axis.endswith(f"/{OCCURRENCE}"):
+        return f"{axis.removesuffix(OCCURRENCE)}{TIME}"
+    return axis
+
+
+def is_shared(name: str, axes: Axes) -> bool:
+    """Whether members of a sweep have an array in common: it tells the values of an axis."""
+    return axes[name] == (name,)
+
+
+def count_along(axis: str, attributes: Mapping[str, Any]) -> int:
+    """How much a member has along the first axis of an array: points, or times of an event."""
+    if axis.endswith(f"/{OCCURRENCE}"):
+        return int(json.loads(attributes[COUNTS])[axis.split("/")[1]]["count"])
+    return int(attributes[POINTS])
+
+
+def children(group: h5py.Group) -> dict[str, Any]:
+    """What lies in a group; links that lead elsewhere are refused."""
+    found = {}
+    for name in group:
+        if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+            raise TypeError(f"{group.name}/{name} is a link that leads elsewhere")
+        found[name] = group[name]
+    return found
+
+
+def datasets_below(group: h5py.Group, above: str = "") -> Iterator[tuple[str, h5py.Dataset]]:
+    """The datasets of the group of a run by name; nothing else may be there."""
+    for name, node in children(group).items():
+        if isinstance(node, h5py.Group) and (above or name in SUBGROUPS):
+            yield from datasets_below(node, f"{above}{name}/")
+        elif isinstance(node, h5py.Dataset):
+            _refuse_strange(node)
+            yield f"{above}{name}", node
+        else:
+            raise TypeError(f"{group.name}/{name} is no dataset")
+
+
+def _refuse_strange(dataset: h5py.Dataset) -> None:
+    """Only what this program writes: numbers and texts that lie in the file itself."""
+    is_text = h5py.check_string_dtype(dataset.dtype) is not None
+    held = dataset.id.get_storage_size() == dataset.size * dataset.dtype.itemsize or is_text
+    if dataset.external is not None or dataset.is_virtual or dataset.chunks is not None or not held:
+        raise TypeError(f"{dataset.name} does not lie in the file as it was written")
+    if not is_text and dataset.dtype.str not in ("<f8", "<i8"):
+        raise TypeError(f"{dataset.name} holds {dataset.dtype}, not numbers or texts")
+
+
+def plain(value: Any) -> Any:
+    """A value of the library as JSON has it."""
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+StoredRow = tuple[dict[str, Any], dict[str, NDArray[Any]]]
+
+
+class StoredGroup:
+    """A group as it lies in a file; what is read of it is not verified.
+
+    What cannot be read raises ValueError, KeyError or TypeError.
+    """
+
+    def __init__(self, group: h5py.Group) -> None:
+        self.group = group
+        self.attributes = {name: plain(value) for name, value in group.attrs.items()}
+        self.keys: tuple[str, ...] = tuple(json.loads(self.attributes.get(SWEPT, "[]")))
+
+    @functools.cached_property
+    def datasets(self) -> dict[str, h5py.Dataset]:
+        """The datasets by name."""
+        return dict(datasets_below(self.group))
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return int(self.datasets[MEMBER].shape[0]) if self.keys else 1
+
+    @functools.cached_property
+    def columns(self) -> Columns:
+        """What members differ in, by name."""
+        found = {}
+        for name, node in self.datasets.items():
+            if self.keys and name not in self._axes_of_all and node.ndim == 1 and name != MEMBER:
+                is_text = h5py.check_string_dtype(node.dtype) is not None
+                values = node.asstr()[()] if is_text else node[()]
+                found[name] = Column.read(values, is_json="encoding" in node.attrs)
+        return found
+
+    @functools.cached_property
+    def _axes_of_all(self) -> Axes:
+        """The axes of all arrays of any run, and those axes themselves."""
+        texts = dict.fromkeys(self._arrays_of_all)
+        found: dict[str, tuple[str, ...]] = {}
+        for text in texts:
+            found |= axes_from_words(text)
+        return found | {axis: (axis,) for own in found.values() for axis in own}
+
+    @property
+    def _arrays_of_all(self) -> Iterator[str]:
+        if ARRAYS in self.datasets:
+            return iter(self.datasets[ARRAYS].asstr()[()])
+        return iter([str(self.attributes[ARRAYS])])
+
+    def said_of(self, row: int) -> dict[str, Any]:
+        """All that is said of a run."""
+        return {**self.attributes, **row_of(self.columns, row)}
+
+    def shapes(self, row: int) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+        """Name, shape and axes of the arrays of a run."""
+        own = self.said_of(row)
+        found = []
+        axes = axes_from_words(own[ARRAYS])
+        for name, along in axes.items():
+            shape = tuple(self.datasets[name].shape)
+            if self.keys:
+                count = count_along(along[0], own) if name in axes else 0
+                shape = (count, *shape[1 if is_shared(name, axes) else 2 :])
+            found.append((name, shape, along))
+        return found
+
+    @property
+    def dimensions(self) -> Axes:
+        """Names of the axes of every dataset, as they were written.
+
+        What the library says of them has no checksum, and it may fall over what it finds there.
+        """
+        of_members = bool(self.keys)
+        found = {}
+        for name, node in self.datasets.items():
+            own = self._axes_of_all.get(name, ())
+            axes = tuple(scale_of(axis, of_members=of_members) for axis in own)
+            if of_members and axes != (name,):
+                axes = (MEMBER, *axes) if name != MEMBER else (MEMBER,)
+            if len(axes) != node.ndim:
+                raise TypeError(f"{node.name} has {node.ndim} axes in place of {len(axes)}")
+            found[name] = axes
+        return found
+
+    @functools.cached_property
+    def rows_at_a_time(self) -> int:
+        """How many runs are read at a time."""
+        held = sum(int(node.nbytes) for node in self.datasets.values())
+        return max(1, min(len(self), MOST_ROWS, BLOCK_BYTES * len(self) // max(held, 1)))
+
+    def rows(self, start: int, stop: int) -> list[StoredRow]:
+        """What is said of some runs, and their arrays."""
+        held: dict[str, NDArray[Any]] = {}
+        found: list[StoredRow] = []
+        for row in range(start, stop):
+            own = self.said_of(row)
+            axes = axes_from_words(own[ARRAYS])
+            mine = {}
+            for name, along in axes.items():
+                shared = is_shared(name, axes) or not self.keys
+                if name not in held:
+                    node = self.datasets[name]
+                    held[name] = node[()] if shared else node[start:stop]
+                values = held[name] if shared else held[name][row - start]
+                mine[name] = values[: count_along(along[0], own)] if self.keys else values
+            found.append((own, mine))
+        return found
+
+
+def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:
+    """Every group of runs of a file, with the names of the groups that it lies in."""
+    for experiment, cases in children(file).items():
+        if experiment in (INDEX, INPUTS):
+            continue
+        for case, groups in children(cases).items():
+            for name, group in children(groups).items():
+                if name != CONVERGENCE:
+                    yield experiment, case, StoredGroup(group)

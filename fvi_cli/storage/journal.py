@@ -1,0 +1,281 @@
+"""What is finished while a command writes: appended at once, and gone when it is consolidated.
+
+A journal is a file of frames. A frame is a head, which is verified when the journal is opened, and
+the numbers of its runs, which are verified when they are read. What a kill leaves of the last frame
+is dropped; a frame that is broken with a whole one behind it is damage.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import math
+import os
+import struct
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+from io import FileIO
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.errors import StorageError
+from fvi_cli.storage.atomic import followed, told
+from fvi_cli.storage.records.record import Entry, Record, kind_of, same_value
+
+_logger = logging.getLogger(__name__)
+
+SUFFIX: Final = ".journal"
+
+SECONDS_UNSYNCED: Final = 1.0
+"""What a loss of power may cost; a kill costs nothing that was appended."""
+
+_MAGIC: Final = b"fvi1"
+_LENGTHS: Final = struct.Struct("<4sQQ32s")
+_FRAMES_KEPT: Final = 4
+
+Head = dict[str, Any]
+"""What runs of a frame have in common, what each says, and how its arrays lie."""
+
+
+def journal_path(path: Path) -> Path:
+    """The journal beside a result file."""
+    return followed(path).with_suffix(SUFFIX)
+
+
+class Journal:
+    """The journal beside a result file.
+
+    Parameters
+    ----------
+    path
+        Of the result file.
+    writes
+        Whether frames are appended; the file is held by a lock then.
+    """
+
+    def __init__(self, path: Path, *, writes: bool) -> None:
+        self.path = journal_path(path)
+        self.entries: list[Entry] = []
+        self.inputs: dict[str, tuple[int, str, tuple[int, ...]]] = {}
+        self._writes = writes
+        self._heads: OrderedDict[int, tuple[Head, list[int]]] = OrderedDict()
+        self._file: FileIO | None = None
+        self._end = 0
+        self._synced = time.monotonic()
+        if self.path.exists() and not self.path.is_file():  # a pipe would be read for ever
+            raise StorageError(f"{self.path}: is no ordinary file; move it away")
+        try:
+            if self.path.exists():
+                self._open("r+b" if writes else "rb")
+        except FileNotFoundError:  # it has just been consolidated
+            return
+        except PermissionError as error:
+            raise StorageError(f"{self.path}: cannot be read: {error.strerror}") from None
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, mode: Literal["rb", "r+b"]) -> FileIO:
+        self._file = file = self.path.open(mode, buffering=0)
+        size = os.fstat(file.fileno()).st_size
+        while (found := self._frame(self._end, size)) is not None:
+            self._learn(self._end, *found)
+        if self._end < size:
+            self._refuse_damage(size)
+            if self._writes:
+                _logger.warning("%s: its last entry is not whole, and is dropped", self.path)
+                file.truncate(self._end)
+        return file
+
+    def _refuse_damage(self, size: int) -> None:
+        """What follows the last whole frame is torn, unless a whole one is behind it."""
+        rest = self._bytes(self._end, size - self._end)
+        at = rest.find(_MAGIC, 1)
+        while at >= 0:
+            if self._frame(self._end + at, size) is not None:
+                raise StorageError(
+                    f"{self.path}: is damaged at byte {self._end}; it is left as it is: move it "
+                    "away, and what is only in it is computed again"
+                )
+            at = rest.find(_MAGIC, at + 1)
+
+    def _frame(self, place: int, size: int) -> tuple[Head, int, int] | None:
+        """Head of a frame, and where its numbers begin and end; None if it is not whole."""
+        if place + _LENGTHS.size > size:
+            return None
+        magic, head, body, own = _LENGTHS.unpack(self._bytes(place, _LENGTHS.size))
+        begin = place + _LENGTHS.size + head
+        if magic != _MAGIC or begin + body > size:
+            return None
+        text = self._bytes(place + _LENGTHS.size, head)
+        if hashlib.sha256(struct.pack("<QQ", head, body) + text).digest() != own:
+            return None
+        return json.loads(text), begin, begin + body
+
+    def _learn(self, place: int, head: Head, begin: int, end: int) -> None:
+        """Take in the runs of a frame."""
+        for row, (identity, request, checksum, own, _) in enumerate(head["runs"]):
+            said = {**head["common"], **own}
+            kind, is_unstable = kind_of(said), said["predicted"] == "unstable"
+            self.entries.append(
+                Entry(identity, request, checksum, self, kind.path, row, kind, is_unstable, place)
+            )
+        at = end - sum(8 * math.prod(shape) for _, _, shape in head["inputs"])
+        for digest, dtype, shape in head["inputs"]:
+            self.inputs[digest] = (at, dtype, tuple(shape))
+            at += 8 * math.prod(shape)
+        self._end = end
+
+    def append(self, records: Sequence[Record]) -> list[Entry]:
+        """Write records as one frame, or leave the journal as it was."""
+        content = self._encoded(records)
+        with told(self.path):
+            if self._file is None:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self.path.touch()
+                self._open("r+b")
+            file, remaining = self._opened(), memoryview(content)
+            file.seek(self._end)
+            try:
+                while remaining:
+                    remaining = remaining[file.write(remaining) or 0 :]
+                if time.monotonic() - self._synced > SECONDS_UNSYNCED:
+                    self.sync()
+            except BaseException:
+                file.truncate(self._end)
+                raise
+        known = len(self.entries)
+        found = self._frame(self._end, self._end + len(content))
+        if found is None:
+            raise StorageError(f"{self.path}: another program is writing it")
+        self._learn(self._end, *found)
+        return self.entries[known:]
+
+    def _encoded(self, records: Sequence[Record]) -> bytes:
+        """A frame; what its records have in common is said once."""
+        first = records[0].attributes
+        common = {
+            name: value
+            for name, value in first.items()
+            if all(name in one.attributes and same_value(one.attributes[name], value)
+                   for one in records)
+        }  # fmt: skip
+        inputs = {k: v for one in records for k, v in one.inputs.items() if k not in self.inputs}
+        layouts: dict[str, int] = {}
+        runs, body = [], []
+        for one in records:
+            own = {k: v for k, v in one.attributes.items() if k not in common}
+            layout = json.dumps(
+                [[n, a.dtype.str, a.shape, one.axes[n]] for n, a in one.arrays.items()]
+            )
+            number = layouts.setdefault(layout, len(layouts))
+            runs.append([one.identity, one.request, one.checksum, own, number])
+            body += [np.ascontiguousarray(a).tobytes() for a in one.arrays.values()]
+        body += [np.ascontiguousarray(a).tobytes() for a in inputs.values()]
+        head = {
+            "common": common,
+            "runs": runs,
+            "layouts": [json.loads(layout) for layout in layouts],
+            "inputs": [[name, a.dtype.str, a.shape] for name, a in inputs.items()],
+        }
+        text, numbers = json.dumps(head).encode(), b"".join(body)
+        lengths = struct.pack("<QQ", len(text), len(numbers))
+        digest = hashlib.sha256(lengths + text).digest()
+        return _LENGTHS.pack(_MAGIC, len(text), len(numbers), digest) + text + numbers
+
+    def _known(self, place: int) -> tuple[Head, list[int]]:
+        """Head of a frame that is whole, and where the numbers of each of its runs begin."""
+        if place not in self._heads:
+            found = self._frame(place, self._end)
+            if found is None:
+                raise StorageError(f"{self.path}: is damaged at byte {place}; move it away")
+            head, at, _ = found
+            sizes = [sum(8 * math.prod(s) for _, _, s, _ in one) for one in head["layouts"]]
+            begins = []
+            for *_, layout in head["runs"]:
+                begins.append(at)
+                at += sizes[layout]
+            self._heads[place] = head, begins
+            while len(self._heads) > _FRAMES_KEPT:
+                self._heads.popitem(last=False)
+        self._heads.move_to_end(place)
+        return self._heads[place]
+
+    def attributes(self, entry: Entry) -> dict[str, Any]:
+        """As :meth:`fvi_cli.storage.records.record.Source.attributes`."""
+        head, _ = self._known(entry.place)
+        return {**head["common"], **head["runs"][entry.row][3]}
+
+    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+        """As :meth:`fvi_cli.storage.records.record.Source.shapes`."""
+        head, _ = self._known(entry.place)
+        layout = head["layouts"][head["runs"][entry.row][4]]
+        return [(name, tuple(shape), tuple(axes)) for name, _, shape, axes in layout]
+
+    def read(self, entry: Entry) -> Record:
+        """As :meth:`fvi_cli.storage.records.record.Source.read`."""
+        head, begins = self._known(entry.place)
+        layout = head["layouts"][head["runs"][entry.row][4]]
+        at, raw = (
+            0,
+            self._bytes(begins[entry.row], sum(8 * math.prod(shape) for _, _, shape, _ in layout)),
+        )
+        arrays = {}
+        for name, dtype, shape, _ in layout:
+            size = math.prod(shape)
+            arrays[name] = np.frombuffer(raw, dtype, size, at).reshape(shape)
+            at += 8 * size
+        return Record(
+            identity=entry.identity,
+            request=entry.request,
+            attributes=self.attributes(entry),
+            arrays=arrays,
+            axes={name: tuple(axes) for name, _, _, axes in layout},
+        )
+
+    def has_input(self, digest: str) -> bool:
+        """As :meth:`fvi_cli.storage.records.record.Source.has_input`."""
+        return digest in self.inputs
+
+    def read_input(self, digest: str) -> NDArray[Any]:
+        """As :meth:`fvi_cli.storage.records.record.Source.read_input`."""
+        at, dtype, shape = self.inputs[digest]
+        return np.frombuffer(self._bytes(at, 8 * math.prod(shape)), dtype).reshape(shape)
+
+    def _opened(self) -> FileIO:
+        if self._file is None:
+            raise StorageError(f"{self.path}: is gone")
+        return self._file
+
+    def _bytes(self, at: int, count: int) -> bytearray:
+        file = self._opened()
+        file.seek(at)
+        found = bytearray()
+        while len(found) < count and (more := file.read(count - len(found))):
+            found += more
+        return found
+
+    def sync(self) -> None:
+        """Let what was appended outlast a loss of power."""
+        if self._file is not None:
+            os.fsync(self._file.fileno())
+            self._synced = time.monotonic()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        if self._file is not None:
+            self._file.close()
+        self._file = None
+
+    def remove(self) -> None:
+        """Forget everything; it is in the result file."""
+        self.close()
+        with told(self.path):
+            self.path.unlink(missing_ok=True)
+        self.entries, self.inputs, self._end = [], {}, 0
+        self._heads.clear()

@@ -1,0 +1,222 @@
+"""The table of all that is stored of a finished run: a field is a line here, and nothing else."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Final, Literal
+
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.method import method_columns
+from fvi_cli.integrator.observations.asked import Event, Impact
+from fvi_cli.integrator.results.observed import Extent
+from fvi_cli.storage.files import printable
+from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.studies.order import damping_orders
+
+Form = Literal["plain", "json", "words"]
+"""How an attribute is written: as it is, as JSON text, as a text that may be printed."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One thing that is stored of a finished run.
+
+    Parameters
+    ----------
+    name
+        Of the attribute or array; ``*`` is a name that a user has chosen.
+    meaning
+        For readers of the file.
+    at
+        Where it stands in a :class:`FinishedRun`: it is taken from there, and put back; where
+        something on the way is None, nothing is stored. Or a function that gives it, for readers
+        of the file alone.
+    axes
+        Of an array; empty: it is an attribute.
+    form, decode
+        How an attribute is written, and what is made of it again.
+    """
+
+    name: str
+    meaning: str
+    at: str | Callable[[FinishedRun], Any]
+    axes: tuple[str, ...] = ()
+    form: Form = "plain"
+    decode: Callable[[Any], Any] = lambda value: value
+
+
+def _extents(finished: FinishedRun) -> dict[str, Any] | None:
+    """How large quantities become, with their expressions."""
+    observed = finished.trajectory.observed
+    if observed is None or not observed.quantities:
+        return None
+    asked = finished.run.experiment.observations.quantities or {}
+    return {
+        name: {"expression": asked[name].text, **_nulled(asdict(observed.extents[name]))}
+        for name in observed.quantities
+    }
+
+
+def _nulled(values: Mapping[str, float]) -> dict[str, float | None]:
+    return {key: float(one) if math.isfinite(one) else None for key, one in values.items()}
+
+
+def extents_of(told: Mapping[str, Any]) -> dict[str, Extent]:
+    """The extents again, by the names of quantities."""
+    names = [one.name for one in fields(Extent)]
+    return {
+        printable(name): Extent(**{k: math.nan if one[k] is None else float(one[k]) for k in names})
+        for name, one in told.items()
+    }
+
+
+def _counts(finished: FinishedRun) -> dict[str, Any] | None:
+    """How often events happened, with their expressions."""
+    observed, asked = finished.trajectory.observed, finished.run.experiment.observations
+    if observed is None or not observed.events:
+        return None
+    sources: dict[str, Event | Impact] = {**(asked.events or {}), **(asked.impacts or {})}
+    return {
+        name: {"when": sources[name].when.text, "count": int(one.time.size)}
+        for name, one in observed.events.items()
+    }
+
+
+def _degree(finished: FinishedRun) -> int | str:
+    degree = method_columns(finished.run.method)["degree"]
+    return degree if degree == "-" else int(degree)
+
+
+def _column(name: str) -> Callable[[FinishedRun], str]:
+    return lambda finished: method_columns(finished.run.method)[name]
+
+
+def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
+    """The points of the steps, where those of the output are others and nothing is shared."""
+    observed = finished.trajectory.observed
+    if observed is None or finished.run.member is not None:
+        return None
+    return None if finished.run.experiment.observations.times is None else observed.mesh
+
+
+def _texts(values: list[str]) -> tuple[str, ...]:
+    return tuple(map(printable, values))
+
+
+TIME: Final = "time"
+OCCURRENCE: Final = "occurrence"
+_EVENT = f"events/*/{OCCURRENCE}"
+_D, _O, _N, _A = (
+    "trajectory.diagnostics.", "trajectory.observed.", "trajectory.newton.", "assurance."
+)  # fmt: skip
+
+FIELDS: Final[tuple[Field, ...]] = (
+    Field("time", "time", "trajectory.time", (TIME,)),
+    Field("position", "position", "trajectory.position", (TIME, "dof")),
+    Field("momentum", "momentum", "trajectory.momentum", (TIME, "dof")),
+    Field("energy", "Hamiltonian without forcing", "trajectory.energy", (TIME,)),
+    Field("dissipated_work", "work done against the damping since the start",
+          _D + "dissipated_work", (TIME,)),
+    Field("forcing_work", "work done by the forcing since the start", _D + "forcing_work", (TIME,)),
+    Field("energy_defect",
+          "energy less its start, plus dissipated work, less work of the forcing",
+          _D + "energy_defect", (TIME,)),
+    Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (TIME,)),
+    Field("momentum_map", "momentum of a symmetry", _D + "momentum_map", (TIME, "map")),
+    Field("momentum_map_defect",
+          "momentum of a symmetry less its start and what damping and forcing have changed",
+          _D + "momentum_map_defect", (TIME, "map")),
+    Field("mesh", "points of the steps", _mesh, ("mesh",)),
+    Field("quantities/*", "quantity *", _O + "quantities.*", (TIME,)),
+    Field("events/*/time", "time at the event *", _O + "events.*.time", (_EVENT,)),
+    Field("events/*/position", "position at the event *", _O + "events.*.position",
+          (_EVENT, "dof")),
+    Field("events/*/velocity", "velocity at the event *", _O + "events.*.velocity",
+          (_EVENT, "dof")),
+    Field("experiment", "experiment", lambda f: f.run.experiment.name),
+    Field("case", "method in files", lambda f: f.run.method.case),
+    Field("cq", "convolution quadrature", _column("cq")),
+    Field("sampling", "where the motion is sampled", _column("sampling")),
+    Field("degree", "degree of the trial functions", _degree),
+    Field("quadrature", "quadrature of the forces", _column("quadrature")),
+    Field("start", "start", _column("start")),
+    Field("gamma", "orders of the damping",
+          lambda f: damping_orders(f.run.member or f.run.experiment)),
+    Field("n_steps", "number of steps", "trajectory.n_steps"),
+    Field("step_size", "step size", "trajectory.step_size"),
+    Field("norm", "norm of the error", lambda f: f.run.experiment.norm),
+    Field("error", "error in the norm that the runs name", "error"),
+    Field("error_max", "error in the maximum norm", "measured.max"),
+    Field("error_final", "error at the final time", "measured.final"),
+    Field("error_l2", "error in the norm l2", "measured.l2"),
+    Field("largest", "largest position of the reference", "measured.largest"),
+    Field("round_off", "error by round-off, relative to the largest position",
+          "measured.round_off"),
+    Field("reference_error", "error of the reference", "measured.reference"),
+    Field("floor", "errors below are round-off or the reference's own", "floor"),
+    Field("expected_order", "order that theory expects", "expected_order"),
+    Field("reference", "what the error is measured against", "reference", form="words"),
+    Field("status", "what was observed", "status"),
+    Field("predicted", "what the stability analysis said", "predicted"),
+    Field("integration_status", "how the integration ended", "trajectory.status"),
+    Field("message", "what happened where it is not ok", "trajectory.message", form="words"),
+    Field("remarks", "what a reader should know", "trajectory.remarks", form="json", decode=_texts),
+    Field("coordinates", "names of the coordinates", "trajectory.coordinates", form="json",
+          decode=_texts),
+    Field("setup_seconds", "time for weights and factorisations in seconds",
+          "trajectory.setup_seconds"),
+    Field("stepping_seconds", "time for the steps in seconds", "trajectory.stepping_seconds"),
+    Field("history_operations", "multiply-adds spent on the memory",
+          "trajectory.history_operations"),
+    Field("newton_iterations", "Newton's iterations", _N + "iterations"),
+    Field("newton_largest", "most iterations of a step", _N + "largest"),
+    Field("newton_worst_step", "the step that took most", _N + "worst_step"),
+    Field("newton_worst_residuals", "residual norms of that step", _N + "worst_residuals",
+          decode=tuple),
+    Field("store_every", "every n-th point is kept", "trajectory.every"),
+    Field("momentum_maps", "names along the axis map", _D + "map_names", form="json",
+          decode=_texts),
+    Field("stopped_by", "event that ended the run", _O + "stopped_by", form="words"),
+    Field("quantity_extents", "how large quantities become", _extents, form="json"),
+    Field("event_counts", "how often events happened", _counts, form="json"),
+    Field("tolerance", "largest error that was asked for", _A + "tolerance"),
+    Field("estimate", "estimated error", _A + "estimate"),
+    Field("choice", "method and steps that were chosen, and why", _A + "choice", form="words"),
+    Field("attempts", "what was tried", _A + "attempts", form="json", decode=_texts),
+    Field("outcome", "whether the tolerance is met", _A + "outcome"),
+    Field("relative", "share of the largest position that was asked for", _A + "relative"),
+)  # fmt: skip
+
+AXES: Final[Mapping[str, str]] = {
+    "dof": "degree of freedom",
+    "map": "momentum map, named in the attribute momentum_maps of the run",
+}
+"""Axes that have no values of their own."""
+
+
+@functools.lru_cache(maxsize=4096)
+def field_named(name: str) -> Field | None:
+    """The line of the table that a name belongs to; None: this version does not know it."""
+    parts = name.split("/")
+    for one in FIELDS:
+        own = one.name.split("/")
+        if len(own) == len(parts) and all(a in ("*", b) for a, b in zip(own, parts, strict=True)):
+            return one
+    return None
+
+
+def meaning_of(name: str) -> str:
+    """What an attribute, array or axis is, for readers of the file."""
+    found = field_named(name)
+    if found is None:
+        return AXES.get(name, name.replace("_", " "))
+    return found.meaning.replace("*", name.split("/")[1]) if "*" in found.name else found.meaning
+
+
+def named_as(name: str, axis: str) -> str:
+    """A path or axis of the table with the name that a user has chosen."""
+    return axis.replace("*", name.split("/")[1]) if "*" in axis else axis

@@ -1,0 +1,229 @@
+"""What is stored of one run, and where it lies."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.errors import StorageError
+from fvi_cli.storage.identity import Inputs, canonical_json, sha256, stowed
+from fvi_cli.studies.experiment import Run
+
+SWEPT: Final = "swept"
+"""Attribute of a member of a sweep: a JSON list of the keys in which members differ."""
+
+VARIANT_MARK: Final = "@"
+"""Behind the name of an experiment in a group that holds runs of other values."""
+
+RUN_KEYS: Final = ("method", "n_steps")
+"""Keys of a run's specification in which runs of one variant of an experiment may differ."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """What is stored under an identity.
+
+    Parameters
+    ----------
+    identity, request
+        By which code what is asked for was answered, and what is asked for.
+    attributes
+        Numbers, texts, lists of numbers; of a member of a sweep also its swept values (JSON).
+    arrays, axes
+        By name, float64 or int64, with the names of their axes.
+    inputs
+        What the specification names by digest.
+    """
+
+    identity: str
+    request: str
+    attributes: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+    axes: Mapping[str, tuple[str, ...]]
+    inputs: Inputs = field(default_factory=dict)
+
+    @functools.cached_property
+    def checksum(self) -> str:
+        """SHA-256 of all that is said and of every number, wherever and however it lies."""
+        words = [self.identity, self.request, self.attributes]
+        digest = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
+        for name in sorted(self.arrays):
+            values = self.arrays[name]
+            head = f"{name}{self.axes[name]}{values.dtype.str}{values.shape}"
+            digest.update(head.encode())
+            digest.update(np.ascontiguousarray(values).data)
+        return digest.hexdigest()
+
+    @property
+    def size(self) -> int:
+        """Bytes of the arrays."""
+        return sum(values.nbytes for values in self.arrays.values())
+
+
+def same_value(one: Any, other: Any) -> bool:
+    """Whether two attributes are of one type and equal; nan is nan."""
+    return type(one) is type(other) and bool(one == other or (one != one and other != other))
+
+
+class Kind(NamedTuple):
+    """What runs that lie in one group have in common; digests tell their values apart."""
+
+    experiment: str
+    case: str
+    n_steps: int
+    norm: str
+    swept: tuple[str, ...]
+    variant: str
+    method: str
+    is_refusal: bool
+    has_own_times: bool
+
+    @property
+    def path(self) -> str:
+        """Of the group, if the file's configuration asks for these runs."""
+        return group_path(self.experiment, self.case, self.n_steps)
+
+
+def group_path(experiment: str, case: str, n_steps: int) -> str:
+    """``/<experiment>/<case>/n000016``."""
+    return f"/{experiment}/{case}/n{n_steps:06d}"
+
+
+def kind_of(attributes: Mapping[str, Any]) -> Kind:
+    """The kind of a run with these attributes."""
+    a = attributes
+    refused = a["status"] == "refused" and a["predicted"] == "unstable"
+    return _kind(
+        str(a["experiment"]), str(a["case"]), int(a["n_steps"]), str(a["norm"]),
+        str(a.get(SWEPT, "[]")), str(a["specification"]), refused,
+    )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=1024)
+def _kind(
+    experiment: str,
+    case: str,
+    n_steps: int,
+    norm: str,
+    swept: str,
+    specification: str,
+    refused: bool,
+) -> Kind:
+    keys, values = tuple(json.loads(swept)), json.loads(specification)
+    return Kind(
+        experiment=experiment,
+        case=case,
+        n_steps=n_steps,
+        norm=norm,
+        swept=keys,
+        variant=variant_of(specification, keys, norm),
+        method=sha256(canonical_json(values["method"])),
+        is_refusal=refused,
+        has_own_times="accuracy" in values,
+    )
+
+
+def variant_of(specification: str, swept: tuple[str, ...], norm: str) -> str:
+    """What the runs of an experiment that belong together have in common, as a digest."""
+    shared = {k: v for k, v in json.loads(specification).items() if k not in RUN_KEYS}
+    return sha256(canonical_json([shared, sorted(swept), norm]))
+
+
+Place = tuple[str, str, int, str]
+"""Experiment, case, number of steps, and the values of a member of a sweep as JSON text."""
+
+
+def place_of(run: Run) -> Place:
+    """Where a run belongs."""
+    values = {} if run.member is None else dict(run.member.values)
+    return (run.experiment.name, run.method.case, run.n_steps, canonical_json(stowed(values)))
+
+
+def swept_by(run: Run) -> tuple[str, ...]:
+    """The keys in which a member of a sweep differs from others; none of a run that is none.
+
+    They are sorted: a file's own configuration has them in that order, whatever was written.
+    """
+    return () if run.member is None else tuple(sorted(run.member.values))
+
+
+def stored_place(entry: Entry) -> Place:
+    """Where a stored run belongs."""
+    kind = entry.kind
+    a = entry.source.attributes(entry) if kind.swept else {}
+    values = canonical_json({key: a[key] for key in kind.swept})
+    return kind.experiment, kind.case, kind.n_steps, values
+
+
+class Source(Protocol):
+    """What records are read from."""
+
+    path: Path
+
+    def attributes(self, entry: Entry) -> dict[str, Any]:
+        """What is said of a run."""
+
+    def read(self, entry: Entry) -> Record:
+        """The run, not verified."""
+
+    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+        """Name, shape and axes of the arrays of a run."""
+
+    def has_input(self, digest: str) -> bool:
+        """Whether a list of numbers is here."""
+
+    def read_input(self, digest: str) -> NDArray[Any]:
+        """A list of numbers by its digest."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """Where a record lies: a row of a group of a file, or of a frame of a journal.
+
+    Parameters
+    ----------
+    identity, request, checksum
+        Of the record.
+    source, path, row
+        What it is read from, the path of its group there (of a journal where it belongs) and its
+        number.
+    kind
+        Of its group.
+    is_unstable
+        Whether it was predicted to blow up.
+    place
+        Of a journal, where the frame begins.
+    """
+
+    identity: str
+    request: str
+    checksum: str
+    source: Source
+    path: str
+    row: int
+    kind: Kind
+    is_unstable: bool
+    place: int = 0
+
+    def record(self) -> Record:
+        """The record, verified."""
+        record = self.source.read(self)
+        if record.checksum != self.checksum:
+            raise StorageError(
+                f"{self.source.path}: is damaged or not a result file ({self.path} is not what was "
+                "written); it is left as it is: move it away, and its runs are computed again"
+            )
+        return record
+
+    @property
+    def is_of_configuration(self) -> bool:
+        """Whether it lies where the runs lie that the file's configuration asks for."""
+        return VARIANT_MARK not in self.path

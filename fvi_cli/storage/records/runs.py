@@ -1,0 +1,222 @@
+"""What is stored of a finished run, and the finished run again."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from operator import attrgetter
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.results.diagnostics import Diagnostics
+from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.observed import Observed, Occurrences
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.storage.code import own_code
+from fvi_cli.storage.files import printable
+from fvi_cli.storage.identity import (
+    SOLVER_VERSION,
+    answered_by_own_code,
+    refusal_of,
+    request_of,
+    specification_of,
+    stowed,
+)
+from fvi_cli.storage.provenance import origin
+from fvi_cli.storage.records.fields import FIELDS, TIME, Field, extents_of, field_named, named_as
+from fvi_cli.storage.records.record import SWEPT, Record, swept_by
+from fvi_cli.studies.accuracy_settings import Assurance
+from fvi_cli.studies.experiment import FinishedRun, Run
+from fvi_cli.studies.norms import Measured
+
+ORIGIN: Final = ("created", "fvi_version", "git_commit", "git_dirty", "code", "solver_version")
+"""Attributes that tell by whom, and not what."""
+
+_MADE: Final[Mapping[tuple[str, ...], type]] = {
+    ("measured",): Measured,
+    ("trajectory",): Trajectory,
+    ("trajectory", "newton"): NewtonRecord,
+    ("trajectory", "diagnostics"): Diagnostics,
+    ("trajectory", "observed"): Observed,
+    ("trajectory", "observed", "events", "*"): Occurrences,
+    ("assurance",): Assurance,
+}
+"""What is made of the fields below a path."""
+
+
+def record_of(finished: FinishedRun) -> Record:
+    """What is stored of a finished run; the grid is thinned as its experiment asks for.
+
+    Of a member of a sweep there is no point off the grid that all members share.
+    """
+    run = finished.run
+    attributes: dict[str, Any] = {}
+    arrays: dict[str, NDArray[Any]] = {}
+    axes: dict[str, tuple[str, ...]] = {}
+    for one in FIELDS:
+        for name, value in _values(one, finished):
+            if one.axes:
+                arrays[name] = np.asarray(value, dtype="<f8")
+                axes[name] = tuple(named_as(name, axis) for axis in one.axes)
+            elif (written := _written(one, value)) is not None:
+                attributes[name] = written
+    every = 1 if finished.trajectory.every > 1 else run.experiment.store_every
+    if every > 1:
+        kept = kept_points(arrays[TIME].size, every)
+        arrays = {n: v[kept] if axes[n][0] == TIME else v for n, v in arrays.items()}
+        attributes["store_every"] = every
+    specification, known = specification_of(run)
+    inputs = dict(known)
+    if run.member is not None:
+        own = _times_on_grid(run, arrays[TIME])
+        arrays = {n: v[: own.size] if axes[n][0] == TIME else v for n, v in arrays.items()}
+        arrays[TIME] = own
+        attributes[SWEPT] = json.dumps(swept_by(run))
+        attributes |= {key: stowed(value, inputs) for key, value in run.member.values.items()}
+    request = request_of(run)
+    if finished.status == "refused" and finished.predicted == "unstable":
+        request = refusal_of(request)
+    attributes |= {
+        "specification": specification,
+        "solver_version": SOLVER_VERSION,
+        "code": own_code().text,
+        **origin(),
+    }
+    return Record(
+        identity=answered_by_own_code(request),
+        request=request,
+        attributes=attributes,
+        arrays=arrays,
+        axes=axes,
+        inputs=inputs,
+    )
+
+
+def _values(one: Field, finished: FinishedRun) -> Iterator[tuple[str, Any]]:
+    """Name and value of a field as often as there is one."""
+    if callable(one.at):
+        found = one.at(finished)
+    else:
+        before, star, after = one.at.partition(".*")
+        try:
+            found = attrgetter(before)(finished)
+        except AttributeError:  # something on the way is None
+            return
+        if star:
+            for name, inner in found.items():
+                value = attrgetter(after[1:])(inner) if after else inner
+                yield one.name.replace("*", name), value
+            return
+    if found is not None:
+        yield one.name, found
+
+
+def _written(one: Field, value: Any) -> Any:
+    """An attribute as it is written; None for nothing at all."""
+    if one.form == "json":
+        return json.dumps(value, ensure_ascii=False) if value or one.name == "remarks" else None
+    if isinstance(value, tuple):
+        return [float(number) for number in value] or None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _times_on_grid(run: Run, time: NDArray[Any]) -> NDArray[Any]:
+    """The first points that lie on the grid of the experiment, bit by bit those of the grid."""
+    grid = run.experiment.observations.times
+    if grid is None and run.experiment.accuracy is not None:
+        return time
+    if grid is None:
+        grid = _grid(run.times, run.experiment.store_every)
+    common = min(time.size, grid.size)
+    spacing = float(np.diff(grid).min(initial=grid[-1]))
+    off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * spacing)
+    return np.asarray(grid[: int(off[0]) if off.size else common])
+
+
+def _grid(times: NDArray[Any], every: int) -> NDArray[Any]:
+    return times[kept_points(times.size, every)]
+
+
+def kept_points(points: int, every: int) -> NDArray[np.intp]:
+    """Every n-th point and the last one."""
+    return np.unique(np.append(np.arange(0, points, every), max(points - 1, 0)))[:points]
+
+
+def finished_of(record: Record, run: Run) -> FinishedRun:
+    """The finished run again, in the norm of its experiment; what is not there takes its default.
+
+    Parameters
+    ----------
+    record
+        Of the run, whatever version has written it.
+    run
+        What is asked for.
+    """
+    tree: dict[str, Any] = {}
+    for name, value in itertools.chain(record.attributes.items(), record.arrays.items()):
+        one = field_named(name)
+        if one is not None and not callable(one.at):
+            _put(tree, one, name, value)
+    observed = tree["trajectory"].get("observed")
+    if observed is not None:
+        a = record.attributes
+        observed["mesh"] = record.arrays.get("mesh", record.arrays[TIME])
+        observed["extents"] = extents_of(json.loads(a.get("quantity_extents", "{}")))
+    found = FinishedRun(run=run, **{k: _made(v, (k,)) for k, v in tree.items()})
+    if record.attributes["norm"] == run.experiment.norm:
+        return found
+    # most commands recall runs in the norm that they have, and need not wait for this import
+    from fvi_cli.studies.study import expected_order_of, judged
+
+    found = replace(found, expected_order=expected_order_of(run))
+    if found.measured is None:
+        return found
+    return replace(found, **judged(run, found.trajectory.status, found.measured))
+
+
+def _put(tree: dict[str, Any], one: Field, name: str, value: Any) -> None:
+    """Put a value where it stands in a finished run."""
+    if one.form == "json":
+        value = json.loads(value)
+    elif one.form == "words":
+        value = printable(value)
+    *above, last = _path_of(name)
+    for part in above:
+        tree = tree.setdefault(part, {})
+    tree[last] = one.decode(value)
+
+
+@functools.lru_cache(maxsize=4096)
+def _path_of(name: str) -> list[str]:
+    """Where a field that is put back stands in a finished run."""
+    one = field_named(name)
+    return named_as(name, "" if one is None else str(one.at)).split(".")
+
+
+def _made(node: Any, path: tuple[str, ...]) -> Any:
+    if not isinstance(node, dict):
+        return node
+    inner = {k: _made(v, (*path, "*" if path[-1] == "events" else k)) for k, v in node.items()}
+    return _MADE[path](**inner) if path in _MADE else inner
+
+
+def run_of(asked: Run, attributes: Mapping[str, Any]) -> Run | None:
+    """The run that a search for a tolerance came to, any other as it is.
+
+    None where the method is none of those that may be chosen, as where all were refused.
+    """
+    accuracy, n_steps = asked.experiment.accuracy, int(attributes["n_steps"])
+    if accuracy is None:
+        return asked
+    told = json.loads(attributes["specification"])["method"]
+    for method in accuracy.candidates:
+        if method.case == attributes["case"]:
+            run = asked.experiment.chosen_run(method, n_steps, asked.member)
+            if json.loads(json.dumps(run.settings()["method"])) == told:
+                return asked if (asked.method, asked.n_steps) == (method, n_steps) else run
+    return None

@@ -1,0 +1,312 @@
+"""One result file as it was when it was opened, and how it is written.
+
+The root's checksum covers its attributes and the index, the index has a checksum of every run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import re
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.errors import StorageError
+from fvi_cli.storage.files import CREATOR, damage_told, open_stored, replacing
+from fvi_cli.storage.groups.reading import (
+    ARRAYS,
+    CONVERGENCE,
+    IDENTITY,
+    INDEX,
+    INPUTS,
+    POINTS,
+    StoredGroup,
+    StoredRow,
+    axes_from_words,
+    plain,
+    run_groups,
+)
+from fvi_cli.storage.groups.writing import (
+    WrittenGroup,
+    write_attributes,
+    write_convergence,
+    write_group,
+)
+from fvi_cli.storage.identity import FORMAT, INPUT, canonical_json, digest_of
+from fvi_cli.storage.provenance import origin, package_versions, platform_name
+from fvi_cli.storage.records.placed import Placed
+from fvi_cli.storage.records.record import Entry, Kind, Record, kind_of
+
+BLOCKS_KEPT: Final = 2
+GROUPS_KEPT: Final = 8
+
+DIGESTS: Final = ("identity", "request", "checksum")
+"""Datasets of the index with 32 bytes of every run."""
+
+NUMBERS: Final = ("group", "row", "is_unstable")
+"""Others with a number of every run."""
+
+CHECKSUM: Final = "checksum"
+"""Attribute of the root, of all others and the index."""
+
+Arrays = dict[str, NDArray[Any]]
+
+_NAMED: Final = re.compile(rf'"{INPUT}": ?"([0-9a-f]{{64}})"')
+
+
+class ResultFile:
+    """A result file; what is read of it is as it was when it was opened."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stack = contextlib.ExitStack()
+        self._groups: OrderedDict[str, StoredGroup] = OrderedDict()
+        self._blocks: OrderedDict[tuple[str, int], list[StoredRow]] = OrderedDict()
+        self.is_sealed, file = self._stack.enter_context(open_stored(path))
+        self._file: h5py.File | None = file
+        try:
+            with damage_told(path):
+                self.root = {name: plain(value) for name, value in file.attrs.items()}
+                self._index = {name: node[()] for name, node in file[INDEX].items()}
+                if _checksum(self.root, self._index) != self.root[CHECKSUM]:
+                    raise ValueError("what is said of the file is not what was written")
+                if not self.is_sealed:
+                    self._refuse_additions(file)
+        except BaseException:
+            self.close()
+            raise
+
+    def _refuse_additions(self, file: h5py.File) -> None:
+        """A file that another program has changed holds no more than what we wrote."""
+        expected = sorted(str(one["path"]) for one in self.groups)
+        if sorted(str(one.group.name) for _, _, one in run_groups(file)) != expected:
+            raise ValueError("it holds other groups than those that were written")
+
+    def _opened(self) -> h5py.File:
+        """The file, opened again if it was let go of in favour of others."""
+        if self._file is None:
+            _, self._file = self._stack.enter_context(open_stored(self.path))
+            if self._file.attrs[CHECKSUM] != self.root[CHECKSUM]:
+                raise StorageError(f"{self.path}: was replaced while it was read; begin again")
+            _REOPENED.append(self)
+            while len(_REOPENED) > MOST_REOPENED:
+                _REOPENED.pop(0).close()
+        return self._file
+
+    @property
+    def groups(self) -> list[dict[str, Any]]:
+        """Of every group of runs its path, kind and line of a listing."""
+        return [json.loads(text) for text in self._index["groups"]]
+
+    def entries(self) -> list[Entry]:
+        """Where every run lies, in the order of the file."""
+        with damage_told(self.path):
+            return list(self._entries())
+
+    def _entries(self) -> Iterator[Entry]:
+        groups = [(str(one["path"]), Kind(**one["kind"] | {"swept": tuple(one["kind"]["swept"])}))
+                  for one in self.groups]  # fmt: skip
+        digests = ([bytes(row).hex() for row in self._index[name]] for name in DIGESTS)
+        numbers = (self._index[name].tolist() for name in NUMBERS)
+        for row in zip(*digests, *numbers, strict=True):
+            identity, request, checksum, group, number, is_unstable = row
+            path, kind = groups[group]
+            yield Entry(identity, request, checksum, self, path, number, kind, bool(is_unstable))
+
+    def group(self, path: str) -> StoredGroup:
+        """A group of runs, not verified."""
+        if path not in self._groups:
+            self._groups[path] = StoredGroup(self._opened()[path])
+            while len(self._groups) > GROUPS_KEPT:
+                self._groups.popitem(last=False)
+        return self._groups[path]
+
+    def attributes(self, entry: Entry) -> dict[str, Any]:
+        """As :meth:`fvi_cli.storage.records.record.Source.attributes`."""
+        with damage_told(self.path):
+            found = self.group(entry.path).said_of(entry.row)
+            return {k: v for k, v in found.items() if k not in (IDENTITY, POINTS, ARRAYS)}
+
+    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+        """As :meth:`fvi_cli.storage.records.record.Source.shapes`."""
+        with damage_told(self.path):
+            return self.group(entry.path).shapes(entry.row)
+
+    def read(self, entry: Entry) -> Record:
+        """As :meth:`fvi_cli.storage.records.record.Source.read`."""
+        with damage_told(self.path):
+            group = self.group(entry.path)
+            size = group.rows_at_a_time
+            number, within = divmod(entry.row, size)
+            block = self._blocks.get((entry.path, number))
+            if block is None:
+                start = number * size
+                block = group.rows(start, min(start + size, len(group)))
+                self._blocks[entry.path, number] = block
+                while len(self._blocks) > BLOCKS_KEPT:
+                    self._blocks.popitem(last=False)
+            said, arrays = block[within]
+            return Record(
+                identity=entry.identity,
+                request=entry.request,
+                attributes={k: v for k, v in said.items() if k not in (IDENTITY, POINTS, ARRAYS)},
+                arrays=arrays,
+                axes=axes_from_words(said[ARRAYS]),
+            )
+
+    def has_input(self, digest: str) -> bool:
+        """As :meth:`fvi_cli.storage.records.record.Source.has_input`."""
+        with damage_told(self.path):
+            return f"{INPUTS}/{digest}" in self._opened()
+
+    def read_input(self, digest: str) -> NDArray[Any]:
+        """As :meth:`fvi_cli.storage.records.record.Source.read_input`."""
+        with damage_told(self.path):
+            values = np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
+            if digest_of(values) != digest:
+                raise ValueError(f"{INPUTS}/{digest} is not what was written")
+            return values
+
+    def close(self) -> None:
+        """Let go of the file, until something is read of it again."""
+        self._file = None
+        self._groups.clear()
+        self._blocks.clear()
+        self._stack.close()
+
+
+MOST_REOPENED: Final = 16
+_REOPENED: Final[list[ResultFile]] = []
+"""Files that are open once more; many are joined, and a process may open some only."""
+
+
+def _checksum(root: Mapping[str, Any], index: Mapping[str, Any]) -> str:
+    words = canonical_json({name: value for name, value in root.items() if name != CHECKSUM})
+    digest = hashlib.sha256(words.encode())
+    for name in sorted(index):
+        values = index[name]
+        content = values.tolist() if values.dtype.kind == "O" else None
+        digest.update(f"{name}{values.shape}{content}".encode())
+        if content is None:
+            digest.update(np.ascontiguousarray(values).data)
+    return digest.hexdigest()
+
+
+def write_file(
+    path: Path,
+    layout: Mapping[str, Sequence[Placed]],
+    said: Mapping[str, Any],
+    *,
+    listed: Callable[[Sequence[tuple[str, WrittenGroup]]], Sequence[Mapping[str, Any]]],
+    lookup: Callable[[str], NDArray[Any]],
+    done: Callable[[], None],
+) -> None:
+    """Write all runs, some in memory at a time, the summary of every case, and the index.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    layout
+        What belongs where.
+    said
+        What the root says of the configuration.
+    listed
+        The line of a listing for every group, by their paths.
+    lookup
+        Gives a long list of numbers by its digest.
+    done
+        Is called when everything is read, before the file is replaced.
+    """
+    root = {
+        "creator": CREATOR,
+        "format": FORMAT,
+        **said,
+        **origin(),
+        "packages": canonical_json(package_versions()),
+        "hdf5_version": h5py.version.hdf5_version,
+        "platform": platform_name(),
+    }
+    named = _named_in(said.values())
+    index: dict[str, list[Any]] = {name: [] for name in (*DIGESTS, *NUMBERS)}
+    with replacing(path) as (file, check):
+        ladders: dict[str, dict[int, list[WrittenGroup]]] = {}
+        written: list[tuple[str, WrittenGroup]] = []
+        kinds = []
+        for number, (place, rows) in enumerate(layout.items()):
+            group = write_group(file, place, rows)
+            check()
+            told = zip(rows, group.checksums, group.column("predicted"), strict=True)
+            for row, (one, own_checksum, predicted) in enumerate(told):
+                is_unstable = predicted == "unstable"
+                own = (one.identity, one.request, own_checksum, number, row, is_unstable)
+                for column, value in zip(index.values(), own, strict=True):
+                    column.append(value)
+            first = {**group.attributes, **{k: c[0] for k, c in group.by_member.items()}}
+            kinds.append(kind_of(first))
+            written.append((place, group))
+            for name in ("specification", *group.keys):
+                named |= _named_in(group.column(name))
+            case = ladders.setdefault(place.rpartition("/")[0], {})
+            case.setdefault(int(group.attributes["n_steps"]), []).append(group)
+        for place, ladder in ladders.items():
+            convergence = file.create_group(f"{place}/{CONVERGENCE}", track_order=True)
+            write_convergence(convergence, ladder)
+        for digest in sorted(named):
+            _write_numbered(file, f"{INPUTS}/{digest}", lookup(digest), digest)
+        lines = [
+            json.dumps({"path": place, "kind": kind._asdict(), "line": line})
+            for (place, _), kind, line in zip(written, kinds, listed(written), strict=True)
+        ]
+        checksum = _checksum(root, _write_index(file, index, lines))
+        write_attributes(file, {**root, CHECKSUM: checksum})
+        check()
+        done()
+
+
+def _named_in(values: Iterable[Any]) -> set[str]:
+    """Digests of long lists of numbers that attributes name."""
+    known: set[str] = set()
+    for value in values:
+        text = value if isinstance(value, str) else json.dumps(value)
+        if INPUT in text:
+            known.update(_NAMED.findall(text))
+    return known
+
+
+def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequence[str]) -> Arrays:
+    """Write the index; returns what is in it."""
+    group = file.create_group(INDEX, track_order=True)
+    arrays: dict[str, NDArray[Any]] = {
+        name: np.frombuffer(bytes.fromhex("".join(index[name])), "u1").reshape(-1, 32)
+        for name in DIGESTS
+    }
+    arrays |= {name: np.array(index[name], dtype="<i8") for name in NUMBERS}
+    scales = {"run": len(index["row"]), "byte": 32, "number": len(lines)}
+    for name, size in scales.items():
+        group.create_dataset(name, data=np.arange(size)).make_scale(name)
+    group.create_dataset("groups", data=list(lines), dtype=h5py.string_dtype())
+    group["groups"].dims[0].attach_scale(group["number"])
+    for name, values in arrays.items():
+        group.create_dataset(name, data=values)
+        for axis, scale in enumerate(("run", "byte")[: values.ndim]):
+            group[name].dims[axis].attach_scale(group[scale])
+    return {name: node[()] for name, node in group.items()}
+
+
+def _write_numbered(file: h5py.File, name: str, values: NDArray[Any], digest: str) -> None:
+    """Write a long list of numbers, its axes numbered."""
+    dataset = file.create_dataset(name, data=values)
+    for axis, size in enumerate(values.shape):
+        scale = f"{INPUTS}/size_{size}"
+        if scale not in file:
+            file.create_dataset(scale, data=np.arange(size)).make_scale(f"size_{size}")
+        dataset.dims[axis].attach_scale(file[scale])
+    write_attributes(dataset, {"long_name": f"numbers of a configuration, SHA-256 {digest[:16]}"})
