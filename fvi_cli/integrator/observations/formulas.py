@@ -83,20 +83,28 @@ class FormulaAlong:
         variables = self.variables(np.repeat(steps, POINTS), tau.ravel())
         values = self._values(np.repeat(steps, POINTS), variables).reshape(tau.shape)
         boxes: dict[str, Interval | float] = {}
-        points: dict[str, Interval | float] = {}
+        middles: dict[str, Array | float] = {}
         for name in self.expression.names & set(variables):
             one = variables[name]
             if np.ndim(one) == 0:
-                boxes[name] = points[name] = float(one)
+                boxes[name] = middles[name] = float(one)
                 continue
             columns = np.reshape(one, tau.shape)
-            boxes[name] = _box(columns)
-            middle = columns[:, POINTS // 2]
-            off = ULPS * np.abs(middle)
-            points[name] = Interval(middle - off, middle + off)
-        noise = width_of(self._range(steps, points))
-        found = self._range(steps, boxes)
-        return values, found, np.where(np.isfinite(noise), noise, 0.0)
+            boxes[name], middles[name] = _box(columns), columns[:, POINTS // 2]
+        return values, self._range(steps, boxes), self._noise(steps, middles)
+
+    def round_off(self, steps: Places, tau: Array) -> Array:
+        """By so much values at places may be off, ``(n,)``."""
+        return self._noise(steps, self.variables(steps, tau))
+
+    def _noise(self, steps: Places, variables: Mapping[str, Array | float]) -> Array:
+        """What round-off of the variables makes of the values."""
+        boxes: dict[str, Interval | float] = {
+            name: one if isinstance(one, float) else _around(np.asarray(one))
+            for name, one in variables.items()
+        }
+        width = width_of(self._range(steps, boxes))
+        return np.where(np.isfinite(width), width, 0.0)
 
     def _range(self, steps: Places, boxes: Mapping[str, Interval | float]) -> Interval:
         low, high = np.empty(steps.size), np.empty(steps.size)
@@ -107,6 +115,11 @@ class FormulaAlong:
         return Interval(
             np.where(np.isnan(low), -math.inf, low), np.where(np.isnan(high), math.inf, high)
         )
+
+
+def _around(values: Array) -> Interval:
+    off = ULPS * np.abs(values)
+    return Interval(values - off, values + off)
 
 
 def _at(one: Any, chosen: Places | slice) -> Any:

@@ -114,6 +114,7 @@ class DenseMotion:
         """Positions, shape ``(n, d)``."""
         increments, _ = self._polynomials
         way = evaluate_series(increments, steps, 2.0 * tau - 1.0)
+        way[tau == 0.0] = 0.0
         return np.asarray(self._begins[steps] + self.step_size[steps, None] * way)
 
     def velocity(self, steps: Places, tau: Array) -> Array:

@@ -37,6 +37,7 @@ def event_places(
             member = int(owner[int(since)])
             lost[member] = min(lost.get(member, math.inf), since - float(firsts[member]))
         own = found.stations(along, found.reach >= np.abs(found.middle))
+        _zero_at_starts(along, firsts, *own)
         step, place, value = (np.concatenate(pair) for pair in zip(last, own, strict=True))
         signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
         first, second = signed[:-1], signed[1:]
@@ -60,6 +61,15 @@ def event_places(
         kept = signed[-1:]
         last = (step[kept], place[kept], value[kept])
     return np.concatenate(steps), np.concatenate(places), lost
+
+
+def _zero_at_starts(
+    along: FormulaAlong, firsts: Places, step: Places, place: Array, value: Array
+) -> None:
+    """Let values at the start of a run that are round-off be zero."""
+    at = np.flatnonzero((place == 0.0) & np.isin(step, firsts))
+    if at.size:
+        value[at[np.abs(value[at]) <= along.round_off(step[at], place[at])]] = 0.0
 
 
 class Fall(NamedTuple):

@@ -107,3 +107,24 @@ def _worst_or_inf(observed: Observed, end: float) -> float:
         return _worst(observed, end)
     except AssertionError:
         return math.inf
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_a_value_that_begins_with_zero_up_to_round_off_is_no_event(seed):
+    """Scales and phases are drawn; the motion comes back to where it began."""
+    rng = np.random.default_rng(seed)
+    scale, phase = 10.0 ** rng.uniform(-8, 8), float(rng.uniform(-1.5, 1.5))
+    x, v = scale * math.sin(phase), scale * math.cos(phase)
+    scene = fvi.linear_oscillator(
+        final_time=9.0, mass=1.0, stiffness=1.0, initial_position=x, initial_velocity=v
+    )
+    texts = (f"x - ({x!r})", f"3*x - ({3 * x!r})", f"({x!r} - x)/7", f"vx/({v!r}) - 1")
+    when = texts[seed % len(texts)]
+    asked = observations(("x",), events={"back": {"when": when}})
+    method = Method(cq="gauss", degree=6, start="none")
+    _, run = integrate_observed(scene, method, int(rng.integers(8, 40)), asked)
+    # sin(t + phase) = sin(phase), and cos(t + phase) = cos(phase)
+    other = -2 * phase if "vx" in when else math.pi - 2 * phase
+    expected = sorted(t for t in (other, other + 2 * math.pi, 2 * math.pi) if 0 < t < 9.0)
+    assert run.observed is not None
+    assert run.observed.events["back"].time == pytest.approx(expected, abs=1e-5)
