@@ -18,8 +18,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.observe import observe
+from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.studies.tolerance.runs import gauss, run_on
 from fvi_cli.studies.tolerance.search import solve

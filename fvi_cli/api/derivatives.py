@@ -13,7 +13,7 @@ from fvi_cli.integrator.gradients.entries import Entry, entries_of
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations, known_names, names_of
+from fvi_cli.integrator.observations.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
@@ -105,7 +105,7 @@ def gradient(
         parts = {one.name: list(one.variations()) for one in entries}
         changes = [change for part in parts.values() for _, change in part]
 
-        def asked(index: int, number: float) -> Observations:
+        def resolve_names(index: int, number: float) -> Observations:
             potential = _scene(subject).potential
             known = getattr(potential, "parameters", {})
             own = changes[index].name.removeprefix("potential.") if index >= 0 else ""
@@ -123,11 +123,11 @@ def gradient(
         parts = {one.name: list(one.variations()) for one in entries}
         changes = [change for part in parts.values() for _, change in part]
 
-        def asked(index: int, number: float) -> Observations:
+        def resolve_names(index: int, number: float) -> Observations:
             own = {**values, changes[index].name: number} if index >= 0 else values
             return _names(family(**own) if index >= 0 else subject, own)
 
-    found = gradient_of(_scene(subject), chosen, steps, quantity, changes, asked)
+    found = gradient_of(_scene(subject), chosen, steps, quantity, changes, resolve_names)
     rates = iter(found.derivatives.tolist())
     return Gradient(
         value=found.value,
@@ -163,8 +163,8 @@ def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
     given = Observations(coordinates=names_of(_scene(subject)))
     problem: object = subject
     if isinstance(subject, Experiment):
-        asked, problem = subject.observations, subject.problem
-        given = replace(given, quantities=asked.quantities, parameters=asked.parameters)
+        request, problem = subject.observations, subject.problem
+        given = replace(given, quantities=request.quantities, parameters=request.parameters)
     if isinstance(problem, Problem):
         names = problem.coordinates or given.coordinates
         given = replace(given, coordinates=names, inputs=problem.inputs)

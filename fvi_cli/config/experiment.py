@@ -27,7 +27,7 @@ from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -55,16 +55,16 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     `values` may hold INVALID; `at` receives what is wrong between the keys.
     """
     before = len(at.complaints)
-    asked, described = ExperimentKeys.of(values), values["problem"]
+    settings, described = ExperimentKeys.of(values), values["problem"]
     is_described = isinstance(described, Mapping)
-    keys = problem_keys(described, asked.problem) if is_described else None
+    keys = problem_keys(described, settings.problem) if is_described else None
     problem = None if keys is None else make_problem(keys, at.under("problem"))
-    ladder = asked.ladder if isinstance(asked.ladder, Ladder) else None
+    ladder = settings.ladder if isinstance(settings.ladder, Ladder) else None
     steps, grading = (ladder.steps, ladder.grading or 1.0) if ladder else ((), 1.0)
     methods = read_methods(
         values.get("method"),
         at,
-        usual_methods(asked.accuracy),
+        usual_methods(settings.accuracy),
         start="graded" if grading == 1.0 else "none",
     )
     check_accuracy(at)
@@ -74,34 +74,36 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         _check_break_points(keys, problem, methods, steps, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
-    if is_described and asked.allow_unstable is False:
+    if is_described and settings.allow_unstable is False:
         _warn_of_negative_damping(described, at.under("problem"))
     accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
     observed = Observations()
     if problem is not None:
         _check_meeting(problem, methods)
-        every = asked.store.every if isinstance(asked.store, Store) else None
+        every = settings.store.every if isinstance(settings.store, Store) else None
         if isinstance(every, int):
             _check_memory(problem, methods, steps, every, at)
-        if isinstance(asked.accuracy, Accuracy):
-            accuracy = accuracy_of(asked.accuracy, problem, methods, at)
-        if isinstance(asked.store, Store) and is_complete(asked.store):
-            diagnostics = asked.store.request(problem, at)
-        observed = read_observations(asked, described.get("parameters", {}), problem, methods, at)
-        check_units(asked, problem, at)
+        if isinstance(settings.accuracy, Accuracy):
+            accuracy = accuracy_of(settings.accuracy, problem, methods, at)
+        if isinstance(settings.store, Store) and is_complete(settings.store):
+            diagnostics = settings.store.request(problem, at)
+        observed = read_observations(
+            settings, described.get("parameters", {}), problem, methods, at
+        )
+        check_units(settings, problem, at)
         if at.has(SWEEP):
             members = _make_members(described, methods, steps, grading, at)
-            if members is not None and not asked.allow_unstable:
+            if members is not None and not settings.allow_unstable:
                 _warn_of_negative_members(members[0], at.under(SWEEP))
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
                 check_total_memory(len(members[0]), dimension, points, len(methods), at)
     fit = None
-    if problem is not None and isinstance(asked.fit, Fit):
+    if problem is not None and isinstance(settings.fit, Fit):
         quantities = observed.quantities or {}
         fit = fit_settings(
-            asked.fit, described, problem, quantities, at.under("fit"), at.under("problem")
+            settings.fit, described, problem, quantities, at.under("fit"), at.under("problem")
         )
     resolved = {
         # runs do not depend on what was measured
@@ -121,19 +123,19 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         else accuracy.candidates,
         steps=steps,
         grading=grading,
-        norm=asked.report.norm,
-        expect=asked.expect,
-        allow_unstable=asked.allow_unstable,
-        store_every=asked.store.every,
-        claims=asked.claims,
-        figures=asked.figures,
+        norm=settings.report.norm,
+        expect=settings.expect,
+        allow_unstable=settings.allow_unstable,
+        store_every=settings.store.every,
+        claims=settings.claims,
+        figures=settings.figures,
         diagnostics=diagnostics,
         observations=observed,
-        stability=asked.stability,
+        stability=settings.stability,
         members=() if members is None else members[0],
         accuracy=accuracy,
         fit=fit,
-        units=asked.units or {},
+        units=settings.units or {},
     )
     return resolved, experiment
 
@@ -143,7 +145,7 @@ def _warn_of_negative_damping(described: Mapping[str, Any], at: Cursor) -> None:
     terms = described.get("damping")
     for index, term in enumerate(terms if isinstance(terms, list) else []):
         for key in ("coefficient", "matrix"):
-            words = _driving(term.get(key)) if isinstance(term, Mapping) else ""
+            words = _explain_negative_factor(term.get(key)) if isinstance(term, Mapping) else ""
             if words:
                 under = at.under("damping", index, key)
                 _warn(under, f"problem.damping.{index}.{key}", words)
@@ -154,7 +156,11 @@ def _warn_of_negative_members(members: Sequence[Member], at: Cursor) -> None:
     found: dict[str, str] = {}
     for member in members:
         for path, value in member.values.items():
-            if path not in found and _FACTOR.fullmatch(path) and (words := _driving(value)):
+            if (
+                path not in found
+                and _FACTOR.fullmatch(path)
+                and (words := _explain_negative_factor(value))
+            ):
                 found[path] = words
     for path, words in found.items():
         _warn(at, path, words)
@@ -169,7 +175,7 @@ def _warn(at: Cursor, path: str, words: str) -> None:
     )
 
 
-def _driving(value: object) -> str:
+def _explain_negative_factor(value: object) -> str:
     """Why a factor of damping drives a motion in some direction; empty where it does not."""
     if isinstance(value, int | float):
         return f"{value:g} is negative" if value < 0 else ""
@@ -311,8 +317,8 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
     if isinstance(problem, DerivativeProblem):
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
-    if said := law_objection(problem.scene, method):
-        return said
+    if reason := law_objection(problem.scene, method):
+        return reason
     if isinstance(method, Baseline):
         # most experiments have none, and they take long to import
         from fvi_cli.integrator.baselines.run import baseline_objection

@@ -20,7 +20,7 @@ from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
 
-MOST_TOLD: Final = 10
+MOST_REPORTED: Final = 10
 """Members whose mistakes are told; the others are likely to have the same."""
 
 MANY: Final = 5000
@@ -41,7 +41,7 @@ def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) ->
     Every value of every key is read like the file; then every member's problem is checked.
     """
     # the same mistake may have been noted before
-    own = at.complaints.apart()
+    own = at.complaints.separate()
     made = _made(template, replace(at, complaints=own), check)
     at.complaints.adopt(own)
     return None if len(own) else made
@@ -116,26 +116,27 @@ def _check_members(
     at: Cursor,
     check: CheckMember,
 ) -> None:
-    told = 0
+    n_reported = 0
     if len(members) >= MANY:
         _logger.info("checking %d members of a sweep", len(members))
     for member, combination in zip(members, sweep.combinations, strict=True):
         if not at.complaints.checks_member(member.number):
             continue
         specification = with_values(template, member.values)
-        own = at.complaints.apart()
+        own = at.complaints.separate()
         # the places are those of the first member; they matter only where something is wrong
         _check_member(specification, first, replace(at, complaints=own), check)
         if not len(own):
             continue
-        own = at.complaints.apart()
+        own = at.complaints.separate()
         tree = tree_of(sweep, at.node, combination)
         _check_member(specification, first, replace(at, node=tree, complaints=own), check)
         at.complaints.adopt(own, f" (member {member.number}: {excerpt(member.label, 200)})")
-        told += 1
-        if told == MOST_TOLD:
+        n_reported += 1
+        if n_reported == MOST_REPORTED:
             at.refuse(
-                f"members after the {MOST_TOLD} told here are checked when these are mended", SWEEP
+                f"members after the {MOST_REPORTED} told here are checked when these are mended",
+                SWEEP,
             )
             return
 

@@ -60,7 +60,7 @@ def method_named(name: str) -> AnyMethod:
         if family["degree"]:
             values["degree"] = int(family["degree"])
     for word in words[1:]:
-        key, value = _said_by(word)
+        key, value = _entry_of(word)
         if not key or key in values:
             raise ValueError(_no_method(name))
         values[key] = value
@@ -68,7 +68,7 @@ def method_named(name: str) -> AnyMethod:
     return method
 
 
-def _said_by(word: str) -> tuple[str, Any]:
+def _entry_of(word: str) -> tuple[str, Any]:
     """Key and value that a part of a name stands for; no key where it stands for none."""
     numbered = _NUMBERED.fullmatch(word)
     if numbered is None:

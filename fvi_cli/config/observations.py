@@ -12,7 +12,9 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
 from fvi_cli.config.keys.store import Store
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.asked import (
+from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
+from fvi_cli.integrator.observations.request import (
     Event,
     Impact,
     Observations,
@@ -20,8 +22,6 @@ from fvi_cli.integrator.observations.asked import (
     known_names,
     surface_objection,
 )
-from fvi_cli.integrator.observations.damper_work import work_names
-from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -41,11 +41,11 @@ def _named(given: object) -> Mapping[str, Any]:
     return given if isinstance(given, Mapping) else {}
 
 
-def check_units(asked: ExperimentKeys, problem: AnyProblem, at: Cursor) -> None:
+def check_units(settings: ExperimentKeys, problem: AnyProblem, at: Cursor) -> None:
     """Units must belong to something that is drawn."""
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
-    known = (*UNITS, *coordinates, *_named(asked.quantities))
-    for name in _named(asked.units):
+    known = (*UNITS, *coordinates, *_named(settings.quantities))
+    for name in _named(settings.units):
         if name not in known:
             at.under("units").refuse_key(
                 name,
@@ -55,7 +55,7 @@ def check_units(asked: ExperimentKeys, problem: AnyProblem, at: Cursor) -> None:
 
 
 def read_observations(
-    asked: ExperimentKeys,
+    settings: ExperimentKeys,
     parameters: Mapping[str, float],
     problem: AnyProblem,
     methods: Sequence[ListedMethod],
@@ -68,31 +68,31 @@ def read_observations(
     if not isinstance(problem, Problem):
         at.refuse_key(given[0], f"not for kind {problem.kind}, in which nothing moves")
         return Observations()
-    _check_neighbours(asked, methods, given[0], at)
+    _check_neighbours(settings, methods, given[0], at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
     names = tuple(dict.fromkeys((*of_surfaces, *work_names(problem.scene))))
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
-    for name in _named(asked.quantities):
+    for name in _named(settings.quantities):
         found = _expression(name, names, problem, at.under("quantities"))
         if found is not None:
             quantities[name] = found
-    for name, one in _named(asked.events).items():
+    for name, one in _named(settings.events).items():
         if not is_complete(one):
             continue
         found = _expression(name, names, problem, at.under("events"), "when")
         if found is not None:
             events[name] = Event(when=found, direction=one.direction, stop=one.stop)
-    for name, one in _named(asked.impacts).items():
+    for name, one in _named(settings.impacts).items():
         under = at.under("impacts")
         found = _expression(name, of_surfaces, problem, under, "when") if is_complete(one) else None
         if found is None:
             continue
         if name in events:
             under.refuse_key(name, "is the name of an event already; take another")
-        elif said := surface_objection(found, problem.coordinates):
-            under.refuse(said, name, "when")
+        elif reason := surface_objection(found, problem.coordinates):
+            under.refuse(reason, name, "when")
         elif one.restitution > 1.0:
             under.refuse(f"{one.restitution:g} is above 1", name, "restitution")
         else:
@@ -100,12 +100,12 @@ def read_observations(
             surface = Surface(
                 impact=impacts[name], coordinates=problem.coordinates, parameters=parameters
             )
-            if said := start_objection(problem.scene, surface):
-                under.refuse(said, name, "when")
+            if reason := start_objection(problem.scene, surface):
+                under.refuse(reason, name, "when")
     times = None
-    if isinstance(asked.output, Output) and is_complete(asked.output):
+    if isinstance(settings.output, Output) and is_complete(settings.output):
         try:
-            times = asked.output.instants(problem.final_time)
+            times = settings.output.instants(problem.final_time)
         except ArgumentError as error:
             at.under("output").tell(error)
     return Observations(
@@ -116,12 +116,12 @@ def read_observations(
         impacts=impacts,
         parameters=parameters,
         inputs=problem.inputs,
-        output=None if times is None else as_plain(asked.output),
+        output=None if times is None else as_plain(settings.output),
     )
 
 
 def _check_neighbours(
-    asked: ExperimentKeys, methods: Sequence[ListedMethod], name: str, at: Cursor
+    settings: ExperimentKeys, methods: Sequence[ListedMethod], name: str, at: Cursor
 ) -> None:
     """What does not go together with output, quantities and events."""
     for listed in methods:
@@ -130,9 +130,9 @@ def _check_neighbours(
         except ValueError as error:
             at.refuse_key(name, str(error))
             break
-    has_diagnostics = isinstance(asked.store, Store) and asked.store.diagnostics is not None
-    if at.has("output") and isinstance(asked.store, Store):
-        if asked.store.every != 1:
+    has_diagnostics = isinstance(settings.store, Store) and settings.store.diagnostics is not None
+    if at.has("output") and isinstance(settings.store, Store):
+        if settings.store.every != 1:
             at.refuse("not together with output, which says what is kept", "store", "every")
         if has_diagnostics:
             at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
@@ -142,7 +142,7 @@ def _check_neighbours(
         at.refuse_key("impacts", "in a sweep every member has a mesh of its own; give output too")
     if at.has("accuracy"):
         at.refuse_key("impacts", "not together with accuracy; give a ladder")
-    if isinstance(asked.ladder, Ladder) and asked.ladder.grading is not None:
+    if isinstance(settings.ladder, Ladder) and settings.ladder.grading is not None:
         at.refuse("not together with impacts, which grade the mesh themselves", "ladder", "grading")
     if has_diagnostics:
         at.refuse("not together with impacts", "store", "diagnostics")

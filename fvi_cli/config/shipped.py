@@ -99,8 +99,8 @@ def _pages() -> Path:
     return _shipped("guide", "docs")
 
 
-def _shipped(inside: str, beside: str) -> Path:
+def _shipped(inside: str, outside: str) -> Path:
     """A folder inside of the package when that is installed, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     folder = package / inside
-    return folder if folder.is_dir() else package.parent / beside
+    return folder if folder.is_dir() else package.parent / outside

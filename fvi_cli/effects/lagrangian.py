@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from fvi_cli.effects.potential import plus_linear
-from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES
 from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
@@ -133,7 +133,7 @@ class Lagrangian:
             system,
             self.variables,
             parameters or self.parameters,
-            NUMPY_FUNCTIONS if is_real else BESIDE_REAL,
+            NUMPY_FUNCTIONS if is_real else REAL_BRANCHES,
         )
         with np.errstate(all="ignore"):
             return program(position, velocity, np.asarray(time, dtype=float)[..., None])
@@ -143,8 +143,8 @@ class Lagrangian:
         found = np.asarray(self.evaluate(self.value, position, velocity, time)[..., 0])
         if self.stiffness is None:
             return found
-        pull = position @ self.stiffness
-        return np.asarray(found - 0.5 * np.einsum("...a,...a->...", position, pull))
+        force = position @ self.stiffness
+        return np.asarray(found - 0.5 * np.einsum("...a,...a->...", position, force))
 
     def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dv, shape ``(..., d)``."""

@@ -23,7 +23,7 @@ from fvi_cli.effects.matrices import (
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.at_points import PointFormulas
-from fvi_cli.mathematics.algebra.builder import joined
+from fvi_cli.mathematics.algebra.builder import join
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_system
@@ -113,14 +113,14 @@ class ExpressionPotential:
     def gradient_system(self) -> FormulaSystem:
         """The formulas of dV/dq, without the stiffness."""
         if self.gradient_expressions is not None:
-            return joined(*(one.system for one in self.gradient_expressions))
+            return join(*(one.system for one in self.gradient_expressions))
         return slopes_system(self.energy_expression.system, self.coordinates)[1:]
 
     @cached_property
     def hessian_system(self) -> FormulaSystem:
         """The formulas of the second derivatives row by row, without the stiffness."""
         if self.hessian_expressions is not None:
-            return joined(*(one.system for row in self.hessian_expressions for one in row))
+            return join(*(one.system for row in self.hessian_expressions for one in row))
         # they stand direction by direction, and are symmetric
         return slopes_system(self.gradient_system, self.coordinates)[self.dimension :]
 
@@ -156,8 +156,8 @@ class ExpressionPotential:
         found = self._programs[0](position)[..., 0]
         if self.stiffness is None:
             return found
-        pull = times(position, self.stiffness)
-        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, pull))
+        force = times(position, self.stiffness)
+        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, force))
 
     @np.errstate(all="ignore")
     def gradient(self, position: Array) -> Array:

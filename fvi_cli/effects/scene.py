@@ -216,10 +216,10 @@ class Scene:
         if self.lagrangian is not None:
             at = self.lagrangian.derivatives(position, velocity, time)
             return at.momentum, at.force
-        pull = np.zeros_like(position)
+        force = np.zeros_like(position)
         if self.potential is not None:
-            pull = -self.potential.gradient(position)
-        return self.momentum(position, velocity, time), pull
+            force = -self.potential.gradient(position)
+        return self.momentum(position, velocity, time), force
 
     def derivatives(self, position: Array, velocity: Array, time: Array) -> Derivatives:
         """All first and second derivatives of L in q and v."""

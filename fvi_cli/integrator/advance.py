@@ -16,11 +16,11 @@ SECONDS_BETWEEN = 0.1
 Watcher = Callable[[int, int], None]
 """Called with the number of steps that are done, and N."""
 
-_told: ContextVar[Watcher | None] = ContextVar("told", default=None)
+_watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 
 @contextlib.contextmanager
-def watched(watcher: Watcher) -> Iterator[None]:
+def on_progress(watcher: Watcher) -> Iterator[None]:
     """Tell `watcher` now and then how far the integrations inside the block have come.
 
     Loops tell it of their own accord, block by block; they need not be handed the watcher through
@@ -35,15 +35,15 @@ def watched(watcher: Watcher) -> Iterator[None]:
             due = now + SECONDS_BETWEEN
             watcher(done, n_steps)
 
-    token = _told.set(seldom)
+    token = _watcher.set(seldom)
     try:
         yield
     finally:
-        _told.reset(token)
+        _watcher.reset(token)
 
 
-def advanced(done: int, n_steps: int) -> None:
+def report_progress(done: int, n_steps: int) -> None:
     """Note that `done` of `n_steps` steps are done."""
-    told = _told.get()
-    if told is not None:
-        told(done, n_steps)
+    watcher = _watcher.get()
+    if watcher is not None:
+        watcher(done, n_steps)

@@ -84,19 +84,19 @@ class Decoupling:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        joined = np.moveaxis(values[..., 0], 0, -1)
+        modal = np.moveaxis(values[..., 0], 0, -1)
         if self.modes.ndim == 1:
-            return np.asarray(joined * self.modes)
-        return np.asarray(joined @ self.modes.T)
+            return np.asarray(modal * self.modes)
+        return np.asarray(modal @ self.modes.T)
 
     def scene_forces(self, values: Array) -> Array:
         """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        joined = np.moveaxis(values[..., 0], 0, -1)
+        modal = np.moveaxis(values[..., 0], 0, -1)
         if self.modes.ndim == 1:
-            return np.asarray(joined / self.modes)
-        return np.asarray(joined @ (self.modes.T @ self.mass))
+            return np.asarray(modal / self.modes)
+        return np.asarray(modal @ (self.modes.T @ self.mass))
 
 
 def decouple_forms(mass: Array, stiffness: Array | None, directions: Sequence[Array]) -> Decoupling:

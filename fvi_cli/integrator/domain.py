@@ -16,7 +16,7 @@ from fvi_cli.mathematics.intervals.interval import Interval
 
 MOST_HALVINGS: Final = 48
 MOST_PARTS: Final = 1024
-BESIDE: Final = np.array([1e-2, 1e-4, 1e-6])
+WALL_DISTANCES: Final = np.array([1e-2, 1e-4, 1e-6])
 """Distances from a place, in lengths of a chord, at which V shows whether it is infinite there."""
 LEAST_GROWTH: Final = 0.01
 """Growth of V on the way to a place, relative to V, that is no round-off (a guess)."""
@@ -123,7 +123,7 @@ def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int
     places = 0.5 * (low + high)
     growing = np.zeros(chords.size, dtype=bool)
     for side in (-1.0, 1.0):
-        at = places + side * BESIDE[:, None]
+        at = places + side * WALL_DISTANCES[:, None]
         near = np.stack([_on(begin, end, chords, one) for one in at])
         sizes = np.abs(potential.energy(near))
         first, second = np.diff(sizes, axis=0)

@@ -103,8 +103,8 @@ class GrowthBound:
         level = float(potential(start, 0.0))
         impulse = scene.momentum(start, scene.initial_velocity, 0.0)
         begun = float(scene.energy(start, impulse, 0.0))
-        pull = np.abs(scene.forces(start, rest, np.asarray(0.0))[1]).max() + self.force
-        given = begun - level + pull * self.size / TOLERATED_FACTOR
+        force = np.abs(scene.forces(start, rest, np.asarray(0.0))[1]).max() + self.force
+        given = begun - level + force * self.size / TOLERATED_FACTOR
         here = potential(position, times)
         given = abs(given) + np.maximum(level - np.fmin.accumulate(here), 0.0)
         given = given + np.abs(here - potential(position, 0.0))
@@ -189,9 +189,9 @@ def growth_limit(scene: Scene) -> float:
 
 def _bound(scene: Scene, force: float) -> GrowthBound:
     final_time = scene.final_time
-    way = final_time * np.abs(scene.initial_velocity).max()
+    displacement = final_time * np.abs(scene.initial_velocity).max()
     per_force = final_time**2 * _largest_flexibility(scene.inertia)
-    scale = float(np.abs(scene.initial_position).max() + way + per_force * force)
+    scale = float(np.abs(scene.initial_position).max() + displacement + per_force * force)
     rate = 0.0
     if scene.is_sparse or (scene.is_linear and scene.active_laws):
         # what grows is not looked for in large structures and beside laws: then there is no bound

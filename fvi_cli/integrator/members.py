@@ -108,10 +108,10 @@ def integrate_batch(
     together = max(1, MOST_TOGETHER // _width(scenes[0]))
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
-        asked = partial(integrate_scenes, every=every, with_steps=with_steps)
-        runs = asked(part, method, mesh, most=block)
+        integrate_part = partial(integrate_scenes, every=every, with_steps=with_steps)
+        runs = integrate_part(part, method, mesh, most=block)
         found += [
-            asked([scene], method, mesh)[0] if _overflows(one) else one
+            integrate_part([scene], method, mesh)[0] if _overflows(one) else one
             for scene, one in zip(part, runs, strict=True)
         ]
     return found

@@ -195,9 +195,9 @@ class Trajectory:
     def _line(self) -> str:
         points, d = self.position.shape
         end = f"{self.time[-1]:.6g}" if points else "-"
-        said = f": {self.message}" if self.message else ""
+        detail = f": {self.message}" if self.message else ""
         return (
-            f"Trajectory {self.status}{said}, {points} points to t = {end}, {d} "
+            f"Trajectory {self.status}{detail}, {points} points to t = {end}, {d} "
             f"coordinate{'s' if d > 1 else ''}, {self.n_steps} steps"
         )
 

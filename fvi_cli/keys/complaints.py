@@ -71,13 +71,13 @@ class Complaints:
         """Note what is wrong and what is allowed, at `place`, concerning the key at `path`."""
         where = show_path(path)
         # what is quoted from the text may hold control codes
-        told = printable(f"{where}: {message}" if where else message)
-        self._found[place, told] = None
+        text = printable(f"{where}: {message}" if where else message)
+        self._found[place, text] = None
 
     def __len__(self) -> int:
         return len(self._found)
 
-    def apart(self) -> Complaints:
+    def separate(self) -> Complaints:
         """No complaints yet about the same text."""
         return replace(self, _found={})
 

@@ -167,11 +167,11 @@ def _with_comma(name: str, node: MappingNode) -> str:
     """``1.5``, where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
     names = list(node.entries)
     before = node.entries[names[names.index(name) - 1]].node if name != names[0] else None
-    alone = node.entries[name].node
-    if not (isinstance(before, ScalarNode) and isinstance(alone, ScalarNode)):
+    single = node.entries[name].node
+    if not (isinstance(before, ScalarNode) and isinstance(single, ScalarNode)):
         return ""
     is_number = isinstance(before.value, int) and not isinstance(before.value, bool)
-    return f"{before.text}.{name}" if is_number and not alone.text else ""
+    return f"{before.text}.{name}" if is_number and not single.text else ""
 
 
 def copied(value: Any) -> Any:

@@ -67,8 +67,8 @@ def judge(
         return done, ~done
     is_slow = ~done & (ratio > slow)
     if is_slow.any():
-        settled = is_slow & (change <= NOISE * floor(is_slow))
-        done, is_slow = done | settled, is_slow & ~settled
+        is_resolved = is_slow & (change <= NOISE * floor(is_slow))
+        done, is_slow = done | is_resolved, is_slow & ~is_resolved
     return done, is_slow
 
 

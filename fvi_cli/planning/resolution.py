@@ -158,14 +158,14 @@ def _largest_rate(piece: ForcingPiece, begin: float, end: float, final_time: flo
     if begin >= end:
         return 0.0
     times = begin + (end - begin) * PROBED_FRACTIONS
-    apart = DIFFERENCE * final_time
-    both = np.stack([times, times + apart])
+    distance = DIFFERENCE * final_time
+    both = np.stack([times, times + distance])
     rates = [0.0]
 
     def noting(name: str) -> Callable[[Array], Array]:
         def noted(argument: Array) -> Array:
             values = np.broadcast_to(argument, both.shape)
-            slopes = np.abs(values[1] - values[0]) / apart
+            slopes = np.abs(values[1] - values[0]) / distance
             rates.append(float(slopes[np.isfinite(slopes)].max(initial=0.0)))
             return np.asarray(NUMPY_FUNCTIONS[name](argument))
 

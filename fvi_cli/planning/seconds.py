@@ -14,11 +14,11 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.observe import (
     integrate_observed,
     integrate_observed_members,
 )
+from fvi_cli.integrator.observations.request import Observations
 
 FIRST_STEPS, LONGER = 16, 4
 """Steps of the first short run, and how many times longer each other one is (guessed)."""
@@ -119,11 +119,11 @@ def short_job(
             return integrate(first, method, mesh, every=every, diagnostics=diagnostics)
         share = short / n_steps
         own = [replace(one, final_time=share * one.final_time) for one in scenes]
-        asked = [_until(one, own[0].final_time) for one in observations]
-        if asked and (len(own) == 1 or asked[0].impacts):
-            return integrate_observed(own[0], method, short, asked[0], diagnostics=diagnostics)
-        if asked:
-            return integrate_observed_members(own, method, short, asked)
+        requests = [_until(one, own[0].final_time) for one in observations]
+        if requests and (len(own) == 1 or requests[0].impacts):
+            return integrate_observed(own[0], method, short, requests[0], diagnostics=diagnostics)
+        if requests:
+            return integrate_observed_members(own, method, short, requests)
         if len(own) > 1:
             return integrate_members(own, method, short, every=every)
         return integrate(own[0], method, short, every=every, diagnostics=diagnostics)
@@ -131,8 +131,8 @@ def short_job(
     return run
 
 
-def _until(asked: Observations, final_time: float) -> Observations:
-    if asked.times is None:
-        return asked
-    times = asked.times[asked.times <= final_time]
-    return replace(asked, times=times if times.size else np.array([final_time]))
+def _until(request: Observations, final_time: float) -> Observations:
+    if request.times is None:
+        return request
+    times = request.times[request.times <= final_time]
+    return replace(request, times=times if times.size else np.array([final_time]))

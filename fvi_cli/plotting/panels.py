@@ -176,8 +176,8 @@ def _is_near(one: Curve, other: Curve) -> bool:
     """Whether marks of two ladders lie upon each other at half of their points or more."""
     shared, a, b = np.intersect1d(one.x, other.x, return_indices=True)
     with np.errstate(invalid="ignore", divide="ignore"):
-        apart = np.abs(np.log10(one.y[a] / other.y[b]))
-    return bool(shared.size and np.mean(apart < 0.06) >= 0.5)
+        distance = np.abs(np.log10(one.y[a] / other.y[b]))
+    return bool(shared.size and np.mean(distance < 0.06) >= 0.5)
 
 
 def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:

@@ -217,7 +217,7 @@ def _draw_slopes(
             targets.append((scaled[k], *ends.tolist()))
         for clearance in _CLEARANCES:
             pad = clearance / size
-            candidates = _beside(order * tilt, targets, float(pad[1]))
+            candidates = _candidates(order * tilt, targets, float(pad[1]))
             if not targets or is_stated or (drawn == 0 and order == orders[-1]):
                 candidates = chain(candidates, _anywhere(order * tilt))
             chosen = next((t for t in candidates if t.is_free(box, taken, pad)), None)
@@ -276,7 +276,7 @@ class _Triangle:
         return not (across & (v > floor - pad[1]) & (v < ceiling + pad[1])).any()
 
 
-def _beside(
+def _candidates(
     tilt: float, targets: Sequence[tuple[Array, float, float]], clearance: float
 ) -> Iterator[_Triangle]:
     """Triangles of slope `tilt` whose hypotenuse keeps its distance: large and close ones first."""

@@ -58,8 +58,8 @@ def write_figures(
     """
     from fvi_cli.plotting import USUAL_FORMS, save_figure
 
-    asked = formats or _FORMATS.get()
-    forms = list(dict.fromkeys((*asked, "json") if asked else USUAL_FORMS))
+    wanted_forms = formats or _FORMATS.get()
+    forms = list(dict.fromkeys((*wanted_forms, "json") if wanted_forms else USUAL_FORMS))
     paths: list[Path] = []
     for name, figure in figures.items():
         files = {form: output / "figures" / f"{name}.{form}" for form in forms}

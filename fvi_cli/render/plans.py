@@ -41,7 +41,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
                 "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
-                ", ".join([*effects_of(run.problem), *asked_of(run)]),
+                ", ".join([*effects_of(run.problem), *describe_observations(run)]),
                 *_costs(forecasts.get(run)),
                 plan.reason,
             )
@@ -85,14 +85,14 @@ def _costs(forecast: Forecast | None) -> tuple[str, str, str]:
     )
 
 
-def asked_of(run: Run) -> list[str]:
+def describe_observations(run: Run) -> list[str]:
     """What is asked of a motion beside its positions, in words."""
-    asked = run.experiment.observations
-    times = [] if asked.times is None else [f"output at {asked.times.size} times"]
+    observations = run.experiment.observations
+    times = [] if observations.times is None else [f"output at {observations.times.size} times"]
     several = {
-        "impacts on": asked.impacts,
-        "quantities": asked.quantities,
-        "events": asked.events,
+        "impacts on": observations.impacts,
+        "quantities": observations.quantities,
+        "events": observations.events,
     }
     return times + [f"{what} {' and '.join(found)}" for what, found in several.items() if found]
 

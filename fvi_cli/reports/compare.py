@@ -74,16 +74,16 @@ def compare(directory: Path, report: Report) -> list[str]:
                 lines += _own(rows, expected.sheets[0], lines)
             except ValueError as error:
                 lines.append(str(error))
-        differences += _told(path, lines)
+        differences += _first_lines(path, lines)
     for ending, write in ((".md", to_markdown), (".tex", to_latex)):
         path = directory / f"{report.name}{ending}"
         text = _read(path, differences, is_needed=ending == ".md")
         if text is not None and not report.is_part:
-            differences += _told(path, list(_words(text, report, expected, write)))
+            differences += _first_lines(path, list(_words(text, report, expected, write)))
     path = directory / f"{report.name}.json"
     text = _read(path, differences, is_needed=False)
     if text is not None:
-        differences += _told(path, _json(text, report))
+        differences += _first_lines(path, _json(text, report))
     return differences
 
 
@@ -98,7 +98,7 @@ def _read(path: Path, differences: list[str], *, is_needed: bool = True) -> str 
         return None
 
 
-def _told(path: Path, lines: Sequence[str]) -> list[str]:
+def _first_lines(path: Path, lines: Sequence[str]) -> list[str]:
     more = [f"and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
     return [f"{path}: {line}" for line in (*lines[:MOST_LINES], *more)]
 
@@ -125,11 +125,11 @@ def _csv(text: str, sheet: Sheet, *, is_part: bool) -> tuple[list[str], list[Row
             for w, c, known in zip(line, columns, (like.get(c.name) for c in columns), strict=True)
         }
     twice = len(lines) - len(stored)
-    told = [f"{twice} rows stand in it twice"] if twice else []
+    messages = [f"{twice} rows stand in it twice"] if twice else []
     if is_part:
         stored = {key: stored[key] for key in fresh if key in stored}
-    told += _rows(stored, fresh, sheet)
-    return told, [stored[key] for key in fresh] if fresh.keys() <= stored.keys() else None
+    messages += _rows(stored, fresh, sheet)
+    return messages, [stored[key] for key in fresh] if fresh.keys() <= stored.keys() else None
 
 
 def _json(text: str, report: Report) -> list[str]:
@@ -193,7 +193,7 @@ def _agree(one: Value, other: Value, within: Within) -> bool:
     return type(one) is type(other) and one == other
 
 
-def _own(rows: Sequence[Row], expected: Sheet, told: Sequence[str]) -> list[str]:
+def _own(rows: Sequence[Row], expected: Sheet, messages: Sequence[str]) -> list[str]:
     """Numbers that do not follow from those beside them, unless they are told already."""
     lines = []
     keys = [column.name for column in expected.columns if column.name in expected.keys]
@@ -204,7 +204,7 @@ def _own(rows: Sequence[Row], expected: Sheet, told: Sequence[str]) -> list[str]
                 columns = {c.name: c for c in expected.columns}
                 place = _place(keys, tuple(as_word(row[k], columns[k]) for k in keys))
                 start = f"{place}: {column.name}: {one!r} is stored"
-                if not any(line.startswith(start) for line in told):
+                if not any(line.startswith(start) for line in messages):
                     lines.append(f"{start}; its own rows give {other!r}")
     return lines
 

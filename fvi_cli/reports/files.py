@@ -8,7 +8,7 @@ from pathlib import Path
 from fvi_cli.reports.compare import compare
 from fvi_cli.reports.table import Report
 from fvi_cli.reports.writers import rendered
-from fvi_cli.storage.atomic import replace_file, told
+from fvi_cli.storage.atomic import explain_os_error, replace_file
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -36,10 +36,10 @@ def write(directory: Path, report: Report, *, anew: bool = False) -> list[Path]:
     is_current = not (anew or report.is_timed) and not compare(directory, report)
     if is_current:
         _logger.info("%s: agrees with what is computed, left as it is", directory / report.name)
-    with told(directory):
+    with explain_os_error(directory):
         directory.mkdir(parents=True, exist_ok=True)
     for place, text in texts.items():
-        with told(place):
+        with explain_os_error(place):
             if not (is_current and place.is_file()):
                 replace_file(place, text.encode("utf-8"))
     return list(texts)

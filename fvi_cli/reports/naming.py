@@ -43,7 +43,7 @@ class MethodName:
 def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
     """The shortest name of every method, by case, that tells it from the others in `methods`."""
     distinct = {method.case: method for method in methods}
-    told = [feature for feature in _FEATURES if _is_needed(feature, list(distinct.values()))]
+    features = [feature for feature in _FEATURES if _is_needed(feature, list(distinct.values()))]
     plain = [method for method in distinct.values() if _is_bdf(method)]
     is_mixed = len({method.sampling for method in plain}) > 1
     names = {}
@@ -52,7 +52,7 @@ def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
         # samples at nodes are the paper's, and need no word where there are no others
         if _is_bdf(method) and (is_mixed or method.sampling == "points"):
             family = f"{family} {method.sampling}"
-        variant = ", ".join(filter(None, (feature(method) for feature in told)))
+        variant = ", ".join(filter(None, (feature(method) for feature in features)))
         names[case] = MethodName(family=family, variant=variant)
     labels = [name.label for name in names.values()]
     return {

@@ -142,7 +142,7 @@ def pivot(
     )
 
 
-def _nothing(stored: Row, fresh: Row) -> Container[str]:
+def _no_value(stored: Row, fresh: Row) -> Container[str]:
     return ()
 
 
@@ -170,7 +170,7 @@ class Sheet:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     keys: tuple[str, ...]
-    left_to_round_off: Callable[[Row, Row], Container[str]] = _nothing
+    left_to_round_off: Callable[[Row, Row], Container[str]] = _no_value
     is_file: bool = True
 
     def grid(self, *, text_columns: int = 1, key_columns: int = 1) -> Grid:

@@ -55,18 +55,18 @@ def compute_runs(
             done[run] = kept(earlier)
     _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
     if why is not None:
-        _tell_reasons(title, waiting, why)
+        _log_reasons(title, waiting, why)
     for words in {one_by_one_words(run.experiment) for run in waiting} - {""}:
         _logger.warning("%s: %s", title, words)
     begun: dict[Hashable, int] = {} if checkpoints is None else _resumed(waiting, checkpoints)
     # a single search says how far it is in lines of its own
-    is_alone = len(waiting) == 1 and waiting[0].is_search
+    is_single_run = len(waiting) == 1 and waiting[0].is_search
     with (
         run_bar(
             title,
             len(waiting),
             sum(run.n_steps for run in waiting),
-            wanted=settings.show_progress and not is_alone,
+            wanted=settings.show_progress and not is_single_run,
             begun=begun,
         ) as bar,
         contextlib.closing(
@@ -79,9 +79,9 @@ def compute_runs(
             # what a dead worker did not tell is no result: the next time it is computed again
             if keep is not None and batch.results:
                 keep(batch.results)
-            for run, finished in zip(batch.asked, batch.finished, strict=True):
+            for run, finished in zip(batch.runs, batch.finished, strict=True):
                 done[run] = kept(finished)
-                bar.finished(_named(finished.run, title), batch.asked[0], run.n_steps)
+                bar.finished(_named(finished.run, title), batch.runs[0], run.n_steps)
                 _report(finished)
             if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
@@ -137,7 +137,7 @@ def _named(run: Run, title: str) -> str:
     return run.title.removeprefix(f"{title} ")
 
 
-def _tell_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
+def _log_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
     """How many runs are computed again for which reason."""
     counts: dict[str, int] = {}
     for run in waiting:

@@ -13,7 +13,7 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
 from fvi_cli.integrator.baselines.run import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.run.objections import law_objection
-from fvi_cli.runner.executors.executor import crash, crash_told
+from fvi_cli.runner.executors.executor import crash, describe_crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
 from fvi_cli.scenes.problem import Problem
@@ -100,20 +100,20 @@ def measure_request(request: Request, *, show_progress: bool) -> list[CostTable]
     ):
         for experiment in experiments:
             rows = []
-            measured = measure_costs(experiment, lambda one: results.add([one]), crash_told)
+            measured = measure_costs(experiment, lambda one: results.add([one]), describe_crash)
             for run, row in zip(experiment.runs(), measured, strict=True):
                 rows.append(row)
                 advance(run.title)
                 _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
-            asked_for = []
+            tolerances = []
             for tolerance in TOLERANCES:
                 try:
-                    asked_for.append(measure_tolerance(experiment, tolerance))
+                    tolerances.append(measure_tolerance(experiment, tolerance))
                 except Exception as error:
                     found = crash(error)
                     _logger.warning("%s to %g: %s", experiment.name, tolerance, found.message)
                 advance(f"{experiment.name} to {tolerance:g}")
-            tables.append(cost_table(experiment, rows, asked_for))
+            tables.append(cost_table(experiment, rows, tolerances))
             for line in tables[-1].unexpected:
                 _logger.warning("%s", line)
     return tables

@@ -57,13 +57,13 @@ def forget_runs(
     # says what is wrong with the file, or with the changes, before it is held
     (request,) = gather([str(path)], overrides)
     runs = (run for one in request.loaded.experiments for run in one.searches() or one.runs())
-    asked = {request_of(run) for run in runs}
-    asked |= {refusal_of(one) for one in asked}
+    requests = {request_of(run) for run in runs}
+    requests |= {refusal_of(one) for one in requests}
 
     def is_meant(one: Entry) -> bool:
         if case is not None and not f"{one.kind.case}-".startswith(f"{case}-"):
             return False
-        return (one.request in asked) != others if overrides or others else True
+        return (one.request in requests) != others if overrides or others else True
 
     held = read_results(path) if is_tried else open_results(path.parent, path.stem)
     with held as store:

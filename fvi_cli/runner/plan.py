@@ -174,10 +174,10 @@ def _alike(runs: Sequence[Run]) -> list[list[Run]]:
     """Every run by itself, but members of a sweep by one method on the same steps."""
     groups: dict[object, list[Run]] = {}
     for run in runs:
-        alone = run.member is None
-        groups.setdefault(run if alone else (run.experiment, run.method, run.n_steps), []).append(
-            run
-        )
+        is_single = run.member is None
+        groups.setdefault(
+            run if is_single else (run.experiment, run.method, run.n_steps), []
+        ).append(run)
     return list(groups.values())
 
 

@@ -176,8 +176,8 @@ def _known(
             # most commands need not wait for this import
             from fvi_cli.storage import has_configuration
 
-            asked = allowing_unstable(loaded) if allow_unstable else loaded
-            return loaded if has_configuration(stored, asked) else None
+            request = allowing_unstable(loaded) if allow_unstable else loaded
+            return loaded if has_configuration(stored, request) else None
     return None
 
 

@@ -15,9 +15,9 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observations.asked import Event, names_of, observations
 from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.parts import Part
@@ -88,7 +88,7 @@ def integrate(
         For numbers out of range and a name that says no method.
     """
     chosen = method_on(method, n_steps)
-    asked = observations(
+    request = observations(
         coordinates or names_of(scene),
         output=output,
         quantities=quantities,
@@ -97,16 +97,16 @@ def integrate(
         parameters=parameters,
         further=work_names(scene),
     )
-    if not asked.is_empty:
+    if not request.is_empty:
         _, reported = integrate_observed(
-            scene, chosen, n_steps, asked, every=every, diagnostics=diagnostics
+            scene, chosen, n_steps, request, every=every, diagnostics=diagnostics
         )
         steps = reported.steps if with_steps else None
-        return replace(reported, steps=steps, coordinates=asked.coordinates)
+        return replace(reported, steps=steps, coordinates=request.coordinates)
     found = engine.integrate(
         scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
     )
-    return replace(found, coordinates=asked.coordinates)
+    return replace(found, coordinates=request.coordinates)
 
 
 def integrate_part(

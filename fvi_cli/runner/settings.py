@@ -86,11 +86,6 @@ class Settings:
                 "number of seconds, 0 or more"
             )
 
-    @property
-    def is_alone(self) -> bool:
-        """Whether this process computes, one batch after the other."""
-        return self.workers == 1 and self.dask is None
-
     def executor(self, watch: Watch | None = None) -> Executor:
         """Where runs are computed; `watch` is told how far they are, on this machine."""
         if self.dask is not None:

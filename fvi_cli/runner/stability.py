@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.executors.executor import crash_told
+from fvi_cli.runner.executors.executor import describe_crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
@@ -48,7 +48,7 @@ def _study(
     rows = []
     with progress_bar(experiment.name, total, wanted=show_progress) as advance:
         try:
-            for row in stability_rows(experiment, with_observation=wanted, failed=crash_told):
+            for row in stability_rows(experiment, with_observation=wanted, failed=describe_crash):
                 rows.append(row)
                 advance(row.run.title)
         except ValueError as error:

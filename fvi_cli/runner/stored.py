@@ -55,11 +55,11 @@ def stored_runs(
     )
     with opened as store:
 
-        def asked() -> set[Place]:
+        def requested() -> set[Place]:
             shared = settings.shard.runs_of(request.loaded.experiments)
             return {place_of(run) for runs in shared.values() for run in runs if not run.is_search}
 
-        reasons = Reasons(stored=store, asked=asked)
+        reasons = Reasons(stored=store, requested=requested)
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
 
 
@@ -94,7 +94,7 @@ def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
 def _unusable(experiment: Experiment, results: Store) -> str:
     """Why no run of an experiment can be used, and what to do."""
     runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
-    reasons = Reasons(stored=results, asked=lambda: {place_of(run) for run in runs})
+    reasons = Reasons(stored=results, requested=lambda: {place_of(run) for run in runs})
     found = sorted({reasons.of(run) for run in runs})
     return (
         f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "

@@ -213,5 +213,5 @@ def _jacobi(points: int, power: float) -> tuple[Array, Array]:
 
 
 def _numbers(values: Array) -> str:
-    told = [f"{value:.6g}" for value in values[:4]]
-    return told[0] if values.size == 1 else f"[{', '.join(told)}{', ...' * (values.size > 4)}]"
+    texts = [f"{value:.6g}" for value in values[:4]]
+    return texts[0] if values.size == 1 else f"[{', '.join(texts)}{', ...' * (values.size > 4)}]"

@@ -129,7 +129,7 @@ def _flush_folder(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
+def explain_os_error(path: Path) -> Iterator[None]:
     """Turn an error of the operating system into one that names `path` and the reason."""
     try:
         yield
@@ -158,7 +158,7 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
     """
     from filelock import FileLock, Timeout
 
-    with told(path.parent):
+    with explain_os_error(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
     # links to one file share its lock
     place = followed(path)
@@ -182,7 +182,7 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
                 "without locks (some network folders) two commands could destroy each other's "
                 "results: choose a folder on another one with --output"
             ) from None
-        with told(path):
+        with explain_os_error(path):
             raise
     try:
         yield

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
 from fvi_cli.storage.atomic import replace_file
-from fvi_cli.storage.files import damage_told
+from fvi_cli.storage.files import explain_damage
 from fvi_cli.storage.groups.reading import ARRAYS
 from fvi_cli.storage.records.fields import OCCURRENCE
 from fvi_cli.storage.result_file import ResultFile
@@ -59,7 +59,7 @@ class StoredArrays:
 
 def stored_arrays(path: Path) -> Iterator[StoredArrays]:
     """Every run of a result file, or batch of runs, one at a time in the order of the file."""
-    with contextlib.closing(ResultFile(path)) as file, damage_told(path):
+    with contextlib.closing(ResultFile(path)) as file, explain_damage(path):
         for place, entries in itertools.groupby(file.entries(), key=lambda entry: entry.path):
             for entry in entries:
                 entry.record()
@@ -165,16 +165,16 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
         for label in np.ndindex(*(values.shape[axis] for axis in further)):
             part = values[(..., *label)] if label else values
             whole = part.reshape([run.arrays[a].size if a in axes else 1 for a in along])
-            told = [
+            labels = [
                 coordinates[k] if axes[axis] == "dof" else str(k)
                 for axis, k in zip(further, label, strict=True)
             ]
             bare = name.rpartition("/")[2]
-            title = "_".join([_SHORT.get(bare, bare) if "dof" in axes else bare, *told])
-            if bare == "position" and told[0] not in run.arrays:
-                title = "_".join(told)
+            title = "_".join([_SHORT.get(bare, bare) if "dof" in axes else bare, *labels])
+            if bare == "position" and labels[0] not in run.arrays:
+                title = "_".join(labels)
             elif bare == "velocity" and "dof" in axes:
-                title = f"v{told[0]}"
+                title = f"v{labels[0]}"
             yield title, np.broadcast_to(whole, shape).ravel()
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import UNFINISHED, followed, reason, replacement, told
+from fvi_cli.storage.atomic import UNFINISHED, explain_os_error, followed, reason, replacement
 from fvi_cli.storage.identity import FORMAT
 from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, append_seal
 
@@ -75,7 +75,7 @@ def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
                 f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
                 "left as it is: move it away, or choose another name or --output"
             ) from None
-        with damage_told(path):
+        with explain_damage(path):
             _refuse_strangers(file, path)
         yield stream.is_sealed, file
 
@@ -132,7 +132,7 @@ def printable(text: str) -> str:
 
 
 @contextlib.contextmanager
-def damage_told(path: Path) -> Iterator[None]:
+def explain_damage(path: Path) -> Iterator[None]:
     """Turn what the library raises on a damaged file into an error that names it."""
     try:
         yield
@@ -152,7 +152,7 @@ def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
     On any failure `path` stays as it was. Beside the file comes what raises whatever has gone wrong
     on the disk so far; the library does not learn of it.
     """
-    with told(path), replacement(path) as handle:
+    with explain_os_error(path), replacement(path) as handle:
         stream = SafeStream(handle)
         with h5py.File(stream, "w", track_order=True) as file:
             _limit_cache(file)
@@ -182,7 +182,7 @@ def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
     owners = set(identities) if paths else set()
     for path in paths:
         if path.name.partition(".")[0] in owners:
-            with told(path):
+            with explain_os_error(path):
                 path.unlink(missing_ok=True)
 
 
@@ -192,5 +192,5 @@ def remove_unfinished(path: Path) -> None:
     for leftover in itertools.chain(
         place.parent.glob(f".{place.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")
     ):
-        with told(leftover):
+        with explain_os_error(leftover):
             leftover.unlink(missing_ok=True)

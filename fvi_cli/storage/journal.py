@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import followed, told
+from fvi_cli.storage.atomic import explain_os_error, followed
 from fvi_cli.storage.records.record import Entry, Record, kind_of, same_value
 
 _logger = logging.getLogger(__name__)
@@ -120,8 +120,8 @@ class Journal:
     def _learn(self, place: int, head: Head, begin: int, end: int) -> None:
         """Take in the runs of a frame."""
         for row, (identity, request, checksum, own, _) in enumerate(head["runs"]):
-            said = {**head["common"], **own}
-            kind, is_unstable = kind_of(said), said["predicted"] == "unstable"
+            attributes = {**head["common"], **own}
+            kind, is_unstable = kind_of(attributes), attributes["predicted"] == "unstable"
             self.entries.append(
                 Entry(identity, request, checksum, self, kind.path, row, kind, is_unstable, place)
             )
@@ -134,7 +134,7 @@ class Journal:
     def append(self, records: Sequence[Record]) -> list[Entry]:
         """Write records as one frame, or leave the journal as it was."""
         content = self._encoded(records)
-        with told(self.path):
+        with explain_os_error(self.path):
             if self._file is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 self.path.touch()
@@ -275,7 +275,7 @@ class Journal:
     def remove(self) -> None:
         """Forget everything; it is in the result file."""
         self.close()
-        with told(self.path):
+        with explain_os_error(self.path):
             self.path.unlink(missing_ok=True)
         self.entries, self.inputs, self._end = [], {}, 0
         self._heads.clear()

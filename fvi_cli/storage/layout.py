@@ -57,7 +57,7 @@ def layout_of(
         kind = entry.kind
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
-        put(Placed(entry, None), _from(kind.path, kind) if is_own else _beside(kind))
+        put(Placed(entry, None), _from(kind.path, kind) if is_own else _neighbours(kind))
     return found
 
 
@@ -66,10 +66,10 @@ def _from(path: str, kind: Kind) -> Iterator[str]:
     if kind.has_own_times:
         yield from _numbered(path)
     yield path
-    yield from _beside(kind)
+    yield from _neighbours(kind)
 
 
-def _beside(kind: Kind) -> Iterator[str]:
+def _neighbours(kind: Kind) -> Iterator[str]:
     """Paths for runs of other values, the first of which holds all methods."""
     what = [kind.variant, repr((kind.variant, kind.method, kind.is_refusal, kind.swept))]
     paths = [

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.files import CREATOR, damage_told, open_stored, replacing
+from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
     CONVERGENCE,
@@ -72,7 +72,7 @@ class ResultFile:
         self.is_sealed, file = self._stack.enter_context(open_stored(path))
         self._file: h5py.File | None = file
         try:
-            with damage_told(path):
+            with explain_damage(path):
                 self.root = {name: plain(value) for name, value in file.attrs.items()}
                 self._index = {name: node[()] for name, node in file[INDEX].items()}
                 if _checksum(self.root, self._index) != self.root[CHECKSUM]:
@@ -107,7 +107,7 @@ class ResultFile:
 
     def entries(self) -> list[Entry]:
         """Where every run lies, in the order of the file."""
-        with damage_told(self.path):
+        with explain_damage(self.path):
             return list(self._entries())
 
     def _entries(self) -> Iterator[Entry]:
@@ -130,18 +130,18 @@ class ResultFile:
 
     def attributes(self, entry: Entry) -> dict[str, Any]:
         """As :meth:`fvi_cli.storage.records.record.Source.attributes`."""
-        with damage_told(self.path):
-            found = self.group(entry.path).said_of(entry.row)
+        with explain_damage(self.path):
+            found = self.group(entry.path).attributes_of(entry.row)
             return {k: v for k, v in found.items() if k not in (IDENTITY, POINTS, ARRAYS)}
 
     def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
         """As :meth:`fvi_cli.storage.records.record.Source.shapes`."""
-        with damage_told(self.path):
+        with explain_damage(self.path):
             return self.group(entry.path).shapes(entry.row)
 
     def read(self, entry: Entry) -> Record:
         """As :meth:`fvi_cli.storage.records.record.Source.read`."""
-        with damage_told(self.path):
+        with explain_damage(self.path):
             group = self.group(entry.path)
             size = group.rows_at_a_time
             number, within = divmod(entry.row, size)
@@ -152,23 +152,25 @@ class ResultFile:
                 self._blocks[entry.path, number] = block
                 while len(self._blocks) > BLOCKS_KEPT:
                     self._blocks.popitem(last=False)
-            said, arrays = block[within]
+            attributes, arrays = block[within]
             return Record(
                 identity=entry.identity,
                 request=entry.request,
-                attributes={k: v for k, v in said.items() if k not in (IDENTITY, POINTS, ARRAYS)},
+                attributes={
+                    k: v for k, v in attributes.items() if k not in (IDENTITY, POINTS, ARRAYS)
+                },
                 arrays=arrays,
-                axes=axes_from_words(said[ARRAYS]),
+                axes=axes_from_words(attributes[ARRAYS]),
             )
 
     def has_input(self, digest: str) -> bool:
         """As :meth:`fvi_cli.storage.records.record.Source.has_input`."""
-        with damage_told(self.path):
+        with explain_damage(self.path):
             return f"{INPUTS}/{digest}" in self._opened()
 
     def read_input(self, digest: str) -> NDArray[Any]:
         """As :meth:`fvi_cli.storage.records.record.Source.read_input`."""
-        with damage_told(self.path):
+        with explain_damage(self.path):
             values = np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
             if digest_of(values) != digest:
                 raise ValueError(f"{INPUTS}/{digest} is not what was written")
@@ -202,7 +204,7 @@ def _checksum(root: Mapping[str, Any], index: Mapping[str, Any]) -> str:
 def write_file(
     path: Path,
     layout: Mapping[str, Sequence[Placed]],
-    said: Mapping[str, Any],
+    attributes: Mapping[str, Any],
     *,
     listed: Callable[[Sequence[tuple[str, WrittenGroup]]], Sequence[Mapping[str, Any]]],
     lookup: Callable[[str], NDArray[Any]],
@@ -216,7 +218,7 @@ def write_file(
         Of the file.
     layout
         What belongs where.
-    said
+    attributes
         What the root says of the configuration.
     listed
         The line of a listing for every group, by their paths.
@@ -228,13 +230,13 @@ def write_file(
     root = {
         "creator": CREATOR,
         "format": FORMAT,
-        **said,
+        **attributes,
         **origin(),
         "packages": canonical_json(package_versions()),
         "hdf5_version": h5py.version.hdf5_version,
         "platform": platform_name(),
     }
-    named = _named_in(said.values())
+    named = _named_in(attributes.values())
     index: dict[str, list[Any]] = {name: [] for name in (*DIGESTS, *NUMBERS)}
     with replacing(path) as (file, check):
         ladders: dict[str, dict[int, list[WrittenGroup]]] = {}
@@ -243,8 +245,8 @@ def write_file(
         for number, (place, rows) in enumerate(layout.items()):
             group = write_group(file, place, rows)
             check()
-            told = zip(rows, group.checksums, group.column("predicted"), strict=True)
-            for row, (one, own_checksum, predicted) in enumerate(told):
+            checked = zip(rows, group.checksums, group.column("predicted"), strict=True)
+            for row, (one, own_checksum, predicted) in enumerate(checked):
                 is_unstable = predicted == "unstable"
                 own = (one.identity, one.request, own_checksum, number, row, is_unstable)
                 for column, value in zip(index.values(), own, strict=True):

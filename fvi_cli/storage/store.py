@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import file_lock, told
+from fvi_cli.storage.atomic import explain_os_error, file_lock
 from fvi_cli.storage.contents import (
     CONFIGURATION,
     RESOLVED,
@@ -24,7 +24,7 @@ from fvi_cli.storage.contents import (
 from fvi_cli.storage.files import (
     PARTS_SUFFIX,
     SUFFIX,
-    damage_told,
+    explain_damage,
     refuse_old_parts,
     remove_checkpoints,
     remove_unfinished,
@@ -186,7 +186,7 @@ class Store:
         if entry is None:
             return None
         record = entry.record()
-        with damage_told(self.path):
+        with explain_damage(self.path):
             found = run_of(run, record.attributes)
             finished = None if found is None else finished_of(record, found)
         if finished is not None:
@@ -270,9 +270,11 @@ class Store:
             return None
         # nothing that is requested is finished: the file keeps the configuration that it has
         is_described = self._file is not None and not self._requested
-        said = self._root_words() if is_described else described(configuration, self._inputs)
+        attributes = (
+            self._root_attributes() if is_described else described(configuration, self._inputs)
+        )
         layout = layout_of(self._entries, self._by_request, self._requested)
-        if not self._is_current(layout, said):
+        if not self._is_current(layout, attributes):
             others = sum(len(rows) for path, rows in layout.items() if VARIANT_MARK in path)
             if others:
                 _logger.info(
@@ -281,11 +283,11 @@ class Store:
                     self.path,
                     others,
                 )
-            self._write(layout, said)
+            self._write(layout, attributes)
         self._clear()
         return self.path
 
-    def _root_words(self) -> dict[str, Any]:
+    def _root_attributes(self) -> dict[str, Any]:
         """What the file says of the configuration."""
         root = {} if self._file is None else self._file.root
         return {name: root[name] for name in CONFIGURATION}
@@ -298,16 +300,18 @@ class Store:
                if one.is_of_configuration}  # fmt: skip
         self._entries = {one.identity: one for one in remaining}
         if remaining:
-            self._write(layout_of(self._entries, self._by_request, own), self._root_words())
+            self._write(layout_of(self._entries, self._by_request, own), self._root_attributes())
         elif self.path.exists():
             self.close()
-            with told(self.path):
+            with explain_os_error(self.path):
                 self.path.unlink()
         self._clear()
 
-    def _is_current(self, layout: Mapping[str, Sequence[Placed]], said: Mapping[str, Any]) -> bool:
+    def _is_current(
+        self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]
+    ) -> bool:
         """Whether the file holds just that already."""
-        if self._file is None or self._file.root[RESOLVED] != said[RESOLVED]:
+        if self._file is None or self._file.root[RESOLVED] != attributes[RESOLVED]:
             # another comment, or the same values written in another way, change no run
             return False
         wanted = [
@@ -328,7 +332,7 @@ class Store:
             return self._file.read_input(digest)
         raise StorageError(f"{self.path}: the numbers {digest} are nowhere; begin again")
 
-    def _write(self, layout: Mapping[str, Sequence[Placed]], said: Mapping[str, Any]) -> None:
+    def _write(self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]) -> None:
         with contextlib.suppress(OSError):
             self._journal.sync()
         try:
@@ -336,7 +340,7 @@ class Store:
             write_file(
                 self.path,
                 layout,
-                said,
+                attributes,
                 listed=lines_of,
                 lookup=self._lookup,
                 done=self._close_files,
@@ -352,7 +356,7 @@ class Store:
     def _clear(self) -> None:
         """Remove the journal, and checkpoints of what is finished."""
         self._journal.remove()
-        with told(self.parts):
+        with explain_os_error(self.parts):
             if self.parts.is_dir():
                 remove_checkpoints(self.parts, self._entries)
                 with contextlib.suppress(OSError):  # somebody keeps other files there

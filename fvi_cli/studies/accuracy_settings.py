@@ -65,10 +65,10 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
     def specification(self) -> dict[str, object]:
         """What determines the choice, as JSON values."""
         given = {"tolerance": self.tolerance, "relative": self.relative}
-        asked = {name: value for name, value in given.items() if value is not None}
+        settings = {name: value for name, value in given.items() if value is not None}
         if self.mesh == "adaptive":
-            return {**asked, "mesh": "adaptive"}
-        return {**asked, "candidates": [method.case for method in self.candidates]}
+            return {**settings, "mesh": "adaptive"}
+        return {**settings, "candidates": [method.case for method in self.candidates]}
 
 
 @dataclass(frozen=True, kw_only=True)

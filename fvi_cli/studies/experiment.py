@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
@@ -196,11 +196,11 @@ class Run:
     @property
     def observations(self) -> Observations:
         """What is asked of the motion, with the parameters of this run."""
-        asked, problem = self.experiment.observations, self.problem
-        if asked.is_empty or self.member is None or not isinstance(problem, Problem):
-            return asked
+        observations, problem = self.experiment.observations, self.problem
+        if observations.is_empty or self.member is None or not isinstance(problem, Problem):
+            return observations
         parameters = self.member.specification.get("parameters", {})
-        return replace(asked, parameters=parameters, inputs=problem.inputs)
+        return replace(observations, parameters=parameters, inputs=problem.inputs)
 
     @property
     def title(self) -> str:
@@ -227,13 +227,13 @@ class Run:
             "n_steps": self.n_steps,
             **({} if self.experiment.grading == 1.0 else {"grading": self.experiment.grading}),
             "store_every": self.experiment.store_every,
-            **_asked(self.experiment.diagnostics),
+            **_diagnostics_settings(self.experiment.diagnostics),
             **self.experiment.observations.specification(),
             **_wanted(self.experiment),
         }
 
 
-def _asked(diagnostics: DiagnosticsRequest) -> dict[str, Any]:
+def _diagnostics_settings(diagnostics: DiagnosticsRequest) -> dict[str, Any]:
     """The diagnostics as JSON values; nothing where none are asked for."""
     if diagnostics.is_empty:
         return {}

@@ -105,7 +105,7 @@ def _pulses_of(scene: Scene) -> tuple[float, ...]:
 
 def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
     """Polynomials of a run with adaptive steps, whatever the times that are asked for."""
-    told = ""
+    failure = ""
     scale = likely_amplitude(scene) or 1.0
     better, worse = (
         AdaptiveRuns(
@@ -116,8 +116,8 @@ def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
     for tolerance in (ROUGH, *TOLERANCES):
         runs = (better.run(tolerance * scale), worse.run(3.0 * tolerance * scale))
         fine, other = (run.steps for run in runs)
-        told = next((f"{run.status}: {run.message}" for run in runs if run.status != "ok"), "")
-        if told or fine is None or other is None:
+        failure = next((f"{run.status}: {run.message}" for run in runs if run.status != "ok"), "")
+        if failure or fine is None or other is None:
             continue
         scale = float(np.abs(runs[0].position).max()) or scale
         if tolerance == ROUGH:
@@ -126,7 +126,7 @@ def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
         difference = float(np.abs(fine(times) - other(times)).max())
         words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
         return Reference(values=fine, error=difference, source=f"refined run ({words})")
-    return _nothing(scene, f"the refined run {told}")
+    return _no_reference(scene, f"the refined run {failure}")
 
 
 def _scene_of(problem: AnyProblem) -> Scene:
@@ -146,12 +146,12 @@ class _Refined:
 
 def _refined_together(scenes: Sequence[Scene], common: int) -> list[Reference]:
     return [
-        _nothing(scene, found) if isinstance(found, str) else _on_grid(scene, found, common)
+        _no_reference(scene, found) if isinstance(found, str) else _on_grid(scene, found, common)
         for scene, found in zip(scenes, _doubled(scenes, common), strict=True)
     ]
 
 
-def _nothing(scene: Scene, failure: str) -> Reference:
+def _no_reference(scene: Scene, failure: str) -> Reference:
     return unknown_reference(scene, f"none (no exact solution is known, and {failure})")
 
 
@@ -179,8 +179,8 @@ def _on_grid(scene: Scene, refined: _Refined, common: int) -> Reference:
 
 def _in_words(error: float, scale: float) -> str:
     """The estimated error by a power of ten, since its digits are those of one machine."""
-    told = max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300)
-    return f"estimated error below 1e{math.ceil(math.log10(told))}"
+    bound = max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300)
+    return f"estimated error below 1e{math.ceil(math.log10(bound))}"
 
 
 def _doubled(scenes: Sequence[Scene], base: int) -> list[_Refined | str]:

@@ -94,16 +94,16 @@ def _observed_and_assessed(
     checkpoints: RunKeeper | None,
 ) -> FinishedRun:
     """The run with its error on the mesh, reported at the times that are asked for."""
-    asked = run.observations
+    request = run.observations
     pair = integrate_observed(
         problem.scene,
         run.method,
-        run.n_steps if asked.impacts else run.steps,
-        asked,
+        run.n_steps if request.impacts else run.steps,
+        request,
         diagnostics=run.experiment.diagnostics,
         checkpoints=checkpoints,
     )
-    if asked.impacts:
+    if request.impacts:
         reference = unknown_reference(problem.scene, "none (a motion with impacts)")
     else:
         reference = reference_of(run)
@@ -214,14 +214,14 @@ def stability_remarks(
 def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Trajectory:
     """The whole trajectory, or the points that are stored where the method needs no others."""
     every = kept_on_the_way(run)
-    asked = run.experiment.diagnostics
-    if asked.is_empty or isinstance(run.method, Method):
+    request = run.experiment.diagnostics
+    if request.is_empty or isinstance(run.method, Method):
         trajectory = integrate(
             problem.scene,
             run.method,
             run.steps,
             every=every,
-            diagnostics=asked,
+            diagnostics=request,
             checkpoints=checkpoints,
         )
     else:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fvi_cli.integrator import advance
-from fvi_cli.integrator.advance import watched
+from fvi_cli.integrator.advance import on_progress
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.scenes.registry import build_scene
@@ -39,7 +39,7 @@ def test_every_loop_tells_how_far_it_is(specification, name, monkeypatch):
     monkeypatch.setattr(advance, "SECONDS_BETWEEN", 0.0)
     scene, method = build_scene(specification), METHODS[name]
     told = []
-    with watched(lambda done, n_steps: told.append((done, n_steps))):
+    with on_progress(lambda done, n_steps: told.append((done, n_steps))):
         watching = integrate(scene, method, N)
     of_this_run = [done for done, n_steps in told if n_steps == N]
     assert of_this_run
@@ -57,8 +57,8 @@ def test_every_loop_tells_how_far_it_is(specification, name, monkeypatch):
 
 def test_a_watcher_is_told_seldom():
     told = []
-    with watched(lambda done, n_steps: told.append(done)):
+    with on_progress(lambda done, n_steps: told.append(done)):
         for index in range(100_000):
-            advance.advanced(index, 100_000)
+            advance.report_progress(index, 100_000)
     assert told[0] == 0
     assert len(told) < 100

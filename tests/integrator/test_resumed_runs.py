@@ -15,8 +15,8 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.loop.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.observations.asked import observations
 from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.observations.request import observations
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.scenes.nonlinear import duffing
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
@@ -247,7 +247,7 @@ def test_a_search_for_a_tolerance_computes_no_run_again(monkeypatch, stop):
 def test_a_search_on_equal_steps_computes_no_run_again():
     methods = (GRADED, fvi.Method(cq="gauss", degree=3, start="graded"))
     lines, again = [], []
-    chosen, straight = solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, tell=lines.append)
+    chosen, straight = solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, log=lines.append)
     kept = Kept(stops=(10**6,))
     solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
     kept.stops = [len(kept.saves) - 5]
@@ -257,7 +257,7 @@ def test_a_search_on_equal_steps_computes_no_run_again():
     with pytest.raises(InterruptedRunError):
         solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
     found = solve_on_equal_steps(
-        PENDULUM, methods, tolerance=1e-8, checkpoints=kept, tell=again.append
+        PENDULUM, methods, tolerance=1e-8, checkpoints=kept, log=again.append
     )
     assert found[0] == chosen
     assert_same(found[1], straight)

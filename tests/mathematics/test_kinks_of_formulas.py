@@ -11,7 +11,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
@@ -91,7 +91,7 @@ def test_drawn_formulas_agree_with_50_digits(seed):
     found = slope(text, at)
     if sides[0] == pytest.approx(sides[1], rel=1e-9, abs=1e-20):
         assert found == pytest.approx(sides[0], rel=1e-6, abs=1e-9 * max(map(abs, sides)))
-        beside = formula.evaluate({"t": np.array(at + 2.0**-100 * 1j)}, BESIDE_REAL)
+        beside = formula.evaluate({"t": np.array(at + 2.0**-100 * 1j)}, REAL_BRANCHES)
         assert np.imag(beside) * 2.0**100 == pytest.approx(found, rel=1e-6, abs=1e-9 * abs(found))
     low, high = sorted((at, at * chance.uniform(-2, 3)))
     box = formula.evaluate({"t": Interval(np.array(low), np.array(high))}, INTERVAL_FUNCTIONS)

@@ -7,7 +7,7 @@ from letters import spring, swing
 
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import observations
+from fvi_cli.integrator.observations.request import observations
 from fvi_cli.planning.seconds import short_job, time_runs
 
 GAUSS = Method(cq="gauss", degree=2, start="none")

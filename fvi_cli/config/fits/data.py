@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fvi_cli.config.keys.fit import Data
-from fvi_cli.integrator.observations.asked import known_names
+from fvi_cli.integrator.observations.request import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.settings import as_plain
@@ -207,8 +207,8 @@ def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
     try:
         build_scene(specification)
     except (ValueError, KeyError, TypeError) as error:
-        said = f"{error.args[0]} is missing" if isinstance(error, KeyError) else error
-        at.refuse(f"there is no such problem: {said}")
+        reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else error
+        at.refuse(f"there is no such problem: {reason}")
         return False
     return True
 

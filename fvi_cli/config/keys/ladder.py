@@ -83,8 +83,8 @@ def check_grading(
     if grading == 1.0:
         return
     for listed in methods:
-        if said := objection_to_grading(listed.method):
-            at.under("ladder").refuse_key("grading", said)
+        if reason := objection_to_grading(listed.method):
+            at.under("ladder").refuse_key("grading", reason)
             return
     for index, n_steps in enumerate(steps) if ends else ():
         try:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.asked import Direction
+from fvi_cli.integrator.observations.request import Direction
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.scalars import Integer, Number, Text
 from fvi_cli.keys.settings import NotNegative, Positive, Setting, key, record_of

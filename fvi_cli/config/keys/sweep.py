@@ -79,7 +79,7 @@ class SweepShape(Shape):
 
     def read(self, at: Cursor) -> Any:
         """Plain values, ranges written out; what the values mean is read with the problem."""
-        own = at.complaints.apart()
+        own = at.complaints.separate()
         sweep = read_sweep(replace(at, complaints=own))
         at.complaints.adopt(own)
         if sweep is None or len(own):
@@ -158,13 +158,13 @@ def too_many(count: int) -> str:
 def _refuse_repeated(found: Sequence[Node], at: Cursor) -> None:
     seen: set[str] = set()
     for index, value in enumerate(found):
-        text = _told(value)
+        text = _value_text(value)
         if text in seen:
             at.refuse(f"{excerpt(text)} stands in the list already", index)
         seen.add(text)
 
 
-def _told(node: Node) -> str:
+def _value_text(node: Node) -> str:
     """Equal for values that mean the same."""
     value = plain(node)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -200,7 +200,7 @@ def _listed_members(at: Cursor) -> Sweep | None:
         chosen = []
         for key in keys:
             value = item.node.entries[key].node
-            index = indices[key].setdefault(_told(value), len(values[key]))
+            index = indices[key].setdefault(_value_text(value), len(values[key]))
             if index == len(values[key]):
                 values[key].append(value)
             chosen.append(index)

@@ -57,7 +57,7 @@ def configuration_reference() -> str:
             name,
             described,
             is_required=name in top["required"],
-            nested=name not in _APART,
+            nested=name not in _OWN_SECTIONS,
         )
     lines += _table(rows)
     lines += [
@@ -83,7 +83,7 @@ def _inlined(schema: Any, definitions: Schema) -> Any:
     return {**target, **{k: _inlined(v, definitions) for k, v in schema.items() if k != "$ref"}}
 
 
-_APART: Final = ("problem", "method")
+_OWN_SECTIONS: Final = ("problem", "method")
 """Keys with a section of their own."""
 
 

@@ -53,9 +53,9 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
 
             inside = grid[(grid > start + 1e-9 * h) & (grid <= end + 1e-9 * h)]
             # the end of the piece is the start of the next, on the grid or not
-            asked = np.append(inside[inside < end], end)
+            at_times = np.append(inside[inside < end], end)
             found = solve_ivp(
-                rate, (start, end), state, "DOP853", asked, rtol=tolerance, atol=tolerance
+                rate, (start, end), state, "DOP853", at_times, rtol=tolerance, atol=tolerance
             )
             evaluations += int(found.nfev)
             values = np.asarray(found.y, dtype=float).T.reshape(-1, 2 * d)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.advance import STRIDE, advanced
+from fvi_cli.integrator.advance import STRIDE, report_progress
 from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
 from fvi_cli.integrator.baselines.past import Past, without_start
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
@@ -57,7 +57,7 @@ class Scheme(ABC):
             return np.zeros_like(self.position)
         return self.scene.forcing(self.times)
 
-    def pull(self, position: Array) -> Array:
+    def potential_gradient(self, position: Array) -> Array:
         """Gradient of the potential."""
         if self.scene.potential is None:
             return np.zeros(self.scene.dimension)
@@ -100,7 +100,7 @@ class ExplicitEuler(Euler):
 
     def advance(self, k: int) -> None:
         """From t_k to t_(k+1)."""
-        force = self.forces[k] - self.past.force(k, k) - self.pull(self.position[k])
+        force = self.forces[k] - self.past.force(k, k) - self.potential_gradient(self.position[k])
         self.velocity[k + 1] = self.velocity[k] + self.h * (self.inverse_mass @ force)
         self.position[k + 1] = self.position[k] + self.h * self.velocity[k]
         self.past.keep(k + 1, self.velocity[k + 1])
@@ -158,7 +158,7 @@ class GruenwaldLetnikov(Scheme):
         """From t_k to t_(k+1)."""
         scene = self.scene
         self.past.keep(k, self.position[k])
-        force = self.forces[k] - self.past.force(k, k) - self.pull(self.position[k])
+        force = self.forces[k] - self.past.force(k, k) - self.potential_gradient(self.position[k])
         if k == 0:
             for term in scene.active_damping:
                 if term.is_integer_order:
@@ -201,14 +201,14 @@ class ProductIntegration(Scheme):
         self.past.keep(0, self.position[0])
         self.matrix = scene.inertia.mass + self.past.newest
         self.known = self.known + self.past.newest_offset
-        self.newest = self.pull(self.position[0])
-        # first and second integral of the pull up to t_k
+        self.newest = self.potential_gradient(self.position[0])
+        # first and second integral of the potential force up to t_k
         self.once = self.twice = self.origin = np.zeros(scene.dimension)
 
     def advance(self, k: int) -> None:
         """From t_k to t_(k+1)."""
-        h, pull = self.h, self.newest
-        known = self.known[k + 1] - self.twice - h * self.once - h * h / 3 * pull
+        h, gradient = self.h, self.newest
+        known = self.known[k + 1] - self.twice - h * self.once - h * h / 3 * gradient
         solved, used = solve_implicit(
             self.matrix,
             known - self.past.force(k + 1, k),
@@ -219,9 +219,9 @@ class ProductIntegration(Scheme):
             weight=h * h / 6,
         )
         self.iterations += 0 if self.scene.is_linear else used
-        self.position[k + 1], self.newest = solved, self.pull(solved)
-        self.twice = self.twice + h * self.once + h * h * (pull / 3 + self.newest / 6)
-        self.once = self.once + h / 2 * (pull + self.newest)
+        self.position[k + 1], self.newest = solved, self.potential_gradient(solved)
+        self.twice = self.twice + h * self.once + h * h * (gradient / 3 + self.newest / 6)
+        self.once = self.once + h / 2 * (gradient + self.newest)
         self.past.keep(k + 1, solved)
 
     def _forcing_twice_integrated(self) -> Array:
@@ -280,7 +280,7 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             if k % STRIDE == 0:
-                advanced(k, n_steps)
+                report_progress(k, n_steps)
             try:
                 scheme.advance(k)
             except StepFailedError as error:

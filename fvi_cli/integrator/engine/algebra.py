@@ -15,7 +15,7 @@ LARGEST_INVERSE = 200
 
 FEW = 32
 """Components up to which a matrix that acts on no others is taken as dense on these."""
-LARGEST_BESIDE = 1e-12
+LARGEST_OFF_DIAGONAL = 1e-12
 """Entries beside the diagonal, relative to those on it, that are round-off."""
 
 
@@ -97,7 +97,7 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
     along = [back @ one @ vectors for one in quotients]
     for one in along:
         beside = one - np.diag(np.diagonal(one))
-        if np.abs(beside).max(initial=0.0) > LARGEST_BESIDE * np.abs(one).max():
+        if np.abs(beside).max(initial=0.0) > LARGEST_OFF_DIAGONAL * np.abs(one).max():
             return None
     chosen = np.flatnonzero(values.imag >= 0)
     into = (back @ first)[chosen]

@@ -118,7 +118,7 @@ def _in_pieces(
             own.longest = np.where(own.wait == 0, np.maximum(own.longest, LEAST), own.longest)
     for name in (*STATE_OF_BLOCKS, "block"):
         setattr(state, name, getattr(own, name))
-    return Steps.joined(parts)
+    return Steps.join(parts)
 
 
 def _put(state: State, places: Places, own: State) -> None:

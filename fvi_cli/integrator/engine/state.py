@@ -165,7 +165,7 @@ class Steps:
         return replace(self, **found)  # type: ignore[arg-type]
 
     @classmethod
-    def joined(cls, parts: Sequence[Steps]) -> Steps:
+    def join(cls, parts: Sequence[Steps]) -> Steps:
         """Steps one after the other."""
         x, p = np.zeros(()), np.zeros(())
         dx, dp = [], []

@@ -78,7 +78,7 @@ class StructureLaw:
         """Inverse of M times p."""
         return self._inertia.velocity(p)
 
-    def pull(self, x: Array) -> Array:
+    def spring_force(self, x: Array) -> Array:
         """K x."""
         return np.zeros_like(x) if self.stiffness is None else times(x, self.stiffness)
 
@@ -162,13 +162,13 @@ def solve_one_by_one(
             force = past[k * m : k * m + m]
             known += frame.to_loads @ law.spread(force + own(k, 0, k) if k else force)
         if law.stiffness is not None:
-            known += frame.test_sum[:, None] * law.pull(state.x[0] + moved)
+            known += frame.test_sum[:, None] * law.spring_force(state.x[0] + moved)
         if loads is not None:
             known -= loads[0, k]
         right = known[:-1].copy()
         right[0] -= state.p[0] + gained
         u = unknowns[k] = solve(right.ravel()).reshape(s, e)
-        change = -known.sum(axis=0) - law.pull(to_mean @ u)
+        change = -known.sum(axis=0) - law.spring_force(to_mean @ u)
         if damping is not None:
             driven[k * i : k * i + i] = drive @ law.along(u)
             change -= frame.weights @ law.spread(own(k, k, k + 1))

@@ -22,18 +22,18 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.gradients.observation import Observation
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
-from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer
+from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of
 
-Asked = Callable[[int, float], Observations]
+NameResolver = Callable[[int, float], Observations]
 """Names in an expression for a value of one of the parameters; of index -1: as they are."""
 
 
 class Formula:
-    """An expression at n times of a run, in the names of `asked`: its values, ``(n,)``.
+    """An expression at n times of a run, in the names of `resolve_names`: its values, ``(n,)``.
 
     Raises
     ------
@@ -42,10 +42,10 @@ class Formula:
     """
 
     def __init__(
-        self, run: LinearisedRun, times: Array, expression: Expression, asked: Asked
+        self, run: LinearisedRun, times: Array, expression: Expression, resolve_names: NameResolver
     ) -> None:
-        self._scene, self._expression, self._asked = run.scene, expression, asked
-        own = asked(-1, 0.0)
+        self._scene, self._expression, self._resolve_names = run.scene, expression, resolve_names
+        own = resolve_names(-1, 0.0)
         self._own = own
         kinds = {own.derived.get(name, (name, 0))[0] for name in expression.names}
         self.is_of_motion = kinds <= {"", "v", "t"}
@@ -84,13 +84,13 @@ class Formula:
         if self.is_of_motion:
             return found
         for index, one in enumerate(variations):
-            values = partial(self._beside, index)
+            values = partial(self._vary, index)
             (found[:, index],) = differentiate(one, self._scene, values)
         return found
 
-    def _beside(self, index: int, scene: Scene, number: float) -> list[Array]:
+    def _vary(self, index: int, scene: Scene, number: float) -> list[Array]:
         motion = replace(self._motion, scenes=(scene,))
-        observer = Observer(motion, [self._asked(index, number)])
+        observer = Observer(motion, [self._resolve_names(index, number)])
         return [observer.along(self._expression)(*self._places)]
 
 
@@ -113,8 +113,8 @@ def _through_accelerations(
     share = np.asarray(np.linalg.solve(mass, weights[..., None])[..., 0], dtype=float)
     for found, step in ((by_position, (1j, 0)), (by_velocity, (0, 1j))):
         for index, unit in enumerate(COMPLEX_STEP * np.eye(scene.dimension)):
-            beside = position + step[0] * unit, velocity + step[1] * unit
-            right = lagrangian.derivatives(*beside, time).force
-            right = right - lagrangian.momentum_rate(*beside, acceleration, time)
+            varied = position + step[0] * unit, velocity + step[1] * unit
+            right = lagrangian.derivatives(*varied, time).force
+            right = right - lagrangian.momentum_rate(*varied, acceleration, time)
             found[:, index] = np.einsum("nd,nd->n", share, right).imag / COMPLEX_STEP
     return np.stack([by_position, by_velocity, share])

@@ -11,7 +11,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.frame import sampling_of
-from fvi_cli.integrator.gradients.formula import Asked, Formula
+from fvi_cli.integrator.gradients.formula import Formula, NameResolver
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
 from fvi_cli.integrator.gradients.observation import Observation
 from fvi_cli.integrator.gradients.quantity import Quantity
@@ -19,7 +19,7 @@ from fvi_cli.integrator.gradients.variation import Variation, disturbance, loads
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations, names_of
+from fvi_cli.integrator.observations.request import Observations, names_of
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.step_tables import step_tables
@@ -62,7 +62,7 @@ def gradient_of(
     steps: AnySteps,
     quantity: Quantity,
     variations: Sequence[Variation],
-    asked: Asked | None = None,
+    resolve_names: NameResolver | None = None,
 ) -> Gradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
@@ -75,7 +75,7 @@ def gradient_of(
     ValueError
         For times outside of the run, names that are not known, and a number without derivatives.
     """
-    named = asked or (lambda index, value: Observations(coordinates=names_of(scene)))
+    named = resolve_names or (lambda index, value: Observations(coordinates=names_of(scene)))
     expression = quantity.expression(named(-1, 0.0), scene)
     run = LinearisedRun(scene, method, run_steps(scene, method, steps))
     if expression is None:

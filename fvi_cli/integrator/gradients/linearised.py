@@ -260,8 +260,8 @@ class LinearisedRun:
             unknowns[:, one.steps] = _steps(moved, one).reshape(p, -1, s, d)
             last = moved.reshape(k, one.count, s, d, p)[:, :, -1]
             h = one.sizes[one.which][:, None, None, None]
-            way = (given[:, None, :d] + h * last.cumsum(axis=1)).reshape(k, -1, p)
-            positions[:, one.first + 1 : one.steps.stop + 1] = _steps(way, one)
+            displacement = (given[:, None, :d] + h * last.cumsum(axis=1)).reshape(k, -1, p)
+            positions[:, one.first + 1 : one.steps.stop + 1] = _steps(displacement, one)
         self.step_solves += n
         return Tangent(position=positions, unknowns=unknowns)
 

@@ -16,9 +16,9 @@ class Observation:
     def __init__(self, steps: RunSteps, places: tuple[Places, Array]) -> None:
         self._steps, self._places, self._which = steps, places, places[0]
         basis, tables = lobatto_basis(steps.tables.degree), steps.tables
-        way = steps.step_size[self._which] * basis.values(places[1])[1:]
+        displacement = steps.step_size[self._which] * basis.values(places[1])[1:]
         # of all unknowns, and of values at the stages
-        self._rows = np.stack([way.T, basis.derivatives(places[1])[1:].T])
+        self._rows = np.stack([displacement.T, basis.derivatives(places[1])[1:].T])
         self._of_stages = np.ones((self._which.size, 1))
         if tables.points.size > 1:
             self._of_stages = np.ascontiguousarray(tables.stage_basis.values(places[1]).T)
@@ -30,8 +30,8 @@ class Observation:
     def changes(self, tangent: Tangent) -> tuple[Array, Array]:
         """Their changes by disturbances, each ``(p, k, d)``."""
         unknowns = tangent.unknowns[:, self._which]
-        way, velocity = np.einsum("iks,pksd->ipkd", self._rows, unknowns)
-        return tangent.position[:, self._which] + way, velocity
+        displacement, velocity = np.einsum("iks,pksd->ipkd", self._rows, unknowns)
+        return tangent.position[:, self._which] + displacement, velocity
 
     def force_changes(self, force: Array) -> Array:
         """Changes of the damping force from those at the stages, ``(p, k, d)``."""

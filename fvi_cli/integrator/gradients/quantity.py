@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.asked import Observations, known_names
 from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression
 
@@ -54,7 +54,7 @@ class Quantity:
             raise ValueError("times: finite numbers are needed, at least one")
         object.__setattr__(self, "times", times)
 
-    def expression(self, asked: Observations, scene: Scene) -> Expression | None:
+    def expression(self, request: Observations, scene: Scene) -> Expression | None:
         """What `of` says, in the names of a motion; None: positions and velocities.
 
         Raises
@@ -64,11 +64,11 @@ class Quantity:
         """
         if self.of is None:
             return None
-        text = self.of if isinstance(self.of, str) else self.of(asked.coordinates)
-        quantities = asked.quantities or {}
+        text = self.of if isinstance(self.of, str) else self.of(request.coordinates)
+        quantities = request.quantities or {}
         if text in quantities:
             text = quantities[text].text
-        names = known_names(asked.coordinates, (*asked.parameters, *asked.inputs))
+        names = known_names(request.coordinates, (*request.parameters, *request.inputs))
         works = [name for name in work_names(scene) if name not in names]
         try:
             found = Expression.parse(text, variables=(*names, *works))

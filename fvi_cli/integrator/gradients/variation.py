@@ -86,35 +86,35 @@ def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
     jumps = scene.derivative != "caputo"
     position, velocity = scene.initial_position, scene.initial_velocity
 
-    def of_damping(beside: Scene) -> list[Any]:
-        kernels = [law.kernel for law in beside.laws]
+    def of_damping(varied: Scene) -> list[Any]:
+        kernels = [law.kernel for law in varied.laws]
         remembered: Any = 0.0
         if kernels != [law.kernel for law in scene.laws]:
             remembered = run.forces_of(kernels)
         return [
-            np.array([term.order for term in beside.damping]),
-            np.array([f.coefficient for f in beside.damping]),
-            np.array([law.size * law.coefficient for law in beside.laws]),
+            np.array([term.order for term in varied.damping]),
+            np.array([f.coefficient for f in varied.damping]),
+            np.array([law.size * law.coefficient for law in varied.laws]),
             remembered,
-            loads_of(run, beside, "of_damping") if jumps else 0.0,
-            beside.initial_position,
-            beside.initial_velocity,
+            loads_of(run, varied, "of_damping") if jumps else 0.0,
+            varied.initial_position,
+            varied.initial_velocity,
         ]
 
-    def by_numbers(beside: Scene, _: float) -> list[Any]:
-        structure, numbers = numbers_of(beside)
+    def by_numbers(varied: Scene, _: float) -> list[Any]:
+        structure, numbers = numbers_of(varied)
         if structure != own:
             raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
-        return of_damping(beside) + numbers
+        return of_damping(varied) + numbers
 
-    def by_values(beside: Scene, _: float) -> list[Any]:
+    def by_values(varied: Scene, _: float) -> list[Any]:
         with np.errstate(all="ignore"):
-            start = beside.momentum(position, velocity, 0.0)
+            start = varied.momentum(position, velocity, 0.0)
             return [
-                *of_damping(beside),
-                *beside.forces(*points),
+                *of_damping(varied),
+                *varied.forces(*points),
                 start,
-                loads_of(run, beside, "of_forcing"),
+                loads_of(run, varied, "of_forcing"),
             ]
 
     try:
@@ -222,10 +222,10 @@ def _differences(
 ) -> _Differences:
     at = []
     for place in stencils[1]:
-        beside = one.family(one.value + place * step)
-        if (len(beside.damping), beside.dimension) != (len(scene.damping), scene.dimension):
+        varied = one.family(one.value + place * step)
+        if (len(varied.damping), varied.dimension) != (len(scene.damping), scene.dimension):
             raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
-        at.append([np.asarray(o) for o in values(beside, one.value + place * step)])
+        at.append([np.asarray(o) for o in values(varied, one.value + place * step)])
     flat = np.array([np.concatenate([own.ravel() for own in row]) for row in at])
     # what does not change has the derivative 0, without round-off of the factors
     base = flat[0]

@@ -167,13 +167,13 @@ class SceneForces:
                 return -self._potential.slopes(position), None
             columns = [position[:, i] for i in range(d)]
             found = self._potential.gradient_components(columns, functions)
-            return -_side_by_side(found, position), None
+            return -_stack(found, position), None
         if self._lagrangian is None:
             return np.zeros((time.size, d)), None
         places = [position[:, i] for i in range(d)]
         rates = [velocity[:, i] for i in range(d)]
         momenta, forces = self._lagrangian.first_on(places, rates, time, functions)
-        return _side_by_side(forces, position), _side_by_side(momenta, position)
+        return _stack(forces, position), _stack(momenta, position)
 
     def enclosed(
         self,
@@ -228,7 +228,7 @@ class SceneForces:
         return self._forcing.pieces[bisect.bisect_left(self._breaks, middle)]
 
 
-def _side_by_side(values: Sequence[Array | float], like: Array) -> Array:
+def _stack(values: Sequence[Array | float], like: Array) -> Array:
     """Components, arrays ``(n,)`` or numbers, as one array ``(n, d)``."""
     found = np.empty(like.shape)
     for index, value in enumerate(values):

@@ -38,9 +38,9 @@ class StiffModes:
         self._mass, self._stiffness, self._stages = mass, stiffness, stages
         self._kept: OrderedDict[float, Solve] = OrderedDict()
 
-    def resolved(self, ways: Array, step_size: float) -> Array:
+    def resolved(self, displacements: Array, step_size: float) -> Array:
         """Ways or velocities ``(n, d)`` as far as a step of this size resolves them."""
-        return self.accelerations(times(ways, self._mass), step_size)
+        return self.accelerations(times(displacements, self._mass), step_size)
 
     def accelerations(self, forces: Array, step_size: float) -> Array:
         """Accelerations to forces ``(n, d)``, as far as a step of this size resolves them."""

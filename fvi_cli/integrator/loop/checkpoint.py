@@ -255,7 +255,7 @@ class Keeper:
     ----------
     checkpoints
         Where it is kept; None: nowhere.
-    asked
+    run_key
         Which run it is: method, number of steps, and their size or tolerance.
     determined_by
         What determines the numbers of the run beside these.
@@ -271,18 +271,18 @@ class Keeper:
     def __init__(
         self,
         checkpoints: RunKeeper | None,
-        asked: tuple[str, int, float],
+        run_key: tuple[str, int, float],
         determined_by: tuple[object, ...],
         run: Resumable,
     ) -> None:
         self._checkpoints, self._run = checkpoints, run
         # a run without a place for checkpoints needs no key
-        self._asked = (*asked, "" if checkpoints is None else fingerprint(*determined_by))
+        self._run_key = (*run_key, "" if checkpoints is None else fingerprint(*determined_by))
         self.earlier_seconds = 0.0
         found = None if checkpoints is None else checkpoints.load()
         if checkpoints is not None and found is not None:
             try:
-                if found.checkpoint.run != self._asked:
+                if found.checkpoint.run != self._run_key:
                     raise ValueError(OF_ANOTHER_RUN)
                 run.restore(found.checkpoint.arrays, found.kept)
                 self.earlier_seconds = found.seconds
@@ -301,7 +301,7 @@ class Keeper:
             return
         arrays = self._run.arrays()
         done, reported = self._run.progress
-        checkpoint = Checkpoint(run=self._asked, done=done, reported=reported, arrays=arrays)
+        checkpoint = Checkpoint(run=self._run_key, done=done, reported=reported, arrays=arrays)
         checkpoints.save(
             UnfinishedRun(checkpoint=checkpoint, kept=self._run.kept(), seconds=seconds)
         )

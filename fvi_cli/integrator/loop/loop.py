@@ -73,16 +73,16 @@ def run(
             if until is not None and recorder.reached >= until:
                 recorder.flush(state)
                 return state
-            asked = source.propose()
-            if asked is None:
+            proposal = source.propose()
+            if proposal is None:
                 if source.failure is not None:
                     recorder.stop(source.failure)
                 break
             if after is not None and recorder.reached > reached:
                 reached = recorder.reached
                 after()
-            count = min(asked.n_steps, chunk)
-            _steps(engine, source, state, recorder, asked, count, recurrences)
+            count = min(proposal.n_steps, chunk)
+            _steps(engine, source, state, recorder, proposal, count, recurrences)
             if recorder.is_full:
                 recorder.flush(state)
         recorder.flush(state)
@@ -95,23 +95,23 @@ def _steps(
     source: Source,
     state: State,
     recorder: Recorder,
-    asked: Proposal,
+    proposal: Proposal,
     count: int,
     recurrences: dict[tuple[float, int], Recurrence],
 ) -> None:
     """So many of the proposed steps, or those up to one that is rejected."""
-    if asked.is_fresh:
+    if proposal.is_fresh:
         state.unknowns = state.rest = None
-    state.t, h = asked.begin, asked.h
-    loads = engine.loads(state.t, h, count, is_fresh=asked.is_fresh)
-    block, done, overflows = block_for(engine, asked.total), 0, False
+    state.t, h = proposal.begin, proposal.h
+    loads = engine.loads(state.t, h, count, is_fresh=proposal.is_fresh)
+    block, done, overflows = block_for(engine, proposal.total), 0, False
     while done < count:
-        at, ahead = asked, count - done
+        at, ahead = proposal, count - done
         if done:
-            at = asked._replace(first=asked.first + done)
+            at = proposal._replace(first=proposal.first + done)
         own = None if loads is None else loads[:, done:]
         blocks = 0 if overflows else ahead // block
-        if block > 1 and Recurrence.pays(engine, block, blocks, asked.total):
+        if block > 1 and Recurrence.pays(engine, block, blocks, proposal.total):
             n, before = blocks * block, state.copy()
             key = (h, block)
             if key not in recurrences:
@@ -138,7 +138,7 @@ def _steps(
             # products with numbers of later steps that overflow hide where a run leaves its bound
             steps = engine.solve(state, h, 1, None if own is None else own[:, :1])
         else:
-            steps = advance(engine, state, h, ahead, asked.total, own)
+            steps = advance(engine, state, h, ahead, proposal.total, own)
             if engine.law.is_linear and len(engine.scenes) == 1 and steps.count > 1:
                 overflows = not np.isfinite(steps.dx[:, -1]).all()
                 if overflows:

@@ -56,7 +56,7 @@ class Solved(NamedTuple):
 
     Parameters
     ----------
-    asked, end
+    proposal, end
         Where they begin, and the time at the end of the last.
     position, momentum
         At their ends, shape ``(q, n, e)``.
@@ -65,7 +65,7 @@ class Solved(NamedTuple):
         ``(q, n, s, e)``, where scenes are not linear.
     """
 
-    asked: Proposal
+    proposal: Proposal
     end: float
     position: Array
     momentum: Array
@@ -80,7 +80,7 @@ class Solved(NamedTuple):
     @property
     def n_reported(self) -> int:
         """Number of reported points at their ends."""
-        first, every = self.asked.first, self.asked.reported_every
+        first, every = self.proposal.first, self.proposal.reported_every
         return (first + self.n_steps) // every - first // every if every else 0
 
 
@@ -88,19 +88,19 @@ def points_of(
     engine: Engine, solved: Sequence[Solved], done: int, before: Array
 ) -> tuple[Points, NDArray[np.bool_]]:
     """Successive steps in the coordinates of the scenes, and which of their ends are reported."""
-    asked, ends, position, momentum, _, unknowns = zip(*solved, strict=True)
+    proposals, ends, position, momentum, _, unknowns = zip(*solved, strict=True)
     counts = [one.n_steps for one in solved]
 
     def spread(values: list[float] | list[int]) -> Array:
         return np.repeat(values, counts) if len(values) > 1 else np.full(counts[0], values[0])
 
     last = np.cumsum(counts) - 1
-    behind = [one.first - end for one, end in zip(asked, last - counts, strict=True)]
+    behind = [one.first - end for one, end in zip(proposals, last - counts, strict=True)]
     number = np.arange(last[-1] + 1) + spread(behind)
-    sizes = spread([one.h for one in asked])
-    times = spread([one.origin for one in asked]) + sizes * number
+    sizes = spread([one.h for one in proposals])
+    times = spread([one.origin for one in proposals]) + sizes * number
     times[last] = ends
-    every = spread([one.reported_every for one in asked])
+    every = spread([one.reported_every for one in proposals])
     x, p = engine.to_scene(np.concatenate(position, axis=1), np.concatenate(momentum, axis=1))
     found = Points(
         done=done,

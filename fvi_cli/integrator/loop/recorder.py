@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.advance import report_progress
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.newton_log import NewtonLog
 from fvi_cli.integrator.engine.state import State, Steps
@@ -121,7 +121,7 @@ class Recorder:
     def add(self, solved: Solved) -> None:
         """The next steps."""
         if self._n_reported is not None:
-            advanced(self.reported + self._on_the_way, self._n_reported)
+            report_progress(self.reported + self._on_the_way, self._n_reported)
         self._waiting.append(solved)
         self._on_the_way += solved.n_reported
         self._count += solved.n_steps
@@ -239,11 +239,11 @@ class Recorder:
 
     def points(self, scene: int) -> tuple[Array, Array, Array]:
         """Times, positions and momenta that are kept of a scene, its last point among them."""
-        end, kept = self._endings.get(scene), self._joined_points()
+        end, kept = self._endings.get(scene), self._join_points()
         time, position, momentum = (
-            self._joined("t"),
-            self._joined("x")[scene],
-            self._joined("p")[scene],
+            self._join("t"),
+            self._join("x")[scene],
+            self._join("p")[scene],
         )
         rows = kept.size if end is None else end.rows
         if rows < kept.size or not kept.all():
@@ -261,13 +261,13 @@ class Recorder:
         tables, d = self._engine.tables, self._engine.scenes[0].dimension
         velocity = np.zeros((0, tables.points.size, d))
         if self._rows["v"]:
-            velocity = self._joined("v")[scene, : rows - 1]
+            velocity = self._join("v")[scene, : rows - 1]
         return RunSteps(
             tables=tables,
-            time=self._joined("t")[:rows],
-            step_size=self._joined("h")[1:rows],
-            position=self._joined("x")[scene, :rows],
-            momentum=self._joined("p")[scene, :rows],
+            time=self._join("t")[:rows],
+            step_size=self._join("h")[1:rows],
+            position=self._join("x")[scene, :rows],
+            momentum=self._join("p")[scene, :rows],
             velocity=velocity,
         )
 
@@ -281,9 +281,9 @@ class Recorder:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Everything that is kept so far, by name."""
         found: dict[str, NDArray[Any]] = {
-            **{name: self._joined(name) for name, pieces in self._rows.items() if pieces},
+            **{name: self._join(name) for name, pieces in self._rows.items() if pieces},
             **{f"newton {name}": one for name, one in self.newton.arrays().items()},
-            "is point": self._joined_points(),
+            "is point": self._join_points(),
             "last time": np.array(self._last[0]),
             "last position": self._last[1],
             "last momentum": self._last[2],
@@ -342,14 +342,14 @@ class Recorder:
         self._last = (state.t, position[:, 0], momentum[:, 0])
         self.done, self.reported, self._begun = done, reported, done
 
-    def _joined(self, name: str) -> Array:
+    def _join(self, name: str) -> Array:
         """Pieces as one array, which takes their place: nothing is there twice."""
         pieces = self._rows[name]
         if len(pieces) > 1:
             pieces[:] = [np.concatenate(pieces, axis=0 if name in "th" else 1)]
         return pieces[0]
 
-    def _joined_points(self) -> np.ndarray:
+    def _join_points(self) -> np.ndarray:
         self._is_point = [np.concatenate(self._is_point)]
         return self._is_point[0]
 

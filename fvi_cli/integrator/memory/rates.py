@@ -15,7 +15,7 @@ from fvi_cli.mathematics.arrays import Array
 _END_ERROR = 20.0
 # densities that are singular nearer to the real axis than this have nodes crowded around there
 _WIDE = 0.55 * math.pi
-_BESIDE_PEAK = 3.0
+_PEAK_MARGIN = 3.0
 # by so much at a time are ends moved for a peak: laws that differ a little have the same rates
 _ROOM = 2.0
 # nodes so far (as logarithms) beyond what a mesh sees are alike there to every accuracy
@@ -114,10 +114,10 @@ def rate_rule(
         Logarithms at which densities bend, and how far from the real axis they are singular there.
     """
     nearest, farthest = first - _ALIKE, last + _ALIKE
-    below = max([0.0, *(first - place + _BESIDE_PEAK for place, _ in peaks)])
+    below = max([0.0, *(first - place + _PEAK_MARGIN for place, _ in peaks)])
     # the rates themselves are a power of those beyond the shift from there on only
     beyond = [place for place, _ in peaks] + ([math.log(shift)] if shift else [])
-    above = max([0.0, *(place + _BESIDE_PEAK - last for place in beyond)])
+    above = max([0.0, *(place + _PEAK_MARGIN - last for place in beyond)])
     first -= _ROOM * math.ceil(below / _ROOM)
     last += _ROOM * math.ceil(above / _ROOM)
     narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})

@@ -72,10 +72,10 @@ class Mesh:
                 raise ArgumentError(
                     "mesh", f"{one.n_steps} steps from {one.begin:g} to {one.end:g}"
                 )
-            way = one.n_steps * one.step_size
-            if abs(way - length) > 1e-9 * length + 1e-14 * one.end:
+            displacement = one.n_steps * one.step_size
+            if abs(displacement - length) > 1e-9 * length + 1e-14 * one.end:
                 raise ArgumentError(
-                    "mesh", f"{one.n_steps} steps of {one.step_size:g} make {way:g}"
+                    "mesh", f"{one.n_steps} steps of {one.step_size:g} make {displacement:g}"
                 )
 
     @property

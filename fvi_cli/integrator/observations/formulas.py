@@ -189,13 +189,13 @@ class Isolated:
         finite = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=1)
         np.maximum.at(self._largest, part, finite)
         tail = size[:, -2:].max(axis=1)
-        is_settled = (tail <= DECAY * size.max(axis=1)) | (tail <= noise)
-        is_settled &= np.isfinite(values[:, 1:-1]).all(axis=1)
+        is_resolved = (tail <= DECAY * size.max(axis=1)) | (tail <= noise)
+        is_resolved &= np.isfinite(values[:, 1:-1]).all(axis=1)
         width, (before, shrinks) = width_of(found), carried.T
         shrinks = np.where(width <= SHRINKAGE * before, shrinks + 1.0, 0.0)
-        is_told = width <= TIGHT * 2.0 * size[:, 1:].sum(axis=1)
+        is_known = width <= TIGHT * 2.0 * size[:, 1:].sum(axis=1)
         rough = (found.low <= 0.0) & (found.high >= 0.0)
-        rough &= ~(is_settled & (is_told | (shrinks >= SHRINKS)))
+        rough &= ~(is_resolved & (is_known | (shrinks >= SHRINKS)))
         rough &= ~(width <= np.maximum(ROUND_OFF * self._largest[part], 4.0 * noise))
         if depth == MOST_BISECTIONS:
             rough[:] = False

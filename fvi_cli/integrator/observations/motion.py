@@ -113,9 +113,9 @@ class DenseMotion:
     def position(self, steps: Places, tau: Array) -> Array:
         """Positions, shape ``(n, d)``."""
         increments, _ = self._polynomials
-        way = evaluate_series(increments, steps, 2.0 * tau - 1.0)
-        way[tau == 0.0] = 0.0
-        return np.asarray(self._begins[steps] + self.step_size[steps, None] * way)
+        displacement = evaluate_series(increments, steps, 2.0 * tau - 1.0)
+        displacement[tau == 0.0] = 0.0
+        return np.asarray(self._begins[steps] + self.step_size[steps, None] * displacement)
 
     def velocity(self, steps: Places, tau: Array) -> Array:
         """Velocities, shape ``(n, d)``."""
@@ -137,15 +137,18 @@ class DenseMotion:
         """Chebyshev coefficients of increments over h and of velocities, both ``(K, N, d)``."""
         increments, rates = [], []
         for member, shape in enumerate(self.shapes):
-            way = shape.tables.increments_to_series @ _first_axis(shape.unknowns)
+            displacement = shape.tables.increments_to_series @ _first_axis(shape.unknowns)
             rate = _stage_series(shape, shape.velocity)
             if shape is not self.steps[member]:
                 gaps = np.stack(self._gaps(member)).reshape(3, -1)
-                to_way, to_rate = _corrections()
-                way, rate = _sum(way, to_way @ gaps), _sum(rate, to_rate @ gaps)
-            increments.append(way.reshape(len(way), shape.n_steps, -1))
+                to_displacement, to_rate = _corrections()
+                displacement, rate = (
+                    _sum(displacement, to_displacement @ gaps),
+                    _sum(rate, to_rate @ gaps),
+                )
+            increments.append(displacement.reshape(len(displacement), shape.n_steps, -1))
             rates.append(rate.reshape(len(rate), shape.n_steps, -1))
-        return _joined(increments), _joined(rates)
+        return _join(increments), _join(rates)
 
     def _gaps(self, member: int) -> tuple[Array, Array, Array]:
         """What the shape lacks of mean velocities, and of velocities at both ends, ``(n, d)``.
@@ -206,7 +209,7 @@ class DenseMotion:
             own = np.zeros_like(shape.velocity) if forces is None else forces.sum(axis=0)
             series = _stage_series(shape, own)
             found.append(series.reshape(len(series), shape.n_steps, -1))
-        return _joined(found)
+        return _join(found)
 
     def work(self, name: str, steps: Places, tau: Array) -> Array:
         """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
@@ -215,7 +218,7 @@ class DenseMotion:
             place = damper_place(scene, name)
             force = None if forces is None or place is None else forces[place]
             series.append(running_work(shape, force)[..., None])
-        return evaluate_series(_joined(series), steps, 2.0 * tau - 1.0)[:, 0]
+        return evaluate_series(_join(series), steps, 2.0 * tau - 1.0)[:, 0]
 
     @cached_property
     def _dampers(self) -> Sequence[Array | None]:
@@ -253,7 +256,7 @@ class DenseMotion:
             rate = _stage_series(shape, shape.velocity)
             slope = 2.0 * slopes_of_series(len(rate)).T @ rate
             found.append(slope.reshape(len(slope), shape.n_steps, -1))
-        return _joined(found)
+        return _join(found)
 
     def _force_by_balance(self, scene: Scene, steps: Places, tau: Array) -> Array:
         """Damping force that the equation of motion asks for, shape ``(n, d)``."""
@@ -287,7 +290,7 @@ def _sum(one: Array, other: Array) -> Array:
     return found
 
 
-def _joined(series: Sequence[Array]) -> Array:
+def _join(series: Sequence[Array]) -> Array:
     """Series of members ``(K, n, d)`` one after the other, short ones with zeros."""
     if len(series) == 1:
         return series[0]
@@ -304,10 +307,10 @@ def _corrections() -> tuple[Array, Array]:
     z = second_kind_points(4)
     tau = 0.5 * (z + 1.0)
     rest = 1.0 - tau
-    way = [tau**2 * (3.0 - 2.0 * tau), tau * rest**2, -rest * tau**2]
+    displacement = [tau**2 * (3.0 - 2.0 * tau), tau * rest**2, -rest * tau**2]
     rate = [6.0 * tau * rest, rest * (1.0 - 3.0 * tau), tau * (3.0 * tau - 2.0)]
     matrix = to_coefficients(z)
-    return matrix @ np.stack(way, axis=1), matrix @ np.stack(rate, axis=1)
+    return matrix @ np.stack(displacement, axis=1), matrix @ np.stack(rate, axis=1)
 
 
 def accelerations(
@@ -325,8 +328,8 @@ def accelerations(
             mass = np.where(usable[:, None, None], at.mass, np.eye(scene.dimension))
             found = np.linalg.solve(mass, right[..., None])[..., 0]
             return np.where(usable[:, None], found, np.nan)
-        _, pull = scene.forces(position, velocity, time)
-        return scene.inertia.velocity(pull + force)
+        _, conservative = scene.forces(position, velocity, time)
+        return scene.inertia.velocity(conservative + force)
 
 
 def _riemann_liouville(scene: Scene, time: Array) -> Array:

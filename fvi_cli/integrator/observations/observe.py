@@ -11,9 +11,9 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observations.asked import Observations, check_observable
 from fvi_cli.integrator.observations.impacts.run import integrate_with_impacts
 from fvi_cli.integrator.observations.observer import Observer, Pair
+from fvi_cli.integrator.observations.request import Observations, check_observable
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.integrator.run.on_mesh import AnySteps
@@ -25,7 +25,7 @@ def integrate_observed(
     scene: Scene,
     method: AnyMethod,
     n_steps: AnySteps,
-    asked: Observations,
+    request: Observations,
     *,
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
@@ -42,7 +42,7 @@ def integrate_observed(
         For methods whose steps are no polynomials, and impacts on a mesh of the caller's own.
     """
     check_observable(method)
-    if not asked.impacts or not isinstance(method, Method):
+    if not request.impacts or not isinstance(method, Method):
         run = integrate(
             scene,
             method,
@@ -52,26 +52,26 @@ def integrate_observed(
             with_steps=True,
             checkpoints=checkpoints,
         )
-        return observe(scene, method, run, asked, checkpoints=checkpoints)
+        return observe(scene, method, run, request, checkpoints=checkpoints)
     if not isinstance(n_steps, int):
         raise ValueError("impacts: steps are cut where these are; give a number of steps")
     run, times = integrate_with_impacts(
         scene,
         method,
         n_steps,
-        asked.impacts,
-        coordinates=asked.coordinates,
-        parameters=asked.parameters,
+        request.impacts,
+        coordinates=request.coordinates,
+        parameters=request.parameters,
         checkpoints=checkpoints,
     )
-    return observe(scene, method, run, asked, impacts=times, checkpoints=checkpoints)
+    return observe(scene, method, run, request, impacts=times, checkpoints=checkpoints)
 
 
 def integrate_observed_members(
     scenes: Sequence[Scene],
     method: AnyMethod,
     n_steps: int,
-    asked: Sequence[Observations],
+    requests: Sequence[Observations],
     *,
     every: int = 1,
     checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
@@ -84,14 +84,14 @@ def integrate_observed_members(
     runs = integrate_members(
         scenes, method, n_steps, every=every, with_steps=True, checkpoints=checkpoints
     )
-    return observe_members(scenes, method, runs, asked)
+    return observe_members(scenes, method, runs, requests)
 
 
 def observe(
     scene: Scene,
     method: AnyMethod,
     trajectory: Trajectory,
-    asked: Observations,
+    request: Observations,
     *,
     impacts: Mapping[str, Array] | None = None,
     checkpoints: RunKeeper | None = None,
@@ -113,7 +113,7 @@ def observe(
         For a run without steps, and times outside of it.
     """
     (found,) = observe_members(
-        [scene], method, [trajectory], [asked], impacts=impacts, checkpoints=checkpoints
+        [scene], method, [trajectory], [request], impacts=impacts, checkpoints=checkpoints
     )
     return found
 
@@ -122,7 +122,7 @@ def observe_members(
     scenes: Sequence[Scene],
     method: AnyMethod,
     trajectories: Sequence[Trajectory],
-    asked: Sequence[Observations],
+    requests: Sequence[Observations],
     *,
     impacts: Mapping[str, Array] | None = None,
     checkpoints: RunKeeper | None = None,
@@ -135,7 +135,7 @@ def observe_members(
     check_observable(method)
     if not isinstance(method, Method) or any(one.steps is None for one in trajectories):
         raise ValueError("observe: the steps of the run were not kept")
-    for scene, one in zip(scenes, asked, strict=True):
+    for scene, one in zip(scenes, requests, strict=True):
         if one.times is not None and one.times[-1] > scene.final_time * (1.0 + 1e-12):
             raise ValueError(
                 f"output: {one.times[-1]:g} is not allowed; the run goes from 0 to "
@@ -156,7 +156,7 @@ def observe_members(
             [one for one in steps if one is not None],
             part_of(checkpoints, "between the points"),
         )
-        observer = Observer(motion, [asked[k] for k in moving])
+        observer = Observer(motion, [requests[k] for k in moving])
         runs = [trajectories[k] for k in moving]
         found.update(zip(moving, observer.observe(runs, impacts or {}), strict=True))
     return [found[index] for index in range(len(trajectories))]

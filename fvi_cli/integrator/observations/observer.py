@@ -10,11 +10,11 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.asked import Event, Observations
 from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.pieces import by_owner
+from fvi_cli.integrator.observations.request import Event, Observations
 from fvi_cli.integrator.observations.search import event_places, extents_of
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
 from fvi_cli.integrator.run.regular import rough_remark
@@ -28,12 +28,12 @@ Pair = tuple[Trajectory, Trajectory]
 class Observer:
     """Evaluates what is asked of the motions of q members; formulas are those of the first."""
 
-    def __init__(self, motion: DenseMotion, asked: Sequence[Observations]) -> None:
-        self.motion, self.asked, self._first = motion, asked, asked[0]
+    def __init__(self, motion: DenseMotion, requests: Sequence[Observations]) -> None:
+        self.motion, self.requests, self._first = motion, requests, requests[0]
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only what occurs in it is evaluated."""
-        constants: Sequence[Mapping[str, float]] = [one.parameters for one in self.asked]
+        constants: Sequence[Mapping[str, float]] = [one.parameters for one in self.requests]
         if all(one == constants[0] for one in constants):
             constants = constants[:1]
         variables = partial(self.variables, expression)
@@ -67,8 +67,8 @@ class Observer:
 
     def _input(self, name: str, steps: Places, time: Array) -> Array:
         found = np.zeros(steps.size)
-        for member, own in by_owner(self.motion.owner, steps, len(self.asked)):
-            given = self.asked[member].inputs[name]
+        for member, own in by_owner(self.motion.owner, steps, len(self.requests)):
+            given = self.requests[member].inputs[name]
             if given is not None:
                 found[own] = given(time[own])[:, 0]
         return found
@@ -85,10 +85,10 @@ class Observer:
         for name, time in impacts.items():
             events[0][name] = self._occurrences(*motion.located(0, time))
             events[0][name] = replace(events[0][name], time=time)
-        for member, (scene, one) in enumerate(zip(motion.scenes, self.asked, strict=True)):
+        for member, (scene, one) in enumerate(zip(motion.scenes, self.requests, strict=True)):
             remarks[member] += _rough_works(scene, one)
         runs, ends, stopped = list(trajectories), [float(one.time[-1]) for one in motion.steps], []
-        for member, one in enumerate(self.asked):
+        for member, one in enumerate(self.requests):
             stopped.append("")
             for name, event in (one.events or {}).items():
                 times = events[member][name].time
@@ -169,7 +169,7 @@ class Observer:
 
     def _reported(self, member: int, run: Trajectory, end: float) -> tuple[Places, Array]:
         """Places of the times that are reported of a member."""
-        wanted = self.asked[member].times
+        wanted = self.requests[member].times
         times = run.time if wanted is None else wanted
         return self.motion.located(member, times[times <= end * (1.0 + 1e-12)])
 
@@ -180,27 +180,27 @@ class Observer:
         position = self.motion.position(*at)
         momentum, energy = self.motion.momentum_and_energy(position, *at)
 
-        def joined(values: Array | None, last: Array) -> Array | None:
+        def join(values: Array | None, last: Array) -> Array | None:
             return None if values is None else np.concatenate([values[kept], last])
 
         return replace(
             trajectory,
             time=np.append(trajectory.time[kept], end),
             position=np.concatenate([trajectory.position[kept], position]),
-            momentum=joined(trajectory.momentum, momentum),
-            energy=joined(trajectory.energy, energy),
+            momentum=join(trajectory.momentum, momentum),
+            energy=join(trajectory.energy, energy),
             status="ok",
             message="",
             diagnostics=None,
         )
 
 
-def _rough_works(scene: Scene, asked: Observations) -> tuple[str, ...]:
+def _rough_works(scene: Scene, request: Observations) -> tuple[str, ...]:
     """What is said of works on single dampers that keep the error of the first step."""
     if not rate_jumps(scene):
         return ()
-    formulas = [*(asked.quantities or {}).values()]
-    formulas += [one.when for one in (asked.events or {}).values()]
+    formulas = [*(request.quantities or {}).values()]
+    formulas += [one.when for one in (request.events or {}).values()]
     used = frozenset[str]().union(*(one.names for one in formulas))
     pairs = zip(work_names(scene), scene.damping, strict=False)
     found = [name for name, term in pairs if term.order > 1 and name in used]

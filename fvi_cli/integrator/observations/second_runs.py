@@ -36,13 +36,13 @@ def dense_motion(
         own = Method(
             cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
         )
-        for index, (second, said) in enumerate(_second_runs(scenes, own, steps, checkpoints)):
+        for index, (second, outcome) in enumerate(_second_runs(scenes, own, steps, checkpoints)):
             if second is not None:
                 methods[index], shapes[index] = own, second
                 continue
             remarks[index] = (
                 "between the points of the mesh the motion is known to the order of a step only: "
-                f"the run of {stages} stages {said}"
+                f"the run of {stages} stages {outcome}"
             )
     return DenseMotion(
         scenes=tuple(scenes),
@@ -68,9 +68,9 @@ def forces_along(
     for index, (scene, method, one) in enumerate(zip(scenes, methods, shapes, strict=True)):
         if scene.active_forces and one.n_steps:
             # laws shape the rates of all, and a sparse matrix stands by itself
-            is_alone = bool(scene.active_laws) or scene.is_sparse
+            runs_individually = bool(scene.active_laws) or scene.is_sparse
             key = (method, one.time.tobytes(), pattern_of(scene), scene.final_time)
-            groups.setdefault(index if is_alone else key, []).append(index)
+            groups.setdefault(index if runs_individually else key, []).append(index)
     for places in groups.values():
         first = places[0]
         along = damping_along(

@@ -13,7 +13,7 @@ AT_A_TIME = 2048
 """Points whose velocities are computed together."""
 
 
-def velocities_beside(ends: Array, sizes: Array, stages: Array, points: Array, at: Array) -> Array:
+def velocities_near(ends: Array, sizes: Array, stages: Array, points: Array, at: Array) -> Array:
     r"""Velocities at times from the stages of steps beside them, by one polynomial each.
 
     Behind a jump of the velocity, or of its rate as by a Riemann-Liouville derivative of order
@@ -80,7 +80,7 @@ def smooth_momenta(
         for begin in range(0, chosen.size, AT_A_TIME):
             one = chosen[begin : begin + AT_A_TIME]
             beside = first[one, None] + np.arange(count)
-            velocity[one] = velocities_beside(
+            velocity[one] = velocities_near(
                 steps.time[beside + 1],
                 steps.step_size[beside],
                 steps.velocity[beside],

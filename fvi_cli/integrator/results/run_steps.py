@@ -61,8 +61,8 @@ class RunSteps:
     @property
     def stage_position(self) -> Array:
         """Positions at the stages, shape ``(n, r, d)``."""
-        way = np.einsum("sr,nsd->nrd", self.tables.basis[1:], self.unknowns)
-        return np.asarray(self.position[:-1, None] + self.step_size[:, None, None] * way)
+        displacement = np.einsum("sr,nsd->nrd", self.tables.basis[1:], self.unknowns)
+        return np.asarray(self.position[:-1, None] + self.step_size[:, None, None] * displacement)
 
     @property
     def stage_time(self) -> Array:
@@ -94,8 +94,8 @@ class RunSteps:
     def position_in(self, steps: Places, tau: Array) -> Array:
         """Positions at places from 0 to 1 of steps, shape ``(k, d)``."""
         basis = lobatto_basis(self.tables.degree).values(tau)[1:]
-        way = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
-        return np.asarray(self.position[steps] + self.step_size[steps, None] * way)
+        displacement = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
+        return np.asarray(self.position[steps] + self.step_size[steps, None] * displacement)
 
     def velocity_in(self, steps: Places, tau: Array) -> Array:
         """Velocities at places from 0 to 1 of steps, shape ``(k, d)``."""
@@ -117,8 +117,8 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        asked = np.asarray(time, dtype=float)
-        flat = asked.ravel()
+        at_times = np.asarray(time, dtype=float)
+        flat = at_times.ravel()
         slack = 1e-12 * (self.time[-1] - self.time[0])
         if flat.size and not (self.time[0] <= flat.min() and flat.max() <= self.time[-1] + slack):
             raise ValueError(

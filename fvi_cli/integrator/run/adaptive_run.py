@@ -63,8 +63,8 @@ def integrate_adaptively(
     this = ScenesRun(engine, source, recorder)
     this.begin()
     ready = clock.perf_counter()
-    asked = (method.case, 0, steps.tolerance)
-    seconds = this.march(checkpoints, asked, (scene, method, steps))
+    run_key = (method.case, 0, steps.tolerance)
+    seconds = this.march(checkpoints, run_key, (scene, method, steps))
     found = trajectory_of(
         this,
         0,

@@ -26,5 +26,5 @@ def check_laws(scene: Scene, method: AnyMethod) -> None:
     ValueError
         ``method: why``.
     """
-    if said := law_objection(scene, method):
-        raise ValueError(f"method: {said}")
+    if reason := law_objection(scene, method):
+        raise ValueError(f"method: {reason}")

@@ -233,8 +233,8 @@ def integrate_scenes(
     this = prepare(scenes, method, mesh, every=every, with_steps=keeps, most=most)
     this.begin()
     ready = clock.perf_counter()
-    asked = (method.case, mesh.n_reported, first.final_time / max(mesh.n_reported, 1))
-    seconds = this.march(checkpoints, asked, (*scenes, method, mesh))
+    run_key = (method.case, mesh.n_reported, first.final_time / max(mesh.n_reported, 1))
+    seconds = this.march(checkpoints, run_key, (*scenes, method, mesh))
     share = 1.0 / len(scenes)
     return [
         trajectory_of(

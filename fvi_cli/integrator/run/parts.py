@@ -64,8 +64,8 @@ def integrate_part(
     began = clock.perf_counter()
     mesh = mesh_for(scene, method, n_steps)
     step_size = scene.final_time / n_steps
-    asked = (method.case, n_steps, step_size, fingerprint(scene, method, mesh))
-    if checkpoint is not None and checkpoint.run != asked:
+    run_key = (method.case, n_steps, step_size, fingerprint(scene, method, mesh))
+    if checkpoint is not None and checkpoint.run != run_key:
         own = f"{checkpoint.case} N={checkpoint.n_steps}"
         raise ValueError(
             f"checkpoint: it belongs to a run {own} of another scene, method or mesh, not to "
@@ -95,5 +95,5 @@ def integrate_part(
     done, reported = this.progress
     return Part(
         trajectory=trajectory,
-        checkpoint=Checkpoint(run=asked, done=done, reported=reported, arrays=this.arrays()),
+        checkpoint=Checkpoint(run=run_key, done=done, reported=reported, arrays=this.arrays()),
     )

@@ -29,12 +29,12 @@ def keeps_for_momenta(scene: Scene, method: Method, n_steps: int) -> bool:
 
 
 def rough_remarks(
-    scene: Scene, asked: DiagnosticsRequest, *, are_stored_smooth: bool
+    scene: Scene, request: DiagnosticsRequest, *, are_stored_smooth: bool
 ) -> tuple[str, ...]:
     """What is known to the first step's error only, where the momenta of a method are rough."""
     what = [] if are_stored_smooth else ["momenta and energies"]
-    what += ["dissipated work and energies of the balance"] if asked.energy_balance else []
-    what += ["momentum maps"] if asked.symmetries else []
+    what += ["dissipated work and energies of the balance"] if request.energy_balance else []
+    what += ["momentum maps"] if request.symmetries else []
     more = "; positions do not, nor do velocities by quantities, such as vx"
     return (rough_remark(scene, f"{' and '.join(what)} keep", more),) if what else ()
 

@@ -51,7 +51,7 @@ class ScenesRun:
     def march(
         self,
         checkpoints: RunKeeper | None,
-        asked: tuple[str, int, float],
+        run_key: tuple[str, int, float],
         determined_by: tuple[object, ...],
     ) -> float:
         """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
@@ -62,7 +62,7 @@ class ScenesRun:
             Seconds, those before a checkpoint among them.
         """
         began = clock.perf_counter()
-        keeper = Keeper(checkpoints, asked, determined_by, self)
+        keeper = Keeper(checkpoints, run_key, determined_by, self)
         run(
             self.engine,
             self.source,
@@ -193,11 +193,11 @@ def trajectory_of(
 
 
 def _diagnostics(
-    this: ScenesRun, index: int, steps: RunSteps, asked: DiagnosticsRequest
+    this: ScenesRun, index: int, steps: RunSteps, request: DiagnosticsRequest
 ) -> Diagnostics:
-    """What is asked for on all points of the mesh."""
+    """The diagnostics on all points of the mesh."""
     engine = this.engine
     scene, loads = engine.scenes[index], engine.loads_of[index]
     mesh = this.mesh or steps.mesh(scene.break_points)
     with np.errstate(all="ignore"):
-        return diagnose_run(scene, engine.method, mesh, steps, loads, asked)
+        return diagnose_run(scene, engine.method, mesh, steps, loads, request)

@@ -87,8 +87,8 @@ class Soundness:
         if not isinstance(first, ExpressionPotential) or points.unknowns is None:
             return
         begins = np.concatenate([points.before[:, None], points.position[:, :-1]], axis=1)
-        ways = points.sizes[:, None, None] * points.unknowns
-        path = (begins[:, :, None] + ways).reshape(len(begins), -1, begins.shape[-1])
+        displacements = points.sizes[:, None, None] * points.unknowns
+        path = (begins[:, :, None] + displacements).reshape(len(begins), -1, begins.shape[-1])
         path = np.concatenate([points.before[:, None], path], axis=1)
         for scene in np.flatnonzero(self._may_be_undefined(first, path)).tolist():
             if scene not in live:

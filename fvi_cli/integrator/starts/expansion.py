@@ -95,9 +95,9 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
     known, driven = cutoff if force is None else 1.0 + SLIGHTLY, -math.inf
     expansion = motion.completed(known)
     while force is not None and known < cutoff - SAME_EXPONENT:
-        pull = force(expansion.components(known))
-        motion.drive(pull, since=driven)
-        driven = min(series.cutoff for series in pull if isinstance(series, PowerSeries))
+        terms = force(expansion.components(known))
+        motion.drive(terms, since=driven)
+        driven = min(series.cutoff for series in terms if isinstance(series, PowerSeries))
         if driven + 2.0 < known + SLIGHTLY / 2:
             raise SeriesError(f"the expansion cannot be continued beyond t^{known:.3g}")
         known = min(cutoff, driven + 2.0)
@@ -210,14 +210,14 @@ def _force_of_lagrangian(
     )
     velocity = [replace(series, cutoff=unknown + first) for series in velocity]
     time = PowerSeries.variable(unknown + first)
-    momenta, pulls = lagrangian.first_on(position, velocity, time, SERIES_FUNCTIONS)
+    momenta, potential_forces = lagrangian.first_on(position, velocity, time, SERIES_FUNCTIONS)
     forces = []
-    for momentum, pull, row in zip(momenta, pulls, mass, strict=True):
+    for momentum, potential_force, row in zip(momenta, potential_forces, mass, strict=True):
         inertial = sum(
             (series * float(entry) for entry, series in zip(row, velocity, strict=True)),
             start=PowerSeries.constant(0.0, math.inf),
         )
-        forces.append(pull - (momentum - inertial).derivative())
+        forces.append(potential_force - (momentum - inertial).derivative())
     return forces
 
 

@@ -89,21 +89,21 @@ def _cbrt(argument: ComplexArray) -> ComplexArray:
     return np.copysign(1.0, argument.real) * _abs(argument) ** (1.0 / 3.0)
 
 
-def _select_beside(
+def _select_branch(
     a: ComplexArray, b: ComplexArray, below: ComplexArray, above: ComplexArray
 ) -> ComplexArray:
     return _select(np.real(a), np.real(b), below, above)  # type: ignore[arg-type, return-value]
 
 
-BESIDE_REAL: Final[Mapping[str, Callable[..., ComplexArray]]] = MappingProxyType(
+REAL_BRANCHES: Final[Mapping[str, Callable[..., ComplexArray]]] = MappingProxyType(
     {
         **cast(Mapping[str, Callable[..., ComplexArray]], {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}),
         "abs": _abs,
         "sign": lambda argument: np.sign(argument.real).astype(complex),
         "cbrt": _cbrt,
-        "min": lambda a, b: _select_beside(a, b, a, b),
-        "max": lambda a, b: _select_beside(b, a, a, b),
-        "select": _select_beside,
+        "min": lambda a, b: _select_branch(a, b, a, b),
+        "max": lambda a, b: _select_branch(b, a, a, b),
+        "select": _select_branch,
     }
 )
 """The same functions at complex numbers beside the real axis, continued from there."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS, value_of
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES, value_of
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 
@@ -43,7 +43,7 @@ class PointFormulas:
             places[name] if name in places else value_of(name, parameters) for name in system.names
         ]
         self._run = system.compiled_for(functions)
-        self._kind = complex if functions is BESIDE_REAL else float
+        self._kind = complex if functions is REAL_BRANCHES else float
         self._count = len(system.outputs)
 
     def __call__(self, *points: Array) -> Array:

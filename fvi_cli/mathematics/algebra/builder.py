@@ -127,7 +127,7 @@ def terms_with(system: FormulaSystem, name: str) -> tuple[FormulaSystem, Formula
     return builder.system(sums[:1]), builder.system(sums[1:])
 
 
-def joined(*systems: FormulaSystem) -> FormulaSystem:
+def join(*systems: FormulaSystem) -> FormulaSystem:
     """One program for the outputs of several."""
     builder = Builder()
     return builder.system([term for one in systems for term in builder.include(one)])

@@ -18,9 +18,9 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import (
-    BESIDE_REAL,
     INNER_FUNCTIONS,
     NUMPY_FUNCTIONS,
+    REAL_BRANCHES,
     ExpressionError,
     value_of,
 )
@@ -144,8 +144,8 @@ class FormulaSystem:
         if functions is NUMPY_FUNCTIONS:
             return self._on_arrays
         scope: dict[str, object] = {"__builtins__": {}, "square": _square, "power": _power}
-        if functions is BESIDE_REAL:
-            scope |= BESIDE_REAL
+        if functions is REAL_BRANCHES:
+            scope |= REAL_BRANCHES
         else:
             scope |= {
                 name: functools.partial(_call, name, functions.get(name))

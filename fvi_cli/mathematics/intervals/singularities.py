@@ -16,7 +16,7 @@ from fvi_cli.mathematics.intervals.interval import Interval
 FIRST_PARTS: Final = 64
 MOST_PARTS: Final = 1024
 MOST_HALVINGS: Final = 60
-BESIDE: Final = (1e-8, 1e-6)
+DISTANCES: Final = (1e-8, 1e-6)
 """Distances from a place at which the power is told, in lengths of the interval."""
 LEAST_INTEGRABLE: Final = -0.999
 
@@ -53,7 +53,7 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
             low, high = np.sort(low), np.sort(high)
         length = end - begin
         for place in 0.5 * (low + high):
-            if place - begin > BESIDE[1] * length:
+            if place - begin > DISTANCES[1] * length:
                 power = _power_at(formula, name, float(place), length, end)
                 if power <= LEAST_INTEGRABLE:
                     return float(place), round(power, 3)
@@ -64,10 +64,10 @@ def _power_at(formula: Expression, name: str, place: float, length: float, end: 
     """The least power of the distance with which a formula grows beside a place."""
     powers = [0.0]
     for side in (-1.0, 1.0):
-        times: Array = place + side * length * np.array(BESIDE)
+        times: Array = place + side * length * np.array(DISTANCES)
         if times[1] > end:
             continue
         near, far = np.abs(formula.evaluate({name: times}, NUMPY_FUNCTIONS))
         if 0 < near < np.inf and 0 < far < np.inf:
-            powers.append(float(np.log(near / far) / np.log(BESIDE[0] / BESIDE[1])))
+            powers.append(float(np.log(near / far) / np.log(DISTANCES[0] / DISTANCES[1])))
     return min(powers)

@@ -49,7 +49,7 @@ _FIRST_RATIO = 1.35
 _ITERATIONS = 150
 _SHIFT = 1e-6
 _LAST_STEP = 1e-8
-_APART = 1e-9
+_DISTINCT = 1e-9
 _PLACES = 8.0
 _SWEEPS = 30
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -142,11 +142,11 @@ def _integrals(
     total[~np.isfinite(values).all(axis=1)] = np.nan
     for _ in range(DEEPEST):
         first, second = _change(left, new), _change(new, right)
-        settled = np.abs(first + second - _change(left, right)) < LARGEST_SURPRISE
+        is_resolved = np.abs(first + second - _change(left, right)) < LARGEST_SURPRISE
         kept = []
         halves = ((first, low, middle, left, new), (second, middle, high, new, right))
         for change, start, end, here, there in halves:
-            done = settled & (np.abs(change) <= LARGEST_CHANGE)
+            done = is_resolved & (np.abs(change) <= LARGEST_CHANGE)
             _add(total, owner[done], change[done], path, start[done], end[done])
             kept.append([one[~done] for one in (owner, start, end, here, there)])
         owner, low, high, left, right = (np.concatenate(pair) for pair in zip(*kept, strict=True))
@@ -306,7 +306,7 @@ def _repelled(log_function: LogFunction, z: ComplexArray, radius: float) -> Comp
         if not live.any():
             gaps = np.abs(z[:, None] - z)
             np.fill_diagonal(gaps, np.inf)
-            return z if np.all(gaps.min(axis=1) > _APART * _scale(z)) else None
+            return z if np.all(gaps.min(axis=1) > _DISTINCT * _scale(z)) else None
     return None
 
 

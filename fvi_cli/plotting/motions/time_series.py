@@ -41,7 +41,7 @@ MOST_PANELS = 6
 
 def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the position of every method and the exact one, a panel for each component (up to 4)."""
-    shown = select_runs(finished, visibly_apart=True)
+    shown = select_runs(finished, only_distinct=True)
     names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
     exact, panels = experiment.problem.exact, []
     time = np.linspace(0.0, experiment.problem.final_time, _FINE_POINTS)
@@ -64,7 +64,7 @@ def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fi
 
     Logarithmically where it falls to a small part soon.
     """
-    shown = select_runs(finished, has_momentum, visibly_apart=True)
+    shown = select_runs(finished, has_momentum, only_distinct=True)
     columns = [item.trajectory.energy for item in shown if item.trajectory.energy is not None]
     first = columns[0]
     is_steep = bool(np.all(first > 0) and first[first.size // 3] < _STEEP * first.max())
@@ -101,16 +101,16 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
 def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw every quantity over time, a panel for each (up to 6), with the last method's peak."""
     shown = select_runs(finished, has_quantities)
-    asked = list(observed_of(shown[0]).quantities)
+    names = list(observed_of(shown[0]).quantities)
     panels = []
-    for name in asked[:MOST_PANELS]:
+    for name in names[:MOST_PANELS]:
         extent = observed_of(shown[-1]).extents[name]
         columns = [observed_of(item).quantities[name] for item in shown]
         curves = run_curves(shown, columns)
         curves[-1:] = [_with_peak(curves[-1], extent)]
         remark = f"peak ${in_formula(_height(extent), 4)}$ at $t = {extent.peak_time:.4g}$"
-        panels.append(_quantity_panel(experiment, name, curves, len(asked), remark))
-    return _figure(experiment, shown, panels, title=left_out_in_words(asked))
+        panels.append(_quantity_panel(experiment, name, curves, len(names), remark))
+    return _figure(experiment, shown, panels, title=left_out_in_words(names))
 
 
 def left_out_in_words(names: Sequence[object]) -> str:
@@ -217,16 +217,16 @@ def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedR
     Of several methods the first is shown; lines that a member has for itself have their peaks.
     """
     own = finest_of_first(_finest([one for one in finished if has_quantities(one)]))
-    asked = list(observed_of(own[0]).quantities)
+    names = list(observed_of(own[0]).quantities)
     panels = []
-    for name in asked[:MOST_PANELS]:
+    for name in names[:MOST_PANELS]:
         curves = []
         for one in own:
             curve = member_curve(one, one.trajectory.time, observed_of(one).quantities[name])
             extent = observed_of(one).extents[name]
             curves.append(curve if len(own) > MOST_LINES else _with_peak(curve, extent))
-        panels.append(_quantity_panel(experiment, name, curves, len(asked)))
-    return _figure(experiment, own, panels, title=left_out_in_words(asked), is_sweep=True)
+        panels.append(_quantity_panel(experiment, name, curves, len(names)))
+    return _figure(experiment, own, panels, title=left_out_in_words(names), is_sweep=True)
 
 
 def _figure(
@@ -334,11 +334,11 @@ def select_runs(
     finished: Sequence[FinishedRun],
     is_drawable: Callable[[FinishedRun], bool] = lambda item: True,
     *,
-    visibly_apart: bool = False,
+    only_distinct: bool = False,
 ) -> list[FinishedRun]:
     """Of every method the run with the finest step that as many methods as possible have reached.
 
-    `visibly_apart`: the finest of these steps at which some error is 10 % of the largest position,
+    `only_distinct`: the finest of these steps at which some error is 10 % of the largest position,
     so that a picture does not show one curve for all.
 
     Raises
@@ -353,8 +353,8 @@ def select_runs(
     reached = [item.run.n_steps for item in usable if item.status in ("ok", "floor")]
     most = max(map(reached.count, there))
     choices = [n for n in there if reached.count(n) == most]
-    apart = [n for n in choices if any(f.run.n_steps == n and _is_off(f) for f in usable)]
-    n_steps = max(apart if visibly_apart and apart else choices)
+    distance = [n for n in choices if any(f.run.n_steps == n and _is_off(f) for f in usable)]
+    n_steps = max(distance if only_distinct and distance else choices)
     return [item for item in usable if item.run.n_steps == n_steps]
 
 

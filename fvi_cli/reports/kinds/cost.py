@@ -161,14 +161,16 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
         whose = ("experiment", *keys)
         return Sheet(name=name, columns=columns, rows=rows, keys=whose, is_file=is_file)
 
-    asked = any(table.by_tolerance for table in tables)
+    has_tolerances = any(table.by_tolerance for table in tables)
     return Report(
         name=f"{name}-cost",
         sheets=(
             sheet("runs", RUN_COLUMNS, _runs, "case", "n_steps"),
             sheet("summary", SUMMARY_COLUMNS, _curves, "case"),
             sheet("cheapest", CHEAPEST_COLUMNS, _cheapest, "error", is_file=False),
-            sheet("tolerances", TOLERANCE_COLUMNS, _tolerances, "tolerance", is_file=asked),
+            sheet(
+                "tolerances", TOLERANCE_COLUMNS, _tolerances, "tolerance", is_file=has_tolerances
+            ),
             sheet("pareto_front", FRONT_COLUMNS, _front, "case", "n_steps", is_file=False),
         ),
         summary=(title, *prices),

@@ -221,9 +221,9 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
                 else ""
             )
         )
-    said = model.warnings if model.is_converged else [one.words for one in model.needless]
-    if said:
-        yield Bullets(items=tuple(said))
+    remarks = model.warnings if model.is_converged else [one.words for one in model.needless]
+    if remarks:
+        yield Bullets(items=tuple(remarks))
 
 
 def _end(value: float, reached: float, sign: str, estimate: float) -> str:

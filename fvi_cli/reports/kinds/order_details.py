@@ -142,11 +142,16 @@ def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
             f"of the reference; errors below {NEAR_FLOOR:g} floors are given as a power of ten, in "
             "full in the CSV form."
         )
-    said: dict[tuple[Piece, ...], list[str]] = {}
+    labels_by_sentence: dict[tuple[Piece, ...], list[str]] = {}
     for case in table.cases:
         for sentence in _of_case(case):
-            said.setdefault(pieces(sentence), []).append(names[case.method.case].label)
-    sentences += [(f"{'; '.join(labels)}: ", *sentence, ".") for sentence, labels in said.items()]
+            labels_by_sentence.setdefault(pieces(sentence), []).append(
+                names[case.method.case].label
+            )
+    sentences += [
+        (f"{'; '.join(labels)}: ", *sentence, ".")
+        for sentence, labels in labels_by_sentence.items()
+    ]
     return sentences
 
 
@@ -158,12 +163,12 @@ def _of_case(case: OrderCase) -> Iterator[Words]:
     if case.expected_failure:
         yield "the configuration expects failures"
     yield from expected_orders(case)
-    for told, text, is_example in _told(case):
-        example = f" (numbers of N = {told[0]})" if is_example else ""
-        yield f"{steps_phrase(steps, told)}: ", Rough(text), example
+    for steps_at, text, is_example in _remarks_by_steps(case):
+        example = f" (numbers of N = {steps_at[0]})" if is_example else ""
+        yield f"{steps_phrase(steps, steps_at)}: ", Rough(text), example
 
 
-def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:
+def _remarks_by_steps(case: OrderCase) -> list[tuple[list[int], str, bool]]:
     """Remarks and messages with the N that they are about; those that differ in numbers once."""
     found: dict[str, tuple[list[int], list[str]]] = {}
     for row in case.rows:

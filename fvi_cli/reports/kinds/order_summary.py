@@ -86,14 +86,15 @@ def legend(tables: Sequence[OrderTable]) -> list[Block]:
     methods = {case.method.case: case.method for table in tables for case in table.cases}
     if not methods:
         return []
-    told = {case: describe_method(method) for case, method in methods.items()}
+    phrases_by_case = {case: describe_method(method) for case, method in methods.items()}
     shared = [
         phrase
-        for phrase in next(iter(told.values()))
-        if len(told) > 1 and all(phrase in phrases for phrases in told.values())
+        for phrase in next(iter(phrases_by_case.values()))
+        if len(phrases_by_case) > 1
+        and all(phrase in phrases for phrases in phrases_by_case.values())
     ]
     items: list[Words] = []
-    for case, phrases in told.items():
+    for case, phrases in phrases_by_case.items():
         own = ", ".join(phrase for phrase in phrases if phrase not in shared)
         items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", Code(case)))
     title = f"Methods, all with {', '.join(shared)}:" if shared else "Methods:"
@@ -243,20 +244,20 @@ def _sampled(
     table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> list[Words]:
     """Where the interpolation of a sampled force sets the order."""
-    said: dict[str, list[str]] = {}
+    labels_by_text: dict[str, list[str]] = {}
     for case in table.cases:
         limits = [text for row in case.rows for text in row.remarks if INTERPOLATED in text]
         if not limits:
             continue
-        told = [
+        orders = [
             f"{text}; where samples lie between two steps, the order is that of the interpolation"
             for text in expected_orders(case)
         ]
         sets_order = f"allows order {case.expected_order:g} at most"
-        for text in told or [text for text in limits[:1] if text.endswith(sets_order)]:
-            said.setdefault(text, []).append(names[case.method.case].label)
+        for text in orders or [text for text in limits[:1] if text.endswith(sets_order)]:
+            labels_by_text.setdefault(text, []).append(names[case.method.case].label)
     title = titles[table.experiment]
-    return [f"{title}, {', '.join(labels)}: {text}." for text, labels in said.items()]
+    return [f"{title}, {', '.join(labels)}: {text}." for text, labels in labels_by_text.items()]
 
 
 def _not_asymptotic(case: OrderCase) -> str:
@@ -284,8 +285,8 @@ def expected_orders(case: OrderCase) -> list[str]:
     if len(by_order) == 1:
         return []
     steps = [row.n_steps for row in case.rows]
-    told = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
-    return [f"expected order {told}"]
+    orders = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
+    return [f"expected order {orders}"]
 
 
 def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:

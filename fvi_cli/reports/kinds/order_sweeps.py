@@ -35,10 +35,10 @@ def sweep_summary(
 ) -> list[Block]:
     """What is swept, and the orders of its members."""
     keys = list(tables[0].swept)
-    told = "; ".join(swept_in_words(key, [table.swept[key] for table in tables]) for key in keys)
+    swept = "; ".join(swept_in_words(key, [table.swept[key] for table in tables]) for key in keys)
     title: Words = (
         Code(tables[0].experiment),
-        f": {len(tables)} members, {told}.",
+        f": {len(tables)} members, {swept}.",
     )
     few = len(keys) == 1 and len(tables) <= MOST_ROWS
     grid = _by_value(tables, keys[0], names, entry) if few else _by_method(tables, names)

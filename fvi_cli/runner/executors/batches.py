@@ -106,7 +106,7 @@ def _searched(search: Run, checkpoints: CheckpointFolder | None) -> FinishedRun:
     return run_for_tolerance(
         search,
         available_bytes=machine_bytes(),
-        tell=lambda line: _logger.info("%s: %s", search_title(search), line),
+        log=lambda line: _logger.info("%s: %s", search_title(search), line),
         checkpoints=None if checkpoints is None else checkpoints.of(search),
     )
 
@@ -122,17 +122,17 @@ def execute_batch(
     first = batch[0]
     if first.is_search:
         return [_searched(run, checkpoints) for run in batch]
-    asked = first.experiment.observations
+    observations = first.experiment.observations
 
     def keeper(run: Run) -> RunKeeper | None:
-        is_alone = len(batch) == 1 and asked.is_empty
-        return None if checkpoints is None else checkpoints.of(run, is_alone=is_alone)
+        is_single_run = len(batch) == 1 and observations.is_empty
+        return None if checkpoints is None else checkpoints.of(run, is_single_run=is_single_run)
 
     is_single = len(batch) == 1 or first.experiment.grading != 1.0
     if (
         first.member is None
         or not isinstance(first.problem, Problem)
-        or (not asked.is_empty and (is_single or asked.impacts))
+        or (not observations.is_empty and (is_single or observations.impacts))
     ):
         return [execute(run, keeper(run)) for run in batch]
     members = tuple(run.member for run in batch if run.member is not None)
@@ -143,11 +143,9 @@ def execute_batch(
         for run, prediction in zip(batch, predictions, strict=True)
         if isinstance(run.problem, Problem) and not is_refused(run, prediction)
     }
-    if not asked.is_empty:
-        every_asked = [run.observations for run in going.values()]
-        pairs = iter(
-            integrate_observed_members(list(going), first.method, first.n_steps, every_asked)
-        )
+    if not observations.is_empty:
+        requests = [run.observations for run in going.values()]
+        pairs = iter(integrate_observed_members(list(going), first.method, first.n_steps, requests))
         return [
             refused(run, prediction, reference)
             if is_refused(run, prediction)

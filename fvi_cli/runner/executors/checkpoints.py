@@ -40,14 +40,14 @@ class CheckpointFolder:
     folder: Path
     seconds: float
 
-    def of(self, run: Run, *, is_alone: bool = True) -> CheckpointFile:
+    def of(self, run: Run, *, is_single_run: bool = True) -> CheckpointFile:
         """The checkpoint of a run or search; one among others is kept whole until it is stored."""
         return CheckpointFile(
             folder=self.folder,
             title=run.title,
             label=identity_of(run),
             seconds=self.seconds,
-            is_alone=is_alone,
+            is_single_run=is_single_run,
         )
 
     def unfinished(self, runs: Iterable[Run]) -> dict[Run, int]:
@@ -92,7 +92,7 @@ class CheckpointFile:
         Identity of the run, which says by which version of the solver, and which part of it.
     seconds
         Between two checkpoints, at least.
-    is_alone
+    is_single_run
         Whether nothing follows this run before it is stored.
     """
 
@@ -100,9 +100,9 @@ class CheckpointFile:
     title: str
     label: str
     seconds: float
-    is_alone: bool = True
+    is_single_run: bool = True
     _due: float = field(init=False)
-    _is_failure_told: bool = field(init=False, default=False)
+    _has_logged_failure: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         self._due = time.monotonic() + self.seconds
@@ -116,7 +116,7 @@ class CheckpointFile:
 
     def part(self, name: str) -> CheckpointFile:
         """The checkpoint of one of several runs, of which this one is made."""
-        return replace(self, label=f"{self.label} {name}", is_alone=False)
+        return replace(self, label=f"{self.label} {name}", is_single_run=False)
 
     def load(self) -> UnfinishedRun | None:
         """What was kept of this run and is whole; None otherwise."""
@@ -159,7 +159,7 @@ class CheckpointFile:
 
     def is_kept_whole(self, seconds: float) -> bool:
         """Whether a run that took so long is kept when it has ended: others are soon done again."""
-        return not self.is_alone and seconds >= self.seconds / WHOLE_RATIO
+        return not self.is_single_run and seconds >= self.seconds / WHOLE_RATIO
 
     def save(self, unfinished: UnfinishedRun) -> None:
         """Write a checkpoint in place of the one before; if that fails the run goes on."""
@@ -172,13 +172,13 @@ class CheckpointFile:
             ):
                 unfinished.write(stream, self.label)
         except OSError as error:
-            if not self._is_failure_told:
+            if not self._has_logged_failure:
                 _logger.warning(
                     "%s: %s: cannot be written: %s; the run goes on without a new checkpoint",
                     self.title,
                     self.path,
                     reason(error),
                 )
-            self._is_failure_told = True
+            self._has_logged_failure = True
         ended = time.monotonic()
         self._due = ended + max(self.seconds, LEAST_RATIO * (ended - began) if self.seconds else 0)

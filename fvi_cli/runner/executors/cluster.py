@@ -41,7 +41,7 @@ _BATCHES_AHEAD = 2
 _LEAST_AHEAD = 8
 _UNREADABLE = "deserialization of the task graph"
 
-_ALONE = threading.Lock()
+_ONE_AT_A_TIME = threading.Lock()
 """Held while a worker computes: threads of one process would share the precision of mpmath."""
 
 
@@ -98,7 +98,7 @@ class _Jobs:
     suspects: deque[Batch] = field(default_factory=deque)
     is_last_chance: bool = False
     done: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
-    is_idle_told: bool = False
+    has_warned_idle: bool = False
 
     def finished(self, waiting: Iterator[Batch]) -> Iterator[FinishedBatch]:
         """Every batch of `waiting` as soon as it is finished."""
@@ -128,14 +128,14 @@ class _Jobs:
         if self.client.status != "running":
             raise ExecutorError(_lost_scheduler(self.address))
         threads = self.client.nthreads()
-        if not threads and not self.is_idle_told:
+        if not threads and not self.has_warned_idle:
             _logger.warning("%s: the scheduler has no workers; waiting for them", self.address)
-        self.is_idle_told = not threads
+        self.has_warned_idle = not threads
         return max(_LEAST_AHEAD, _BATCHES_AHEAD * len(threads))
 
     def _send(self, batch: Batch) -> None:
         future: Future[Any] = self.client.submit(
-            compute_alone, self.compute, portable_batch(batch), pure=False
+            compute_one_at_a_time, self.compute, portable_batch(batch), pure=False
         )
         self.under_way[future] = batch
         future.add_done_callback(self.done.put)
@@ -179,7 +179,7 @@ class _Jobs:
             self.client.cancel(list(self.under_way), force=True)
 
 
-def compute_alone(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
+def compute_one_at_a_time(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
     """Compute a batch on a worker, one at a time in each process.
 
     Raises
@@ -189,7 +189,7 @@ def compute_alone(compute: ComputeBatch, portable: PortableBatch) -> PortableRes
     """
     from distributed import get_worker
 
-    with _ALONE:
+    with _ONE_AT_A_TIME:
         try:
             return compute_portable(compute, portable)
         except ExecutorError as error:

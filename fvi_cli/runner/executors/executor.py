@@ -17,7 +17,7 @@ import numpy as np
 
 import fvi_cli
 from fvi_cli.errors import ExecutorError
-from fvi_cli.integrator.advance import watched
+from fvi_cli.integrator.advance import on_progress
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.runner.executors.batches import Pack, pack_of
 from fvi_cli.scenes.problem import Problem
@@ -39,7 +39,7 @@ class FinishedBatch:
 
     Parameters
     ----------
-    asked, finished
+    runs, finished
         Its runs, and what became of each, or what a search came to.
     lost
         Those of which nothing was computed: whoever computed them died every time or had not
@@ -47,7 +47,7 @@ class FinishedBatch:
         about the method, and are not to be stored.
     """
 
-    asked: Batch
+    runs: Batch
     finished: tuple[FinishedRun, ...]
     lost: frozenset[Run] = frozenset()
 
@@ -113,7 +113,7 @@ class InProcess:
         for batch in batches:
             try:
                 watcher = functools.partial(self.watch, batch) if self.watch else None
-                with watched(watcher) if watcher else nullcontext():
+                with on_progress(watcher) if watcher else nullcontext():
                     results = attempt(batch, compute)
             except MemoryError as error:
                 yield lost_batch(batch, no_memory(error))
@@ -156,7 +156,7 @@ def crash(error: Exception) -> Crash:
     )
 
 
-def crash_told(run: Run, error: Exception) -> str:
+def describe_crash(run: Run, error: Exception) -> str:
     """What is said of an exception in the midst of a run; where it was is said to those who ask."""
     found = crash(error)
     _logger.debug("%s: %s", run.title, found.trace)
@@ -173,7 +173,7 @@ def finished_batch(batch: Batch, results: Sequence[FinishedRun | Crash]) -> Fini
             lost.append(run)
         else:
             finished.append(result)
-    return FinishedBatch(asked=batch, finished=tuple(finished), lost=frozenset(lost))
+    return FinishedBatch(runs=batch, finished=tuple(finished), lost=frozenset(lost))
 
 
 # --- how batches travel ---------------------------------------------------------------------------
@@ -296,7 +296,7 @@ def _returned(run: Run, result: dict[str, Any]) -> FinishedRun:
 def lost_batch(batch: Batch, message: str) -> FinishedBatch:
     """The batch as ``failed`` where nobody lived to tell its results."""
     finished = tuple(lost_run(run, message) for run in batch)
-    return FinishedBatch(asked=batch, finished=finished, lost=frozenset(batch))
+    return FinishedBatch(runs=batch, finished=finished, lost=frozenset(batch))
 
 
 def no_memory(error: MemoryError) -> str:

@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
 
-from fvi_cli.integrator.advance import watched
+from fvi_cli.integrator.advance import on_progress
 from fvi_cli.runner.executors.batches import Pack
 from fvi_cli.runner.executors.executor import (
     Batch,
@@ -261,10 +261,10 @@ def _interruptions_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) -> None:
+def _serve(connection: Connection, compute: ComputeBatch, reports_progress: object) -> None:
     """Compute what comes through the pipe until its other end is closed."""
 
-    def tell(done: int, n_steps: int) -> None:
+    def report(done: int, n_steps: int) -> None:
         connection.send(("progress", (done, n_steps)))
 
     # a Ctrl-C reaches every process of a terminal; only the parent answers it
@@ -276,7 +276,7 @@ def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) ->
     with contextlib.suppress(EOFError, OSError):
         while True:
             portable = connection.recv()
-            with watched(tell) if is_watched else contextlib.nullcontext():
+            with on_progress(report) if reports_progress else contextlib.nullcontext():
                 answer = _answer_to(portable, compute)
             connection.send_bytes(answer)
 

@@ -33,7 +33,7 @@ def fit_request(request: Request, *, show_progress: bool) -> list[FitResult]:
     total = sum(len(settings.models) for _, settings in chosen)
     with progress_bar(request.name, total, wanted=show_progress) as advance:
         for experiment, settings in chosen:
-            found = fit(experiment.name, settings, tell=advance)
+            found = fit(experiment.name, settings, log=advance)
             results.append(dataclasses.replace(found, units=experiment.units))
             for model in found.models:
                 title = f"{experiment.name} {model.model.name}".strip()

@@ -58,9 +58,9 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
     if wrong:
         raise RequestError(f"{wrong[0]}: result files are joined, such as {wrong[0].stem}.h5")
     first = paths[0]
-    said = read_configuration(first)
+    configuration = read_configuration(first)
     for path in paths[1:]:
-        if read_configuration(path).resolved != said.resolved:
+        if read_configuration(path).resolved != configuration.resolved:
             raise RequestError(
                 f"{path}: is of another configuration than {first}; `fvi show --config` prints them"
             )
@@ -76,7 +76,7 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
         count, missing = store.mark_requested(runs)
         # members of a large sweep are not needed while they are written
         del experiments
-        store.consolidate(said)
+        store.consolidate(configuration)
     return Merged(path=target, runs=count, missing=missing)
 
 

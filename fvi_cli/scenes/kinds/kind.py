@@ -167,8 +167,8 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             given = with_parameters(vars(self))["exact"]
             components = expressions(given, scene.dimension, "exact")
             exact, source = ForcingPiece(components=components).evaluate, "expression"
-            if said := objection(exact, scene):
-                raise ArgumentError("exact", said)
+            if reason := objection(exact, scene):
+                raise ArgumentError("exact", reason)
         elif search and scene.is_linear:
             # looking for it takes long to import
             from fvi_cli.scenes.linear_response import match_scene

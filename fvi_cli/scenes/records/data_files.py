@@ -108,8 +108,8 @@ def with_content(
     if values.get("sha256", sha256).lower() != sha256:
         return at.refuse(f"{name} has changed: its sha256 is {sha256}", "sha256")
     if len(text) > largest:
-        told = f"{name}: {what} take {len(text)} characters in every result file"
-        return at.refuse(f"{told}, more than {largest}; thin them out", "file")
+        size_message = f"{name}: {what} take {len(text)} characters in every result file"
+        return at.refuse(f"{size_message}, more than {largest}; thin them out", "file")
     return {**values, "sha256": sha256, "content": text}
 
 

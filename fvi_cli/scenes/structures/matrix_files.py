@@ -81,8 +81,8 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
         raise DataFileError(f"{name}: {error}") from None
     except Exception as error:
         # libraries raise nearly anything of bytes that are not those of their format
-        said = excerpt(str(error) or type(error).__name__, 160)
-        raise DataFileError(f"{name}: not a readable {suffix} file: {said}") from None
+        reason = excerpt(str(error) or type(error).__name__, 160)
+        raise DataFileError(f"{name}: not a readable {suffix} file: {reason}") from None
     if value.dtype.kind not in "iuf":
         raise DataFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
     try:

@@ -27,11 +27,11 @@ def changed_keys(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, .
 def difference_in_words(base: Mapping[str, Any], own: Mapping[str, Any]) -> str:
     """``problem.stiffness = 2, report.norm = final``: what `own` has that `base` has not."""
     values = configured(own)
-    told = [
+    texts = [
         f"{key} = {value_in_words(values[key])}" if key in values else f"no {key}"
         for key in changed_keys(base, own)
     ]
-    return ", ".join(told)
+    return ", ".join(texts)
 
 
 def configured(specification: Mapping[str, Any]) -> dict[str, Any]:

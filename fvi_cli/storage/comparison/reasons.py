@@ -30,13 +30,13 @@ class Reasons:
     ----------
     stored
         A result file with its journal.
-    asked
+    requested
         Gives the places of all runs of the configuration; a stored run elsewhere is one that it no
         longer asks for.
     """
 
     stored: Store
-    asked: Callable[[], Collection[Place]]
+    requested: Callable[[], Collection[Place]]
 
     def of(self, run: Run) -> str:
         """Why the run is computed.
@@ -55,7 +55,7 @@ class Reasons:
         if place in self._places:
             allowed = run.experiment.allow_unstable
             return self._difference(self._places[place], _specification(run), is_allowed=allowed)
-        left = self._left_over.get((place[0], place[2:]), ())
+        left = self._unrequested.get((place[0], place[2:]), ())
         return _replaced([_stored_specification(one) for one in left], run) if left else NEW
 
     def _difference(
@@ -78,12 +78,12 @@ class Reasons:
         return self.stored.places()
 
     @cached_property
-    def _left_over(self) -> Mapping[tuple[object, ...], list[Entry]]:
+    def _unrequested(self) -> Mapping[tuple[object, ...], list[Entry]]:
         """Stored runs that are not asked for any more, by all but their case."""
-        asked = self.asked()
+        requested = self.requested()
         found: dict[tuple[object, ...], list[Entry]] = {}
         for place, entry in self._places.items():
-            if place not in asked:
+            if place not in requested:
                 found.setdefault((place[0], place[2:]), []).append(entry)
         return found
 

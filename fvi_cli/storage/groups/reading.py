@@ -159,13 +159,13 @@ class StoredGroup:
             return iter(self.datasets[ARRAYS].asstr()[()])
         return iter([str(self.attributes[ARRAYS])])
 
-    def said_of(self, row: int) -> dict[str, Any]:
+    def attributes_of(self, row: int) -> dict[str, Any]:
         """All that is said of a run."""
         return {**self.attributes, **row_of(self.columns, row)}
 
     def shapes(self, row: int) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
         """Name, shape and axes of the arrays of a run."""
-        own = self.said_of(row)
+        own = self.attributes_of(row)
         found = []
         axes = axes_from_words(own[ARRAYS])
         for name, along in axes.items():
@@ -205,7 +205,7 @@ class StoredGroup:
         held: dict[str, NDArray[Any]] = {}
         found: list[StoredRow] = []
         for row in range(start, stop):
-            own = self.said_of(row)
+            own = self.attributes_of(row)
             axes = axes_from_words(own[ARRAYS])
             mine = {}
             for name, along in axes.items():

@@ -104,9 +104,9 @@ def _write_members(
     group: h5py.Group, rows: Sequence[Placed], keys: tuple[str, ...]
 ) -> WrittenGroup:
     """Write members of a sweep side by side, some in memory at a time."""
-    columns, axes, shapes = _surveyed(rows)
+    columns, axes, shapes = _survey(rows)
     count, length = len(rows), max(columns[POINTS])
-    said, by_member = _said_of_members(columns, keys)
+    attributes, by_member = _attributes_of_members(columns, keys)
     _create(group, MEMBER, np.dtype("<i8"), (count,))[()] = np.arange(count)
     for name, column in by_member.items():
         write_column(group, name, column, coordinates=() if name in keys else keys)
@@ -143,11 +143,11 @@ def _write_members(
     for name, values in shared.items():
         group[name][: values.size] = values
     _attach_scales(group, axes, of_members=True)
-    write_attributes(group, said)
-    return WrittenGroup(attributes=said, by_member=by_member, keys=keys, checksums=checksums)
+    write_attributes(group, attributes)
+    return WrittenGroup(attributes=attributes, by_member=by_member, keys=keys, checksums=checksums)
 
 
-def _surveyed(
+def _survey(
     rows: Sequence[Placed],
 ) -> tuple[Columns, dict[str, tuple[str, ...]], dict[str, tuple[int, ...]]]:
     """What is said of members, the axes of their arrays, and the largest shapes of these."""
@@ -169,18 +169,20 @@ def _surveyed(
     return columns, axes, shapes
 
 
-def _said_of_members(columns: Columns, keys: tuple[str, ...]) -> tuple[dict[str, Any], Columns]:
+def _attributes_of_members(
+    columns: Columns, keys: tuple[str, ...]
+) -> tuple[dict[str, Any], Columns]:
     """What members have in common, and what they differ in."""
-    said: dict[str, Any] = {}
+    attributes: dict[str, Any] = {}
     by_member: Columns = {key: columns[key] for key in keys}
     for name, column in columns.items():
         if name in by_member:
             continue
         if column.is_common or name in _SUMMARIES:
-            said[name] = column[0] if column.is_common else _SUMMARIES[name](column)
+            attributes[name] = column[0] if column.is_common else _SUMMARIES[name](column)
         if not column.is_common or name in ALWAYS_BY_MEMBER:
             by_member[name] = column
-    return said, by_member
+    return attributes, by_member
 
 
 def _blocks(rows: Sequence[Placed]) -> Iterator[list[Record]]:
@@ -213,12 +215,12 @@ def attribute(value: Any) -> Any:
     raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
 
 
-def write_attributes(node: h5py.Group | h5py.Dataset, said: Mapping[str, Any]) -> None:
+def write_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any]) -> None:
     """Write attributes that are not there yet.
 
     The library's own way looks for each of them first and takes three times as long.
     """
-    for name, value in said.items():
+    for name, value in attributes.items():
         data = np.asarray(attribute(value), dtype=_TEXT if isinstance(value, str) else None)
         in_file, in_memory = _kinds(data.dtype)
         space = h5py.h5s.create_simple(data.shape)
@@ -239,20 +241,20 @@ def write_column(
     data, is_json = column.written()
     kind = data.dtype if isinstance(data, np.ndarray) else _TEXT
     dataset = group.create_dataset(name, data=data, dtype=kind)
-    said = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
+    attributes = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
     if is_json:
-        said["encoding"] = "json"
+        attributes["encoding"] = "json"
     if coordinates:
-        said["coordinates"] = " ".join(coordinates)
-    write_attributes(dataset, said)
+        attributes["coordinates"] = " ".join(coordinates)
+    write_attributes(dataset, attributes)
 
 
 def _create(
     group: h5py.Group, name: str, kind: Any, shape: tuple[int, ...], keys: Sequence[str] = ()
 ) -> h5py.Dataset:
     dataset = group.create_dataset(name, shape=shape, dtype=kind)
-    said = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
-    write_attributes(dataset, said | ({"coordinates": " ".join(keys)} if keys else {}))
+    attributes = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
+    write_attributes(dataset, attributes | ({"coordinates": " ".join(keys)} if keys else {}))
     return dataset
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import method_columns
-from fvi_cli.integrator.observations.asked import Event, Impact
+from fvi_cli.integrator.observations.request import Event, Impact
 from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.storage.files import printable
 from fvi_cli.studies.experiment import FinishedRun
@@ -54,9 +54,9 @@ def _extents(finished: FinishedRun) -> dict[str, Any] | None:
     observed = finished.trajectory.observed
     if observed is None or not observed.quantities:
         return None
-    asked = finished.run.experiment.observations.quantities or {}
+    formulas = finished.run.experiment.observations.quantities or {}
     return {
-        name: {"expression": asked[name].text, **_nulled(asdict(observed.extents[name]))}
+        name: {"expression": formulas[name].text, **_nulled(asdict(observed.extents[name]))}
         for name in observed.quantities
     }
 
@@ -65,21 +65,24 @@ def _nulled(values: Mapping[str, float]) -> dict[str, float | None]:
     return {key: float(one) if math.isfinite(one) else None for key, one in values.items()}
 
 
-def extents_of(told: Mapping[str, Any]) -> dict[str, Extent]:
+def extents_of(stored: Mapping[str, Any]) -> dict[str, Extent]:
     """The extents again, by the names of quantities."""
     names = [one.name for one in fields(Extent)]
     return {
         printable(name): Extent(**{k: math.nan if one[k] is None else float(one[k]) for k in names})
-        for name, one in told.items()
+        for name, one in stored.items()
     }
 
 
 def _counts(finished: FinishedRun) -> dict[str, Any] | None:
     """How often events happened, with their expressions."""
-    observed, asked = finished.trajectory.observed, finished.run.experiment.observations
+    observed, observations = finished.trajectory.observed, finished.run.experiment.observations
     if observed is None or not observed.events:
         return None
-    sources: dict[str, Event | Impact] = {**(asked.events or {}), **(asked.impacts or {})}
+    sources: dict[str, Event | Impact] = {
+        **(observations.events or {}),
+        **(observations.impacts or {}),
+    }
     return {
         name: {"when": sources[name].when.text, "count": int(one.time.size)}
         for name, one in observed.events.items()

@@ -205,18 +205,20 @@ def _made(node: Any, path: tuple[str, ...]) -> Any:
     return _MADE[path](**inner) if path in _MADE else inner
 
 
-def run_of(asked: Run, attributes: Mapping[str, Any]) -> Run | None:
+def run_of(requested: Run, attributes: Mapping[str, Any]) -> Run | None:
     """The run that a search for a tolerance came to, any other as it is.
 
     None where the method is none of those that may be chosen, as where all were refused.
     """
-    accuracy, n_steps = asked.experiment.accuracy, int(attributes["n_steps"])
+    accuracy, n_steps = requested.experiment.accuracy, int(attributes["n_steps"])
     if accuracy is None:
-        return asked
-    told = json.loads(attributes["specification"])["method"]
+        return requested
+    stored_method = json.loads(attributes["specification"])["method"]
     for method in accuracy.candidates:
         if method.case == attributes["case"]:
-            run = asked.experiment.chosen_run(method, n_steps, asked.member)
-            if json.loads(json.dumps(run.settings()["method"])) == told:
-                return asked if (asked.method, asked.n_steps) == (method, n_steps) else run
+            run = requested.experiment.chosen_run(method, n_steps, requested.member)
+            if json.loads(json.dumps(run.settings()["method"])) == stored_method:
+                return (
+                    requested if (requested.method, requested.n_steps) == (method, n_steps) else run
+                )
     return None

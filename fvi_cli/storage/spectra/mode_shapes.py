@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fvi_cli.storage.atomic import replacement, told
+from fvi_cli.storage.atomic import explain_os_error, replacement
 from fvi_cli.studies.vibration.modes import ModeTable
 
 
@@ -22,7 +22,7 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     ``residual``, all ``(mode,)``; ``shape_real``, ``shape_imaginary``, ``(mode, dof)``, the
     largest entry of each shape being 1; ``coordinate(dof)``: names. Every axis has a scale.
     """
-    with told(path):
+    with explain_os_error(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with (
             replacement(path) as handle,

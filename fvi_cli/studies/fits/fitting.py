@@ -41,15 +41,15 @@ MOST_BETTER = 3
 """Times that a fit begins again where a profile found less misfit."""
 MOST_OTHERS = 3
 """Minima beside the best that are looked at closely."""
-APART = 10.0
+SEPARATION = 10.0
 """Standard deviations by which the misfit of another minimum should be larger."""
 NO_INFLUENCE = 1e-10
 POINTS_OF_CURVES = 400
 
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 
 
-def fit(name: str, settings: FitSettings, *, tell: Tell = lambda words: None) -> FitResult:
+def fit(name: str, settings: FitSettings, *, log: Log = lambda words: None) -> FitResult:
     """Fit every model of an experiment to its data.
 
     Raises
@@ -59,7 +59,7 @@ def fit(name: str, settings: FitSettings, *, tell: Tell = lambda words: None) ->
     """
     models = []
     for model in settings.models:
-        tell(model.name or name)
+        log(model.name or name)
         models.append(fit_model(settings, model))
     return FitResult(name=name, settings=settings, models=tuple(models))
 
@@ -89,12 +89,12 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
     if not found:
         return _failed(model, "no run comes to its end near the start")
     try:
-        return _settled(model, settings, found, scale)
+        return _describe_result(model, settings, found, scale)
     except RunFailedError as error:
         return _failed(model, f"the run fails at the best point ({error})", found[0].point)
 
 
-def _settled(
+def _describe_result(
     model: MotionModel, settings: FitSettings, found: Sequence[Found], scale: float
 ) -> ModelFit:
     """The result from rough minima, the best first.
@@ -258,7 +258,7 @@ def _result(
         for one in others
         if one.is_converged
         and one.cost - at_best.cost <= variance * quantile(freedom, is_known=is_known) ** 2
-        and _is_apart(at_best, one.point - best.point, variance)
+        and _is_separated(at_best, one.point - best.point, variance)
     ]
     message = best.message if not best.is_converged else ""
     if not is_regular:
@@ -293,12 +293,12 @@ def _result(
     )
 
 
-def _is_apart(at_best: Evaluation, way: Array, variance: float) -> bool:
+def _is_separated(at_best: Evaluation, direction: Array, variance: float) -> bool:
     """Whether a point lies so far off that a misfit like the best one is another minimum's."""
     if at_best.jacobian is None:
         return False
-    expected = at_best.jacobian @ way
-    return float(expected @ expected) > APART**2 * variance
+    expected = at_best.jacobian @ direction
+    return float(expected @ expected) > SEPARATION**2 * variance
 
 
 def _failed(model: MotionModel, message: str, point: Array | None = None) -> ModelFit:

@@ -129,7 +129,7 @@ class MotionModel:
         data = self.data[number]
         return scene if data.forces else replace(scene, final_time=data.last_time)
 
-    def _beside(self, number: int, values: Array, index: int, value: float) -> Scene:
+    def _vary(self, number: int, values: Array, index: int, value: float) -> Scene:
         changed = values.copy()
         changed[index] = value
         return self.scene(number, changed)
@@ -225,7 +225,7 @@ class MotionModel:
         """What the model says about a data set, with derivatives by some of the parameters."""
         variations = [
             Variation(
-                family=partial(self._beside, number, values, index),
+                family=partial(self._vary, number, values, index),
                 value=float(values[index]),
                 name=self.free[index].key,
             )

@@ -9,12 +9,12 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.formula import Asked, Formula
+from fvi_cli.integrator.gradients.formula import Formula, NameResolver
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
 from fvi_cli.integrator.gradients.observation import Observation
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations, known_names
+from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.problem import Problem
@@ -63,16 +63,18 @@ def predict_motion(
         if one.formula is None:
             values, slopes = (each[kind][places, one.component] for each in (motion, changes))
         else:
-            formula = Formula(found.run, one.times, one.formula, _asked(one, data, specified))
+            formula = Formula(
+                found.run, one.times, one.formula, _resolve_names(one, data, specified)
+            )
             values, slopes = formula.values, found.of(formula)
         predicted.append((values, slopes))
     return predicted
 
 
-def _asked(one: Series, data: DataSet, specified: Specified) -> Asked:
+def _resolve_names(one: Series, data: DataSet, specified: Specified) -> NameResolver:
     """The names in the formula of a series, with the parameters of the problem."""
 
-    def asked(index: int, number: float) -> Observations:
+    def resolve_names(index: int, number: float) -> Observations:
         specification = specified(index, number)
         given = specification.get("parameters", {})
         parameters = dict(given) if isinstance(given, Mapping) else {}
@@ -83,7 +85,7 @@ def _asked(one: Series, data: DataSet, specified: Specified) -> Asked:
             inputs = problem.inputs if isinstance(problem, Problem) else {}
         return Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
 
-    return asked
+    return resolve_names
 
 
 def predict_response(

@@ -62,8 +62,8 @@ class Estimate:
             if math.isinf(end):
                 found.append(f"{self.name}: the data set no limit to it {word}")
             elif math.isnan(end):
-                is_told = not math.isnan(reached) and reached != self.value
-                known = f"; it reaches to {reached:.6g} at least" if is_told else ""
+                is_known = not math.isnan(reached) and reached != self.value
+                known = f"; it reaches to {reached:.6g} at least" if is_known else ""
                 found.append(f"{self.name}: the end of the interval {word} was not found{known}")
         return tuple(found)
 

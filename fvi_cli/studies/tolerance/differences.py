@@ -108,14 +108,14 @@ def shifted(scene: Scene, run: Trajectory) -> Scene:
     With Riemann-Liouville derivatives of orders above 1 the position has to begin at 0.
     """
     speed = 0.0 if run.steps is None else float(np.abs(run.steps.velocity).max())
-    way = SHIFT * float(np.abs(run.position).max())
+    direction = SHIFT * float(np.abs(run.position).max())
     if scene.derivative == "riemann-liouville" and any(
         term.order > 1 for term in scene.active_damping
     ):
-        way = 0.0
+        direction = 0.0
     return replace(
         scene,
-        initial_position=scene.initial_position + way,
+        initial_position=scene.initial_position + direction,
         initial_velocity=scene.initial_velocity + SHIFT * speed,
     )
 

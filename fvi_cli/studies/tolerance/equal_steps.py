@@ -55,7 +55,7 @@ def solve_on_equal_steps(
     relative: float | None = None,
     norm: Norm = "max",
     available_bytes: int | None = None,
-    tell: Callable[[str], object] = lambda line: None,
+    log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
     witness: Trajectory | None = None,
 ) -> tuple[AnyMethod, Trajectory]:
@@ -68,7 +68,7 @@ def solve_on_equal_steps(
     whose grid all break points of the forcing lie.
 
     The tolerance holds in `norm`, the first of equal methods is preferred, and where the tolerance
-    is out of reach the best run is returned. `tell` is given a line for every run; every run has a
+    is out of reach the best run is returned. `log` is given a line for every run; every run has a
     part of `checkpoints`.
     """
     unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
@@ -78,7 +78,7 @@ def solve_on_equal_steps(
             tolerance=tolerance,
             relative=relative,
             norm=norm,
-            tell=tell,
+            log=log,
             checkpoints=checkpoints,
         )
     search = _Search(
@@ -88,7 +88,7 @@ def solve_on_equal_steps(
         unit=unit,
         target=_target(witness, tolerance, relative, unit),
         available_bytes=available_bytes,
-        tell=tell,
+        log=log,
         checkpoints=checkpoints,
     )
     return search.result(methods)
@@ -100,7 +100,7 @@ def solve_witness(
     tolerance: float | None = None,
     relative: float | None = None,
     norm: Norm = "max",
-    tell: Callable[[str], object] = lambda line: None,
+    log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """The adaptive run that stands for the truth of :func:`solve_on_equal_steps`."""
@@ -109,7 +109,7 @@ def solve_witness(
         scene,
         tolerance=None if tolerance is None else WITNESS * tolerance / unit,
         relative=None if relative is None else WITNESS * relative,
-        tell=tell,
+        log=log,
         checkpoints=checkpoints,
     )
 
@@ -133,7 +133,7 @@ class _Search:
     unit: float
     target: float
     available_bytes: int | None
-    tell: Callable[[str], object]
+    log: Callable[[str], object]
     checkpoints: RunKeeper | None = None
     lines: list[str] = field(default_factory=list)
 
@@ -198,7 +198,7 @@ class _Search:
         line = f"{one.method.case} N = {n_steps}: "
         line += f"error {error:.2g}" if run.status == "ok" else run.status
         self.lines.append(line)
-        self.tell(line)
+        self.log(line)
         one.run, one.error = run, error if math.isfinite(error) else math.inf
         amplitude = self.unit * float(np.abs(self.witness.position).max())
         factor = 2

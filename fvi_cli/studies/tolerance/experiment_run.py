@@ -28,7 +28,7 @@ def run_for_tolerance(
     search: Run,
     *,
     available_bytes: int | None = None,
-    tell: Callable[[str], object] = lambda line: None,
+    log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
 ) -> FinishedRun:
     """Find the steps that the experiment's tolerance takes, and finish that run.
@@ -53,7 +53,7 @@ def run_for_tolerance(
             tolerance=absolute,
             relative=accuracy.relative,
             norm=experiment.norm,
-            tell=tell,
+            log=log,
             checkpoints=checkpoints,
         )
         method, found = solve_on_equal_steps(
@@ -63,7 +63,7 @@ def run_for_tolerance(
             relative=accuracy.relative,
             norm=experiment.norm,
             available_bytes=available_bytes,
-            tell=tell,
+            log=log,
             checkpoints=checkpoints,
             witness=truth,
         )
@@ -74,7 +74,7 @@ def run_for_tolerance(
             problem.scene,
             tolerance=absolute,
             relative=accuracy.relative,
-            tell=tell,
+            log=log,
             checkpoints=checkpoints,
         )
         if found.steps is None:
@@ -174,14 +174,14 @@ def _diagnosed(
     run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
 ) -> Trajectory:
     """The run, once more on its own mesh where it is wanted with its bookkeeping."""
-    asked = run.experiment.diagnostics
-    if asked.is_empty or found.status != "ok" or not isinstance(run.method, Method):
+    request = run.experiment.diagnostics
+    if request.is_empty or found.status != "ok" or not isinstance(run.method, Method):
         return found
     steps = found.n_steps
     scene, keeps = problem.scene, found.steps is not None
     mesh = steps if found.steps is None else found.steps.mesh(scene.break_points)
     again = integrate(
-        scene, run.method, mesh, diagnostics=asked, with_steps=keeps, checkpoints=checkpoints
+        scene, run.method, mesh, diagnostics=request, with_steps=keeps, checkpoints=checkpoints
     )
     return replace(again, assessment=found.assessment, doubts=found.doubts)
 
@@ -189,12 +189,12 @@ def _diagnosed(
 def _observed(
     run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
 ) -> Trajectory:
-    """The run at the times that are asked for, with what is asked of it."""
-    asked, method = run.observations, run.method
+    """The run at the times that are request for, with what is request of it."""
+    request, method = run.observations, run.method
     if found.steps is not None and isinstance(method, Method):
-        return observe(problem.scene, method, found, asked, checkpoints=checkpoints)[1]
+        return observe(problem.scene, method, found, request, checkpoints=checkpoints)[1]
     scene, diagnostics = problem.scene, run.experiment.diagnostics
     reported = integrate_observed(
-        scene, method, run.n_steps, asked, diagnostics=diagnostics, checkpoints=checkpoints
+        scene, method, run.n_steps, request, diagnostics=diagnostics, checkpoints=checkpoints
     )[1]
     return replace(reported, assessment=found.assessment)

@@ -82,7 +82,7 @@ def solve(
     *,
     tolerance: float | None = None,
     relative: float | None = None,
-    tell: Callable[[str], object] = lambda line: None,
+    log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
@@ -98,7 +98,7 @@ def solve(
         Largest error of any component of the position at any time of the run, a length.
     relative
         The same as a share of the largest position of the run; one of the two.
-    tell
+    log
         Is told of every run in a line.
     checkpoints
         Where every run of the search has a part.
@@ -117,7 +117,7 @@ def solve(
         If not exactly one of the two is given, or it is not a positive number.
     """
     wanted = Accuracy(tolerance=tolerance, relative=relative)
-    return _Search(scene=scene, wanted=wanted, tell=tell, checkpoints=checkpoints).result()
+    return _Search(scene=scene, wanted=wanted, log=log, checkpoints=checkpoints).result()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -126,7 +126,7 @@ class _Search:
 
     scene: Scene
     wanted: Accuracy
-    tell: Callable[[str], object]
+    log: Callable[[str], object]
     checkpoints: RunKeeper | None = None
     best: Round | None = None
     worst_since: float = 0.0
@@ -156,7 +156,7 @@ class _Search:
 
     def _note(self, one: Round) -> None:
         self.lines.append(one.line)
-        self.tell(one.line)
+        self.log(one.line)
         if self.best is None or one.estimate < self.best.estimate:
             self.best, self.worst_since = one, 0.0
         elif one.run.status == "ok":

@@ -35,9 +35,9 @@ from fvi_cli.integrator.gradients.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations, names_of
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer
+from fvi_cli.integrator.observations.request import Observations, names_of
 from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.scenes.nonlinear import duffing, kepler
 

@@ -10,8 +10,8 @@ from scipy.integrate import quad
 
 import fvi_cli as fvi
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import observations
 from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.observations.request import observations
 from fvi_cli.integrator.results.observed import Observed
 
 Array = NDArray[np.float64]

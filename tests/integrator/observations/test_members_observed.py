@@ -7,12 +7,12 @@ from letters import spring, swing
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations, observations
 from fvi_cli.integrator.observations.observe import (
     integrate_observed,
     integrate_observed_members,
 )
 from fvi_cli.integrator.observations.observer import Pair
+from fvi_cli.integrator.observations.request import Observations, observations
 from fvi_cli.scenes.nonlinear import duffing
 
 FINAL_TIME, COUNT = 6.0, 18

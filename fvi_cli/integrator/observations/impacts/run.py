@@ -28,13 +28,13 @@ from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Impact
 from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members
 from fvi_cli.integrator.observations.impacts.surface import (
     Surface,
     is_rough_behind_impacts,
     start_objection,
 )
+from fvi_cli.integrator.observations.request import Impact
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.scenes_run import ScenesRun
@@ -80,8 +80,8 @@ def integrate_with_impacts(
     this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
     this.begin()
     ready = clock.perf_counter()
-    asked = (method.case, n_steps, scene.final_time / n_steps)
-    seconds = this.march(checkpoints, asked, (scene, method, tuple(surfaces.items())))
+    run_key = (method.case, n_steps, scene.final_time / n_steps)
+    seconds = this.march(checkpoints, run_key, (scene, method, tuple(surfaces.items())))
     steps = this.recorder.steps(0)
     momentum = steps.momentum.copy()
     for point, push in source.late.items():
@@ -120,8 +120,8 @@ def replayed(
     source = _Replay(scene, steps)
     this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
     this.begin()
-    asked = (method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
-    this.march(checkpoints, asked, (scene, method, steps.time, steps.step_size, source.jumps))
+    run_key = (method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
+    this.march(checkpoints, run_key, (scene, method, steps.time, steps.step_size, source.jumps))
     if this.recorder.failures:
         return None
     return replace(this.recorder.steps(0), jump=source.jumps)

@@ -12,7 +12,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
-from fvi_cli.integrator.observations.asked import Impact
+from fvi_cli.integrator.observations.request import Impact
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of
@@ -113,9 +113,9 @@ def velocity_at_end(
     places = np.concatenate(
         [(end - at - one + one * points) / size for end, one in zip(ends, sizes, strict=True)]
     )
-    apart = places[:, None] - places
-    np.fill_diagonal(apart, 1.0)
-    weights = np.where(np.eye(places.size, dtype=bool), 1.0, -places / apart).prod(axis=1)
+    distance = places[:, None] - places
+    np.fill_diagonal(distance, 1.0)
+    weights = np.where(np.eye(places.size, dtype=bool), 1.0, -places / distance).prod(axis=1)
     return np.asarray(weights @ np.concatenate(list(stages)))
 
 

@@ -269,8 +269,8 @@ def observations(
         if not isinstance(factor, int | float):
             raise ValueError(f"impacts.{name}: restitution must be a number from 0 to 1")
         when = read(surface["when"], f"impacts.{name}.when", of_surfaces)
-        if said := surface_objection(when, coordinates):
-            raise ValueError(f"impacts.{name}.when: {said}")
+        if reason := surface_objection(when, coordinates):
+            raise ValueError(f"impacts.{name}.when: {reason}")
         surfaces[name] = Impact(when=when, restitution=float(factor))
     return Observations(
         impacts=surfaces,
