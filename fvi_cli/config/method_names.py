@@ -2,30 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from typing import Any, Final, get_args
-
+from fvi_cli.config.keys.method_names import keys_of_name
 from fvi_cli.config.keys.methods import make_method
-from fvi_cli.integrator.method import (
-    BASELINE_NAMES,
-    AnyMethod,
-    Baseline,
-    ForcingQuadrature,
-    History,
-    Sampling,
-)
-
-_FAMILY: Final = re.compile(
-    r"bdf(?P<bdf>[1-6])|(?P<rk>gauss|radau-iia|lobatto-iiic)(?P<degree>\d*)"
-)
-_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
-    "sampling": get_args(Sampling),
-    "start": ("none", "graded"),
-    "forcing_quadrature": get_args(ForcingQuadrature),
-    "history": get_args(History),
-}
-_NUMBERED: Final = re.compile(r"(s|gauss|lobatto)(\d+)")
+from fvi_cli.integrator.method import AnyMethod
 
 
 def method_named(name: str) -> AnyMethod:
@@ -45,40 +24,8 @@ def method_named(name: str) -> AnyMethod:
     ValueError
         For a name that says no method.
     """
-    plain = name.strip().lower().replace(" ", "")
-    if plain in BASELINE_NAMES:
-        return Baseline(name=plain)
-    values: dict[str, Any] = {}
-    family = _FAMILY.match(plain)
-    words = plain[family.end() :].split("-") if family else [""]
-    if family is None or words[0]:
-        raise ValueError(_no_method(name))
-    if family["bdf"]:
-        values["bdf"] = int(family["bdf"])
-    else:
-        values["rk"] = family["rk"]
-        if family["degree"]:
-            values["degree"] = int(family["degree"])
-    for word in words[1:]:
-        key, value = _entry_of(word)
-        if not key or key in values:
-            raise ValueError(_no_method(name))
-        values[key] = value
-    method, _ = make_method(values)
-    return method
-
-
-def _entry_of(word: str) -> tuple[str, Any]:
-    """Key and value that a part of a name stands for; no key where it stands for none."""
-    numbered = _NUMBERED.fullmatch(word)
-    if numbered is None:
-        return next((key for key, words in _WORDS.items() if word in words), ""), word
-    what, number = numbered[1], int(numbered[2])
-    return ("degree", number) if what == "s" else ("quadrature", {"rule": what, "points": number})
-
-
-def _no_method(name: str) -> str:
-    return (
-        f"method: {name!r} is not the name of a method; such names are gauss3, radau-iia2, bdf2, "
-        f"bdf2-nodes, bdf2-nodes-s1-gauss1-none, {', '.join(BASELINE_NAMES)}"
-    )
+    try:
+        values = keys_of_name(name)
+    except ValueError as error:
+        raise ValueError(f"method: {error}") from None
+    return make_method(values)[0]

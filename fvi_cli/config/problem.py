@@ -130,7 +130,7 @@ def _check_sizes(problem: Kind, at: Cursor) -> None:
 
 def _sized(problem: Kind) -> Iterator[tuple[KeyPath, object]]:
     """What may be given per coordinate."""
-    for name in ("mass", "stiffness"):
+    for name in ("mass", "stiffness", "masses", "stiffnesses"):
         yield (name,), getattr(problem, name, None)
     initial = getattr(problem, "initial", None)
     if isinstance(initial, Initial):
@@ -141,7 +141,7 @@ def _sized(problem: Kind) -> Iterator[tuple[KeyPath, object]]:
     for index, term in enumerate(damping if isinstance(damping, tuple) else ()):
         given = vars(term) if isinstance(term, Setting) else term
         if isinstance(given, Mapping) and given.get("acts_on") is None:
-            for name in ("coefficient", "matrix"):
+            for name in ("coefficient", "matrix", "stiffness"):
                 yield ("damping", index, name), given.get(name)
     for index, piece in enumerate(_pieces(problem)):
         if isinstance(piece, Mapping):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -14,6 +15,7 @@ from fvi_cli.keys.nodes import MappingNode, ScalarNode
 from fvi_cli.keys.scalars import Choice, Schema, Shape, referred
 from fvi_cli.mathematics.algebra.syntax import difference_of_sides
 
+_logger = logging.getLogger(__name__)
 Refusal = str | Callable[[Cursor], str]
 
 
@@ -67,7 +69,6 @@ class Record(MappingShape):
     refused: Mapping[str, Refusal] = field(default_factory=dict, hash=False)
     forms: tuple[tuple[str, ...], ...] = ()
     declares: str = ""
-    of_word: Callable[[str], str] = field(default=lambda word: "", hash=False)
     words: str = ""
     of: type[Made] | None = field(default=None, hash=False)
     variant: str = ""
@@ -117,8 +118,6 @@ class Record(MappingShape):
 
     def _meant(self, at: Cursor) -> str:
         """How a number or word is written where it fits under the first key; else nothing."""
-        if isinstance(at.scalar, str) and (written := self.of_word(at.scalar)):
-            return f"; write {written}"
         first = self.keys[0]
         word = at.word_for(first.shape)
         # an equation is refused there: an expression that is 0 says the same
@@ -185,9 +184,9 @@ def copied(value: Any) -> Any:
 class ByKind(Shape):
     """Records that differ by the word under a key of theirs.
 
-    Where the `default` stands, what is read is without the key, as where none stands. `meant` says
-    what to write in place of words that are not known here, in small letters; `name` is that in the
-    schema.
+    Where the `default` stands, what is read is without the key, as where none stands. `aliases` are
+    other words for kinds, `meant` says what to write in place of words that are not known here, all
+    in small letters; `name` is that in the schema.
     """
 
     kinds: Mapping[str, Record] = field(hash=False)
@@ -195,6 +194,7 @@ class ByKind(Shape):
     meaning: str = "which equation"
     default: str = ""
     meant: Mapping[str, str] = field(default_factory=dict, hash=False)
+    aliases: Mapping[str, str] = field(default_factory=dict, hash=False)
     name: str = ""
 
     @property
@@ -213,7 +213,10 @@ class ByKind(Shape):
         if plain in self.meant:
             # the keys beside it are those of what is not known
             return at.refuse(f"{plain}: {self.meant[plain]}", self.word)
-        if at.has(self.word):
+        if plain in self.aliases or (plain != word and plain in self.kinds):
+            kind = self.aliases.get(plain, plain)
+            _logger.info("%s: %s: %s is read as %s", at.node.place, self.word, word, kind)
+        elif at.has(self.word):
             kind = choice.read(at.under(self.word))
         elif not self.default:
             kind = at.refuse(f"missing; it must be {choice.expected}", self.word)
@@ -249,7 +252,9 @@ class ByKind(Shape):
         variants = []
         for kind, record in self.kinds.items():
             variant = record.whole(defs)
-            word: Schema = {"const": kind, "description": self.meaning}
+            also = [alias for alias, meant in self.aliases.items() if meant == kind]
+            word: Schema = {"description": self.meaning}
+            word |= {"enum": [kind, *also]} if also else {"const": kind}
             if self.default:
                 word["default"] = self.default
             variant["properties"] = {self.word: word, **variant["properties"]}

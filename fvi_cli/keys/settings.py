@@ -59,8 +59,6 @@ class Setting(Built):
         Key whose names the expressions under all keys may hold.
     words
         What is allowed, in place of *a mapping with ...*.
-    of_word
-        What to write in place of a word where the mapping should stand.
     """
 
     options: ClassVar[Mapping[str, Any]] = {}
@@ -74,14 +72,12 @@ class Setting(Built):
         forms: tuple[tuple[str, ...], ...] = (),
         declares: str = "",
         words: str = "",
-        of_word: Callable[[str], str] | None = None,
     ) -> None:
         given = {
             "refused": refused,
             "forms": forms,
             "declares": declares,
             "words": words,
-            "of_word": of_word,
         }
         cls.options = {**cls.options, **{name: one for name, one in given.items() if one}}
 

@@ -168,11 +168,13 @@ def _request(
 def _known(
     path: Path, overrides: Sequence[str], results: Callable[[str], Path], allow_unstable: bool
 ) -> LoadedConfig | None:
-    """The configuration, if its result file has just that; its members were checked then."""
+    """The configuration, if there are no members to check: none, or those of its result file."""
     with contextlib.suppress(FviError):
         loaded = load_config(path, overrides=overrides, checks_member=no_member)
         stored = results(loaded.name)
-        if stored.exists() and any(one.members for one in loaded.experiments):
+        if not any(one.members for one in loaded.experiments):
+            return loaded
+        if stored.exists():
             # most commands need not wait for this import
             from fvi_cli.storage import has_configuration
 

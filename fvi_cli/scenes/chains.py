@@ -16,6 +16,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
 from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.structures.rayleigh import rayleigh_damping
 
 LARGEST_DENSE: Final = 200
 """Storeys up to which matrices are dense: structures that are taller have no modes to step in."""
@@ -121,6 +122,7 @@ def frame(
     stiffness: ArrayLike = 1.0,
     ground_acceleration: Forcing | None = None,
     dampers: Sequence[Damper] = (),
+    rayleigh: tuple[Sequence[float], Sequence[int]] | None = None,
     **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a building of n storeys that shear, shaken by the ground.
@@ -129,7 +131,9 @@ def frame(
     shear :math:`s_i = \bigl(k_i + \sum_j c_j D^{\gamma_j}\bigr) (x_i - x_{i-1})` (viscoelastic
     walls or dampers),
 
-    .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t).
+    .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t),
+
+    and with `rayleigh`, two damping ratios and the numbers of their modes, Rayleigh's damping.
 
     Raises
     ------
@@ -146,6 +150,9 @@ def frame(
         from scipy.sparse import diags_array
 
         mass_form = cast("SparseMatrix", diags_array(masses, format="csr"))
+    if rayleigh is not None:
+        viscous = rayleigh_damping(mass_form, stiffness_form, *rayleigh)
+        data["damping"] = (*data.get("damping", ()), viscous)
     return linear_oscillator(
         mass=mass_form,
         stiffness=stiffness_form,

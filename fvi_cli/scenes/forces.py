@@ -6,6 +6,7 @@ import functools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
-from fvi_cli.keys.scalars import Formula, Number, Text
+from fvi_cli.keys.scalars import Formula, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
@@ -41,6 +42,8 @@ from fvi_cli.scenes.records.samples import (
 )
 
 T = TypeVar("T")
+STANDARD_GRAVITY: Final = 9.80665
+"""Of free fall, in m/s^2 (CGPM 1901)."""
 _COLUMN: Final = Text(what="the name of a column")
 
 
@@ -85,11 +88,29 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Scale(Number):
+    """A factor, or the acceleration of free fall by its letter."""
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return f"a finite number, or g for {STANDARD_GRAVITY} m/s^2"
+
+    def read(self, at: Cursor) -> Any:
+        """A float."""
+        return STANDARD_GRAVITY if at.scalar == "g" else super().read(at)
+
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema."""
+        return {"anyOf": [super().schema(defs), {"const": "g"}]}
+
+
 class Samples(
     PlainSetting,
     words="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",
     refused=dict.fromkeys(
-        ("unit", "units"), "not a key: write scale, such as scale: 9.81 for a record in g"
+        ("unit", "units"), "not a key: write scale: g for a record in g, in metres and seconds"
     ),
 ):
     """Samples from a file, read together with the configuration."""
@@ -110,7 +131,10 @@ class Samples(
         "Between the samples: straight lines (order 2 at most) or a cubic spline (4).",
         default="linear",
     )
-    scale: float = key("Factor of the values, for example 9.81 for a record in g.", default=1.0)
+    scale: Annotated[float, Scale()] = key(
+        "Factor of the values; g: 9.80665, for a record in g and motion in metres and seconds.",
+        default=1.0,
+    )
     beyond: Literal["refuse", "zero"] = key(
         "zero: no force behind the last sample, where it comes before final_time.",
         default="refuse",

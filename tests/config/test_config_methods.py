@@ -2,7 +2,7 @@
 
 import pytest
 
-from fvi_cli.config import parse_config
+from fvi_cli.config import method_named, parse_config
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
 
 FRAME = """\
@@ -189,3 +189,24 @@ def test_a_mesh_may_be_graded():
 def test_no_reference_may_be_asked_for():
     (experiment,) = parse_config(MESHES + "ladder: {steps: 8}\n", "f.yaml").experiments
     assert (experiment.problem.exact, experiment.problem.exact_source) == (None, "none")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("gauss3", "Gauss 2", "bdf1", "BDF-6", "radau-iia2", "Radau2", "lobatto-iiic3"),
+        *("dop853", "explicit_euler", "gauss-s2-none", "bdf4-points-s2-gauss3-none"),
+    ],
+)
+def test_a_name_says_the_same_in_a_configuration_as_in_python(name):
+    assert methods(name) == (method_named(name),)
+
+
+def test_names_and_mappings_stand_in_one_list():
+    cases = [method.case for method in methods("[gauss3, {bdf: [1, 2]}, bdf2-nodes]")]
+    assert [case.split("-s")[0] for case in cases] == [
+        "gauss",
+        "bdf1-points",
+        "bdf2-points",
+        "bdf2-nodes",
+    ]

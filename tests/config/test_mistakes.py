@@ -44,7 +44,7 @@ def mistakes() -> Iterator[Any]:
         for number, mistake in enumerate(content["mistakes"]):
             text = text_of(mistake, content.get("text", ""))
             yield pytest.param(
-                text, mistake.get("set", []), mistake["told"], id=f"{file.stem}-{number}"
+                text, mistake.get("set", []), mistake.get("told"), id=f"{file.stem}-{number}"
             )
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
+from fvi_cli.config.keys.method_names import MethodName
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
@@ -35,11 +35,6 @@ MOST_METHODS: Final = 500
 # Fields of Method under the names that a configuration has for them.
 _KEY_OF_FIELD: Final = {"start_exponents": "start"}
 
-_FAMILIES: Final = {"gauss": "gauss", "radau": "radau-iia", "lobatto": "lobatto-iiic"}
-_NAME: Final = re.compile(
-    r"bdf-?(?P<bdf>[1-6])|(?P<family>gauss|radau|lobatto)(-?[i]+[ac])?-?(?P<degree>[1-9]?)"
-)
-
 
 class Rule(Setting):
     """A quadrature rule."""
@@ -61,19 +56,6 @@ class Weights(Setting):
     weights: Annotated[
         tuple[float, ...], ListOf(shape=Number(least=0.0), most=20, example="[2.5]")
     ] = key("Exponents of t on which the corrected quadrature is exact.")
-
-
-def _of_name(name: str) -> str:
-    """How a method is written of which the name stands there."""
-    plain = re.sub(r"[\s_]", "", name.lower())
-    if plain in BASELINE_NAMES:
-        return f"{{baseline: {plain}}}"
-    found = _NAME.fullmatch(plain)
-    if found is None:
-        return ""
-    if found["bdf"]:
-        return f"{{bdf: {found['bdf']}}}"
-    return f"{{rk: {_FAMILIES[found['family']]}, degree: {found['degree'] or 3}}}"
 
 
 def _several(shape: Shape) -> OneOrMany:
@@ -99,7 +81,7 @@ _REFUSED: Final = {
 }
 
 
-class MethodKeys(Setting, refused=_REFUSED, of_word=_of_name):
+class MethodKeys(Setting, refused=_REFUSED):
     """A method, or the combinations of several values."""
 
     bdf: Annotated[Any, _several(Integer(least=1, most=len(BDF_NAMES)))] = key(
@@ -147,7 +129,9 @@ class MethodKeys(Setting, refused=_REFUSED, of_word=_of_name):
     )
 
 
-METHODS: Final = OneOrMany(shape=record_of(MethodKeys))
+METHODS: Final = OneOrMany(
+    shape=ByForm(single=MethodName(), mappings=(record_of(MethodKeys),), name="Method")
+)
 
 
 @dataclass(frozen=True, kw_only=True)

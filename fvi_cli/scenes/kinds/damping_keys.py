@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.directions import Directions
-from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
+from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
@@ -18,11 +19,12 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.records import ByKind, Refusal
-from fvi_cli.keys.scalars import Matrix, Number, Text
+from fvi_cli.keys.scalars import Integer, Matrix, Number, Text
 from fvi_cli.keys.settings import Fraction, NotNegative, Positive, Setting, key, record_of
 from fvi_cli.scenes.structures.matrix_keys import MATRIX_FILE, matrix_of
 
 Coefficient = ArrayLike | SparseMatrix | Factored
+Effect = FractionalDamping | Law
 
 
 def alpha(at: Cursor) -> str:
@@ -64,6 +66,7 @@ _MATRIX: Final = ByForm(several=Matrix(), mappings=(MATRIX_FILE,), example="{fil
 _DIRECTIONS: Final = ListOf(
     shape=Text(what="a linear combination of coordinates, such as x2 - x1"), example="[x2 - x1]"
 )
+_EXAMPLE: Final = "{order: 0.5, coefficient: 1.0}"
 _ACTS_ON: Final = key(
     "Coordinates or linear combinations of them on which the term acts, one "
     "per row of the coefficient; without it: every coordinate.",
@@ -97,9 +100,45 @@ class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
         """The number, matrix or file."""
         return self.coefficient
 
-    def effect(self, coefficient: Any) -> FractionalDamping | Law:
-        """The term with a coefficient for its coordinates."""
-        return FractionalDamping(order=float(self.order), coefficient=coefficient)
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The term; `on` makes the coefficient for all coordinates of that for its own."""
+        return (FractionalDamping(order=float(self.order), coefficient=on(self.factor)),)
+
+
+class KelvinVoigt(
+    Setting,
+    refused={
+        **WRONG_NAMES,
+        **dict.fromkeys(("viscosity", "eta", "c"), "not a key: write coefficient"),
+        **dict.fromkeys(("modulus", "relaxed", "k", "E"), "not a key: write stiffness"),
+    },
+):
+    """A spring beside a springpot."""
+
+    stiffness: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
+        "kelvin-voigt: stiffness k of the spring, a number or a symmetric matrix.",
+        unit="mass per time^2",
+    )
+    coefficient: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
+        "Factor mu of the springpot beside it, a number or a symmetric matrix.",
+        unit="mass times time^(gamma-2)",
+    )
+    order: Order = key(
+        "Order gamma of the springpot; 1 is the dashpot of Kelvin and Voigt.", default=1.0
+    )
+    acts_on: ActsOn = _ACTS_ON
+
+    @property
+    def factor(self) -> Any:
+        """The number, matrix or file of the springpot."""
+        return self.coefficient
+
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The springpot, and the spring as a law that remembers nothing."""
+        springpot = FractionalDamping(order=float(self.order), coefficient=on(self.factor))
+        forgetful = ColeCole(order=0.5, time=1.0)
+        spring = Law(kernel=forgetful, size=0.0, relaxed=1.0, coefficient=on(self.stiffness))
+        return springpot, spring
 
 
 class LawTerm(Setting, refused=_WRONG_IN_LAWS):
@@ -121,12 +160,13 @@ class LawTerm(Setting, refused=_WRONG_IN_LAWS):
         given = self.coefficient if self.matrix is None else self.matrix
         return 1.0 if given is None else given
 
-    def effect(self, coefficient: Any) -> FractionalDamping | Law:
-        """The law with a coefficient for its coordinates."""
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The law; `on` makes the coefficient for all coordinates of that for its own."""
         if self.matrix is not None and self.coefficient is not None:
             raise ArgumentError("matrix", "give this or coefficient, not both")
-        own = {name: one for name, one in vars(self).items() if name not in LawTerm.__annotations__}
-        return type(self).make(**own, coefficient=coefficient)
+        shared = {*LawTerm.__annotations__, *AtStorey.__annotations__}
+        own = {name: one for name, one in vars(self).items() if name not in shared}
+        return (type(self).make(**own, coefficient=on(self.factor)),)
 
 
 class Zener(LawTerm):
@@ -167,47 +207,73 @@ class Tempered(LawTerm):
     rate: Positive = key("tempered: rate l at which it forgets.", unit="1/time")
 
 
+class AtStorey(Setting):
+    """Where a damper of a building stands."""
+
+    storey: Annotated[int | None, Integer(least=1, most=1000)] = key(
+        "Storey i between whose floor and ceiling it stands: it acts on x_i - x_(i-1), storey 1 "
+        "on x_1; without it one stands in every storey.",
+        default=None,
+    )
+    # the storey says it
+    acts_on = None
+
+
 SPRINGPOT: Final = "springpot"
+_LAWS: Final[Mapping[str, type[Setting]]] = {
+    SPRINGPOT: Springpot,
+    "kelvin-voigt": KelvinVoigt,
+    "zener": Zener,
+    "maxwell": Maxwell,
+    "prony": Prony,
+    "tempered": Tempered,
+}
+_AT_STOREYS: Final[Mapping[str, type[Setting]]] = {
+    word: type(f"Storey{law.__name__}", (AtStorey, law), {"__doc__": law.__doc__})
+    for word, law in _LAWS.items()
+}
+_ALIASES: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("voigt", "kelvin"), "kelvin-voigt"),
+    **dict.fromkeys(("fractional", "scott-blair", "abel"), SPRINGPOT),
+}
 _DASHPOT: Final = "{order: 1, coefficient: c}"
 _MEANT: Final[Mapping[str, str]] = {
     **dict.fromkeys(
-        ("kelvin-voigt", "voigt", "kelvin"),
-        "a spring and a springpot of order 1: add the spring to the stiffness of the scene, and "
-        f"write {_DASHPOT} for the springpot, with another order for the fractional law",
-    ),
-    **dict.fromkeys(
         ("dashpot", "viscous", "newton", "linear"), f"a springpot of order 1: write {_DASHPOT}"
-    ),
-    **dict.fromkeys(
-        ("fractional", "scott-blair", "abel"), "write law: springpot, with order and coefficient"
     ),
     **dict.fromkeys(
         ("standard-linear-solid", "sls", "standard-solid", "cole-cole"),
         "write law: zener, or law: prony with moduli, times and relaxed",
     ),
-    "rayleigh": "write proportional: {mass: a, stiffness: b} beside damping, where the kind has it",
+    "rayleigh": "not a law of one damper: write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]} "
+    "beside damping, where the kind has it (frame, structure)",
+    "modal": "not a law of one damper: write modal_damping: [0.02, 0.02] beside damping, where the "
+    "kind has it (structure)",
 }
 
 
-def damping_terms(default_order: float) -> ListOf:
-    """What stands under ``damping``, with the order of terms that do not say it."""
-    laws = {"zener": Zener, "maxwell": Maxwell, "prony": Prony, "tempered": Tempered}
+def damping_terms(default_order: float = 1.0, *, at_storeys: bool = False) -> ListOf:
+    """A list of terms: their order where they do not say it, and whether storeys have them."""
+    laws = _AT_STOREYS if at_storeys else _LAWS
+    name = "StoreyDamper" if at_storeys else "DampingTerm"
     term = ByKind(
         kinds={
-            SPRINGPOT: record_of(Springpot, order=default_order),
-            **{name: record_of(law) for name, law in laws.items()},
+            word: record_of(law, order=default_order) if word == SPRINGPOT else record_of(law)
+            for word, law in laws.items()
         },
         word="law",
         meaning="which law: a springpot mu D^gamma q, or one that relaxes",
         default=SPRINGPOT,
         meant=_MEANT,
-        name="DampingTerm" if default_order == 1.0 else f"DampingTerm-order-{default_order}",
+        aliases=_ALIASES,
+        name=name if default_order == 1.0 else f"{name}-order-{default_order}",
     )
-    return ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 1.0}]")
+    example = "{storey: 1, order: 0.5, coefficient: 0.2}" if at_storeys else _EXAMPLE
+    return ListOf(shape=term, least=0, example=f"[{example}]")
 
 
-Term = Springpot | LawTerm
-Damping = Annotated[tuple[Term, ...], damping_terms(1.0)]
+Term = Springpot | KelvinVoigt | LawTerm
+Damping = Annotated[tuple[Term, ...], damping_terms()]
 DAMPING: Final = key(
     "Terms mu D^gamma q of the equation of motion, and relaxation laws; none: no damping.",
     default=[],
@@ -224,18 +290,35 @@ def build_damping(
     ArgumentError
         With a path below ``damping``.
     """
-    found: list[FractionalDamping | Law] = []
+    return effects_of(
+        terms, lambda term, factor: _coefficient(term, factor, names, sparse=sparse), "damping"
+    )
+
+
+def effects_of(
+    terms: Sequence[Term], on: Callable[[Term, Any], Any], place: str
+) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
+    """What the terms in the list at `place` make, by the coefficient for all coordinates.
+
+    Raises
+    ------
+    ArgumentError
+        With a path below `place`.
+    """
+    found: list[Effect] = []
     for index, term in enumerate(terms):
         try:
-            found.append(term.effect(_coefficient(term, names, sparse=sparse)))
+            found.extend(term.effects(partial(on, term)))
         except ArgumentError as error:
-            raise error.below(f"damping.{index}") from None
+            raise error.below(f"{place}.{index}") from None
     damping = tuple(one for one in found if isinstance(one, FractionalDamping))
     return damping, tuple(one for one in found if not isinstance(one, FractionalDamping))
 
 
-def _coefficient(term: Term, names: tuple[str, ...], *, sparse: bool) -> Coefficient:
+def _coefficient(
+    term: Term, factor: object, names: tuple[str, ...], *, sparse: bool
+) -> Coefficient:
     if term.acts_on is None:
-        return matrix_of(term.factor, len(names), sparse=sparse)
+        return matrix_of(factor, len(names), sparse=sparse)
     directions = Directions.from_text(term.acts_on, names)
-    return directions.factored(dense(matrix_of(term.factor, directions.count)))
+    return directions.factored(dense(matrix_of(factor, directions.count)))

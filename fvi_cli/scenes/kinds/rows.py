@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
+from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.containers import ByForm, ListOf
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Fraction, Positive, Setting, key
-from fvi_cli.scenes.chains import Ends, chain, frame, string
+from fvi_cli.scenes.chains import Ends, chain, string
 from fvi_cli.scenes.data import Damper
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
+from fvi_cli.scenes.kinds.damping_keys import Term, damping_terms
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.shared_keys import dampers
+from fvi_cli.scenes.kinds.storeys import USUAL_STOREYS, frame_of_keys
+from fvi_cli.scenes.structures.rayleigh import Rayleigh
 
 Count = Annotated[int, Integer(least=1, most=1000)]
-_PER_STOREY: Final = ByForm(
-    single=Number(above=0.0), several=ListOf(shape=Number(above=0.0), example="[2.0, 1.0]")
-)
+_STOREYS: Final = ListOf(shape=Number(above=0.0), most=1000, example="[2.0, 1.0]")
+_PER_STOREY: Final = ByForm(single=Number(above=0.0), several=_STOREYS)
 PerStorey = Annotated[float | tuple[float, ...], _PER_STOREY]
 Dampers = Annotated[tuple[Damper, ...], dampers("mass times time^(gamma-2)")]
 
@@ -60,29 +64,64 @@ class Frame(SceneKind):
         "mass_i x_i'' + s_i - s_(i+1) + sum mu D^gamma x_i = -mass_i a(t), s_i = (stiffness_i "
         "+ sum c D^gamma) (x_i - x_(i-1))"
     )
-    make = staticmethod(frame)
+    make = staticmethod(frame_of_keys)
     forces = ("ground_acceleration",)
     size_key = "storeys"
     example: ClassVar = {
-        "stiffness": "10.0",
-        "dampers": "[{order: 0.5, coefficient: 0.5}]",
+        "storeys": "3",
+        "masses": "[2.0, 2.0, 1.6]",
+        "stiffnesses": "[12.0, 10.0, 8.0]",
+        "rayleigh": "{ratios: [0.02, 0.02], modes: [1, 3]}",
+        "dampers": "[{storey: 1, order: 0.5, coefficient: 0.5}]",
         "ground_acceleration": "t**3*exp(-t)*sin(3*t)",
         "final_time": "8.0",
     }
     sweep = "problem.dampers.0.order: {from: 0.1, to: 1.9, number: 10}"
 
-    storeys: Count = key(
-        "Number n of storeys; x1 ... xn are their displacements against the ground.", default=3
+    storeys: Annotated[int | None, Integer(least=1, most=1000)] = key(
+        "Number n of storeys; x1 ... xn are their displacements against the ground. Default: the "
+        "length of the lists below, or 3.",
+        default=None,
     )
     mass: PerStorey = key(
         "Mass of every storey, or a list from the ground up.", unit="unit of mass", default=1.0
     )
+    masses: Annotated[tuple[float, ...] | None, _STOREYS] = key(
+        "In place of mass: a list from the ground up.", unit="unit of mass", default=None
+    )
     stiffness: PerStorey = key(
         "Shear stiffness of every storey, or a list.", unit="mass per time^2", default=1.0
     )
-    dampers: Dampers = key("Fractional dampers c D^gamma between storeys.", default=[])
+    stiffnesses: Annotated[tuple[float, ...] | None, _STOREYS] = key(
+        "In place of stiffness: a list from the ground up.", unit="mass per time^2", default=None
+    )
+    dampers: Annotated[tuple[Term, ...], damping_terms(at_storeys=True)] = key(
+        "Dampers of any law between floors: in one storey, or in every one.",
+        unit="coefficient: mass times time^(gamma-2)",
+        default=[],
+    )
+    rayleigh: Rayleigh | None = key(
+        "Damping (a M + b K) x' by the ratios of two modes of masses and stiffnesses.", default=None
+    )
     ground_acceleration: GroundMotion = GROUND_ACCELERATION
     forcing = None
+
+    @classmethod
+    def check_presence(cls, at: Cursor) -> None:
+        """A list of storeys stands in place of the number or list under the other name."""
+        for one, several in (("mass", "masses"), ("stiffness", "stiffnesses")):
+            if at.has(several) and at.has(one) and at.under(one).scalar != 1.0:
+                at.refuse_key(several, f"give this or {one}, not both")
+
+    def stated_size(self) -> tuple[KeyPath, int]:
+        """The key that says the number of storeys, and that number."""
+        if isinstance(self.storeys, int):
+            return ("storeys",), self.storeys
+        for name in ("masses", "stiffnesses", "mass", "stiffness"):
+            value = getattr(self, name)
+            if isinstance(value, list | tuple):
+                return (name,), len(value)
+        return ("storeys",), USUAL_STOREYS
 
 
 class Pluck(Setting):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.matrices import Form, added, dense, is_sparse, scaled, times
+from fvi_cli.effects.matrices import Form, added, is_sparse, scaled, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.scalars import Number
@@ -21,6 +21,7 @@ from fvi_cli.scenes.chains import ground_force
 from fvi_cli.scenes.data import SceneData, per_coordinate
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.structures.matrix_keys import matrix_of
+from fvi_cli.scenes.structures.rayleigh import Rayleigh, natural_modes, rayleigh_damping
 
 LARGEST_MODAL: Final = 400
 """Degrees of freedom up to which damping is given by modes: its matrix is full."""
@@ -43,6 +44,7 @@ def structure(
     stiffness: object,
     proportional: Proportional | None = None,
     modal_damping: Sequence[float] = (),
+    rayleigh: Rayleigh | None = None,
     ground_acceleration: Forcing | None = None,
     ground_direction: ArrayLike = 1.0,
     **data: Unpack[SceneData],
@@ -69,6 +71,8 @@ def structure(
     if proportional is not None:
         together = added(scaled(m, proportional.mass), scaled(k, proportional.stiffness))
         damping.append(FractionalDamping(order=proportional.order, coefficient=together))
+    if rayleigh is not None:
+        damping.append(rayleigh_damping(m, k, rayleigh.ratios, rayleigh.modes))
     if modal_damping:
         damping.append(FractionalDamping(order=1.0, coefficient=modal_matrix(m, k, modal_damping)))
     if ground_acceleration is not None:
@@ -99,12 +103,8 @@ def modal_matrix(mass: Form, stiffness: Form, ratios: Sequence[float]) -> Array:
         )
     if len(ratios) > size:
         raise ArgumentError("modal_damping", f"{len(ratios)} ratios for {size} modes")
-    m, k = dense(mass), dense(stiffness)
-    root = np.linalg.cholesky(m)
-    reduced = np.linalg.solve(root, np.linalg.solve(root, k).T)
-    values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
+    values, pushes = natural_modes(mass, stiffness)
     total = np.zeros((size, size))
-    for ratio, value, vector in zip(ratios, values, vectors.T, strict=False):
-        push = root @ vector
+    for ratio, value, push in zip(ratios, values, pushes.T, strict=False):
         total += 2.0 * ratio * math.sqrt(max(float(value), 0.0)) * np.outer(push, push)
     return total

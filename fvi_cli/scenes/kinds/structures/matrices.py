@@ -11,6 +11,7 @@ from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import NUMBER_OR_SYMMETRIC
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, MOST_COORDINATES
+from fvi_cli.scenes.structures.rayleigh import Rayleigh
 from fvi_cli.scenes.structures.structure import Proportional, structure
 
 _DIRECTION: Final = ByForm(
@@ -30,7 +31,8 @@ class Structure(SceneKind):
         "mass": "[[2.0, 0.0], [0.0, 1.0]]",
         "stiffness": "[[300.0, -100.0], [-100.0, 100.0]]",
         "damping": "[{order: 0.5, coefficient: 4.0, acts_on: [x2 - x1]}]",
-        "proportional": "{mass: 0.1, stiffness: 0.001, order: 1.0}",
+        "proportional": "{mass: 0.1, stiffness: 0.001, order: 0.5}",
+        "rayleigh": "{ratios: [0.02, 0.02], modes: [1, 2]}",
         "ground_acceleration": "t**3*exp(-t)*sin(3*t)",
         "final_time": "4.0",
     }
@@ -44,6 +46,9 @@ class Structure(SceneKind):
     )
     proportional: Proportional | None = key(
         "Damping (a M + b K) D^gamma x, of Rayleigh for order 1.", default=None
+    )
+    rayleigh: Rayleigh | None = key(
+        "Damping (a M + b K) x' by the ratios of two modes of M and K.", default=None
     )
     modal_damping: Annotated[tuple[NotNegative, ...], _RATIOS] = key(
         "Damping ratios of the first modes of M and K, viscous damping; no unit.", default=[]
