@@ -13,12 +13,12 @@ from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability.determinants import number_of_unknowns, step_determinant
+from fvi_cli.integrator.stability.determinants import step_determinants
 from fvi_cli.integrator.stability.linearisation import linearised_along
 from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
 from fvi_cli.integrator.stability.systems import MatrixPencil
-from fvi_cli.mathematics.transforms.zeros import UNDECIDED, OneFunction, count_zeros
+from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.studies.stability_study import distinct_regions, observe, regions, stability_rows
@@ -43,8 +43,11 @@ def oscillator(final_time, *, mass=1.0, stiffness=1.0, damping=((1.5, 1.0),)):
 class Polynomials:
     """(z - a)(z - b) for pairs a, b."""
 
+    degree = 8
+
     def __init__(self, pairs):
         self.pairs = np.array(pairs, dtype=complex)
+        self.number = len(pairs)
 
     def tabulate(self, z):
         return z
@@ -66,10 +69,10 @@ def test_zeros_of_many_functions_are_counted_together():
         (0.89999, 0.90001),
         (0.9, 0.1),
     ]
-    counts = count_zeros(Polynomials(pairs), len(pairs), 0.9, 8)
+    counts = count_zeros(Polynomials(pairs), 0.9)
     assert counts.tolist() == [2, 0, 1, 2, 0, 1, UNDECIDED]
     with pytest.raises(ValueError, match="must lie in"):
-        count_zeros(Polynomials(pairs), len(pairs), 1.0, 8)
+        count_zeros(Polynomials(pairs), 1.0)
 
 
 PLANE_METHODS = (
@@ -95,11 +98,9 @@ def test_a_map_says_what_the_determinants_say_one_by_one(method):
                 system = MatrixPencil(
                     mass=np.eye(1), stiffness=np.array([[k]]), damping=((order, np.array([[mu]])),)
                 )
-                determinant = step_determinant(system, method, 1.0)
-                degree = number_of_unknowns(system, method)
                 radii = [math.exp(-growth) for growth in GROWTH_LEVELS]
-                alone = OneFunction(determinant)
-                counts = [count_zeros(alone, 1, one, degree)[0] for one in radii]
+                alone = step_determinants([system], method, 1.0)
+                counts = [count_zeros(alone, one)[0] for one in radii]
                 level = next((n for n, count in enumerate(counts) if not count), len(counts))
                 assert found.level[row, column] == level, (order, k, mu)
     assert found.share_stable == (1.0 if method is GAUSS else pytest.approx(0.5, abs=0.45))

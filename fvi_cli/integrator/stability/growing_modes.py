@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.stability.determinants import (
-    number_of_unknowns,
-    step_determinant,
-    step_determinants,
-)
+from fvi_cli.integrator.stability.determinants import StepDeterminants, step_determinants
 from fvi_cli.integrator.stability.systems import MatrixPencil
-from fvi_cli.mathematics.arrays import Integers
 from fvi_cli.mathematics.transforms.zeros import (
     UNDECIDED,
     ZeroCountError,
@@ -36,20 +31,11 @@ ACCURACY = 1e-9
 _SHARES = (10.0, 10.7, 9.1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class GrowingModes:
-    r"""What grows.
+class GrowingModes(NamedTuple):
+    """What grows by a tenth or more over the run."""
 
-    Parameters
-    ----------
-    count
-        Number of modes, with their multiplicity, that grow by a tenth or more over the run.
-    growth
-        :math:`\log(1/|z|)` of the worst; 0 where none grows.
-    """
-
-    count: int
-    growth: float
+    count: int  # with multiplicity
+    growth: float  # log(1/|z|) of the worst; 0 where none grows
 
 
 def growing_modes(
@@ -62,60 +48,45 @@ def growing_modes(
     ZeroCountError
         Where they cannot be counted.
     """
+    determinants = step_determinants(systems, method, step_size)
     counts = np.full(len(systems), UNDECIDED)
     for share in _SHARES:
-        left = np.flatnonzero(counts == UNDECIDED).tolist()
-        if left:
-            radius = 1.0 - 1.0 / (share * n_steps)
-            counts[left] = _counts([systems[i] for i in left], method, step_size, radius)
+        left = np.flatnonzero(counts == UNDECIDED)
+        if left.size:
+            counts[left] = count_zeros(determinants[left], 1.0 - 1.0 / (share * n_steps))
     if np.any(counts == UNDECIDED):
         raise ZeroCountError("a mode lies too close to the circle of no growth to be counted")
     count = int(counts.sum())
     if not count:
-        return GrowingModes(count=0, growth=0.0)
-    suspects = [systems[i] for i in np.flatnonzero(counts).tolist()]
+        return GrowingModes(0, 0.0)
     least = -math.log1p(-1.0 / (_SHARES[-1] * n_steps))
-    return GrowingModes(count=count, growth=_worst(suspects, method, step_size, least, count))
+    return GrowingModes(count, _worst(determinants[np.flatnonzero(counts)], least, count))
 
 
-def _counts(
-    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, radius: float
-) -> Integers:
-    degree = number_of_unknowns(systems[0], method)
-    determinants = step_determinants(systems, method, step_size)
-    return count_zeros(determinants, len(systems), radius, degree)
-
-
-def _worst(
-    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, low: float, count: int
-) -> float:
+def _worst(determinants: StepDeterminants, low: float, count: int) -> float:
     """Growth of the worst mode, which exceeds `low`: located where few modes are that fast."""
     high, located = FASTEST, 0
     while high > (1.0 + ACCURACY) * low:
         if count <= FEW and count != located:
-            growth, located = _located(systems, method, step_size, math.exp(-low)), count
+            growth, located = _located(determinants, math.exp(-low)), count
             if growth is not None:
                 return growth
         middle = math.sqrt(low * high)
-        counts = _counts(systems, method, step_size, math.exp(-middle))
-        faster = np.flatnonzero(counts).tolist()
-        if faster:
-            systems, low = [systems[i] for i in faster], middle
-            count = int(np.abs(counts).sum())
+        counts = count_zeros(determinants, math.exp(-middle))
+        if counts.any():
+            determinants = determinants[np.flatnonzero(counts)]
+            low, count = middle, int(np.abs(counts).sum())
         else:
             high = middle
     return low
 
 
-def _located(
-    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, radius: float
-) -> float | None:
+def _located(determinants: StepDeterminants, radius: float) -> float | None:
     """The same by the modes themselves; None where they cannot be told apart."""
-    degree = number_of_unknowns(systems[0], method)
     smallest = math.inf
-    for system in systems:
+    for number in range(determinants.number):
         try:
-            zeros = find_zeros(step_determinant(system, method, step_size), radius, degree)
+            zeros = find_zeros(determinants.of(number), radius, determinants.degree)
         except ZeroCountError:
             return None
         if zeros is None:

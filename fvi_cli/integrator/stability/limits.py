@@ -16,10 +16,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.stability.determinants import (
-    determinants_over_steps,
-    number_of_unknowns,
-)
+from fvi_cli.integrator.stability.determinants import determinants_over_steps
 from fvi_cli.integrator.stability.exact_modes import growing_frequencies
 from fvi_cli.integrator.stability.growing_modes import FASTEST
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
@@ -56,25 +53,14 @@ BLOCK = 2.0
 
 
 def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> int | None:
-    """Number of steps from which on the run is stable with any more of them.
+    """Number of steps, `fewest` or more, from which on the run is stable with any more of them.
 
     Looked at are all numbers of steps up to 200, and beyond such that their steps are half a per
     cent apart, until nothing but inertia matters in a step: windows of instability that are
     narrower may be missed. Of scenes that are fed, and of more than 8 independent systems, it is up
     to 50, and 5 per cent. Modes that outgrow a growing scene by less than a quarter are looked for
     at halved steps only. The last change of the verdict is closed in by bisection to a thousandth.
-
-    Parameters
-    ----------
-    scene, method
-        What is integrated and how; a nonlinear scene is linearised at its start.
-    fewest
-        Least number of steps that is of interest.
-
-    Returns
-    -------
-    int or None
-        None where the finest step is unstable.
+    A nonlinear scene is linearised at its start. None where the finest step is unstable.
     """
     linear = linearised_at_start(scene)
     systems = independent_systems(linear)
@@ -190,16 +176,12 @@ def _grow_faster(
         left = np.flatnonzero(~grows)
         if left.size:
             determinants = determinants_over_steps(system, method, step_sizes[left])
-            degree = number_of_unknowns(system, method)
-            grows[left] = count_zeros(determinants, left.size, math.exp(-growth), degree) != 0
+            grows[left] = count_zeros(determinants, math.exp(-growth)) != 0
     return grows
 
 
 def largest_stable_step(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> float | None:
-    """Largest step T / N, N an integer, from which on smaller ones are predicted stable.
-
-    None where no step is; see :func:`least_stable_n_steps`.
-    """
+    """The step T / N of :func:`least_stable_n_steps`; None where no step is stable."""
     n_steps = least_stable_n_steps(scene, method, fewest=fewest)
     return None if n_steps is None else scene.final_time / n_steps
 

@@ -31,18 +31,10 @@ def linearised_at_start(scene: Scene) -> Scene:
 
 
 def linearised_at(scene: Scene, position: Array, velocity: Array, time: float) -> Scene:
-    """The linear scene that a nonlinear one is close to a state.
+    """The linear scene that a nonlinear one is close to a state ``(d,)``.
 
-    Of a Lagrangian its second derivatives there, without the gyroscopic part.
-
-    Parameters
-    ----------
-    scene
-        Any scene; a linear one is returned as it is.
-    position, velocity
-        The state, shape ``(d,)``.
-    time
-        Time of the state.
+    Of a Lagrangian its second derivatives there, without the gyroscopic part; a linear scene is
+    returned as it is.
 
     Raises
     ------

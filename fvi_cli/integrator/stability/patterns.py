@@ -64,17 +64,12 @@ def pattern_size(method: AnyMethod) -> int:
 
 @functools.lru_cache(maxsize=64)
 def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
-    """The patterns of `method` for these orders of damping.
+    """The patterns for these orders of damping, ``(k,)`` z to ``(k, 3 + len(orders), n, n)``.
 
     Raises
     ------
     ValueError
         For a method without :func:`has_patterns`.
-
-    Returns
-    -------
-    Patterns
-        Takes points z, shape ``(k,)``, to matrices of shape ``(k, 3 + len(orders), n, n)``.
     """
     if not has_patterns(method):
         raise ValueError(f"method: the step equations of {method.case} are not known here")

@@ -27,7 +27,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.stability.determinants import number_of_unknowns, step_determinant
+from fvi_cli.integrator.stability.determinants import step_determinants
 from fvi_cli.integrator.stability.exact_modes import growing_frequencies, largest_rate
 from fvi_cli.integrator.stability.growing_modes import growing_modes
 from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
@@ -54,30 +54,14 @@ LARGEST_NUMBER_OF_SYSTEMS = 20_000
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityPrediction:
-    r"""What the modes of the step equations say about a run.
+    """What the modes of the step equations say about a run."""
 
-    Parameters
-    ----------
-    verdict
-        ``stable``, ``unstable``, or ``unknown`` where nothing is proved.
-    growth_per_step
-        :math:`\log(1/|z|)` of the worst mode; 0 where none grows.
-    exact_growth
-        :math:`h \max \mathrm{Re}\, s` of the exact scene, per step; 0 where nothing grows.
-    growing_modes
-        Number of modes, with their multiplicity, that grow by a tenth or more over the run.
-    reason
-        In words.
-    linearised_verdict
-        Of a nonlinear scene, that of the scene linearised at the start.
-    """
-
-    verdict: Verdict
-    growth_per_step: float = 0.0
-    exact_growth: float = 0.0
-    growing_modes: int = 0
+    verdict: Verdict  # unknown where nothing is proved
+    growth_per_step: float = 0.0  # log(1/|z|) of the worst mode; 0 where none grows
+    exact_growth: float = 0.0  # h max Re s of the exact scene; 0 where nothing grows
+    growing_modes: int = 0  # with multiplicity, that grow by a tenth or more over the run
     reason: str = ""
-    linearised_verdict: Verdict = "unknown"
+    linearised_verdict: Verdict = "unknown"  # of a nonlinear scene, linearised at the start
 
 
 NO_GAIN = StabilityPrediction(
@@ -88,17 +72,7 @@ NO_GAIN = StabilityPrediction(
 def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> StabilityPrediction:
     """Tell whether a run of `scene` by `method` in `n_steps` steps would blow up.
 
-    Parameters
-    ----------
-    scene, method
-        What is integrated and how.
-    n_steps
-        Number N of steps.
-
-    Returns
-    -------
-    StabilityPrediction
-        Of a nonlinear scene, the numbers of the scene linearised at its start, and no verdict.
+    Of a nonlinear scene there are the numbers of the scene linearised at its start, and no verdict.
 
     Raises
     ------
@@ -230,8 +204,8 @@ def _has_spurious_mode(
     limit: float,
 ) -> bool:
     """Whether a mode that grows faster than `limit` per step is none of the exact scene."""
-    log_determinant = step_determinant(system, method, step_size)
-    zeros = find_zeros(log_determinant, math.exp(-limit), number_of_unknowns(system, method))
+    determinant = step_determinants([system], method, step_size)
+    zeros = find_zeros(determinant.of(0), math.exp(-limit), determinant.degree)
     if zeros is not None and not zeros.size:
         return False
     if zeros is None or frequencies is None or not frequencies.size:

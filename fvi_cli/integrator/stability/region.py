@@ -7,13 +7,12 @@ A method has one stability region for each order :math:`\gamma` in this plane, a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinants import plane_determinants
-from fvi_cli.integrator.stability.patterns import pattern_size
 from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 
@@ -23,23 +22,14 @@ GROWTH_LEVELS = (1e-3, 1e-2, 1e-1, 1.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityMap:
-    r"""Which points of the plane a method is stable at.
-
-    Parameters
-    ----------
-    method, order
-        The method, and the order of the damping.
-    stiffness, damping
-        The values of :math:`h^2 k / m` and :math:`\mu h^{2 - \gamma} / m`, increasing.
-    level
-        Number of the growths of :data:`GROWTH_LEVELS` that the worst mode exceeds, 0 where the
-        method is stable, shape ``(damping, stiffness)``; -1 where that is not decided.
-    """
+    """Which points of the plane a method is stable at, for one order of the damping."""
 
     method: AnyMethod
     order: float
-    stiffness: Array
-    damping: Array
+    stiffness: Array  # values of h^2 k / m
+    damping: Array  # and of mu h^(2 - gamma) / m
+    # number of the growths that the worst mode exceeds, 0 where the method is stable, -1 where
+    # that is not decided, (damping, stiffness)
     level: Integers
 
     @property
@@ -51,21 +41,12 @@ class StabilityMap:
 def stability_map(
     method: AnyMethod, order: float, stiffness: Array, damping: Array
 ) -> StabilityMap:
-    """Growth of the worst mode over the plane.
-
-    Parameters
-    ----------
-    method
-        Any method with a determinant.
-    order
-        Order of the damping, in (0, 2).
-    stiffness, damping
-        Values to look at, not negative, increasing.
+    """Growth of the worst mode over the plane, of any method with a determinant.
 
     Raises
     ------
     ValueError
-        For values that do not increase or are negative.
+        For values of stiffness or damping that do not increase or are negative.
     """
     for name, values in (("stiffness", stiffness), ("damping", damping)):
         if values.ndim != 1 or values.size == 0 or values[0] < 0 or np.any(np.diff(values) <= 0):
@@ -75,8 +56,7 @@ def stability_map(
     level = np.zeros(across.size, dtype=np.int64)
     left = np.arange(across.size)
     for number, growth in enumerate(GROWTH_LEVELS):
-        part = replace(plane, products=plane.products[left])
-        counts = count_zeros(part, left.size, math.exp(-growth), pattern_size(method))
+        counts = count_zeros(plane[left], math.exp(-growth))
         level[left[counts == UNDECIDED]] = UNDECIDED if number == 0 else number
         left = left[counts > 0]
         level[left] = number + 1

@@ -17,19 +17,11 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatrixPencil:
-    r"""A homogeneous linear scene :math:`M x'' + \sum_j D_j D^{\gamma_j} x + K x = 0`.
+    r"""A homogeneous linear scene :math:`M x'' + \sum_j D_j D^{\gamma_j} x + K x = 0`."""
 
-    Parameters
-    ----------
-    mass, stiffness
-        M and K, shape ``(d, d)``.
-    damping
-        Orders with their matrices, one per order.
-    """
-
-    mass: Array
-    stiffness: Array
-    damping: tuple[tuple[float, Array], ...]
+    mass: Array  # M, (d, d)
+    stiffness: Array  # K
+    damping: tuple[tuple[float, Array], ...]  # orders with their matrices, one per order
 
     @property
     def dimension(self) -> int:
@@ -46,10 +38,7 @@ class MatrixPencil:
 
     @cached_property
     def is_dissipative(self) -> bool:
-        """Whether K and all D are positive semi-definite: then nothing grows.
-
-        See :attr:`fvi_cli.effects.scene.Scene.is_dissipative`.
-        """
+        """Whether K and all D are positive semi-definite: then nothing grows, see `Scene`."""
         return all(map(is_semidefinite, (self.stiffness, *(form for _, form in self.damping))))
 
 

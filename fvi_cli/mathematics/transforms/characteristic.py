@@ -206,7 +206,7 @@ def _turn(powers: LongArray, coefficients: LongArray, path: Path, parameters: Ar
         sums = _sums(powers, coefficients, w.astype(np.clongdouble))[0]
         return np.asarray(np.log(sums), dtype=np.complex128)
 
-    return float(contour_integrals(OneFunction(logarithm), 1, path, parameters)[0, 0])
+    return float(contour_integrals(OneFunction(logarithm), path, parameters)[0, 0])
 
 
 def _count(

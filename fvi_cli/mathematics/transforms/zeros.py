@@ -45,7 +45,7 @@ MOST_PENDING = 2_000
 """Intervals of one function that wait to be halved."""
 VALUES_AT_ONCE = 500_000
 
-_FIRST_RATIO = 1.35
+_FIRST_RATIO = 2.0
 _ITERATIONS = 150
 _SHIFT = 1e-6
 _LAST_STEP = 1e-8
@@ -62,13 +62,19 @@ class ZeroCountError(ValueError):
 class Functions(Protocol):
     r"""Functions :math:`f_0, f_1, \dots` that depend on z in a common way."""
 
+    @property
+    def number(self) -> int:
+        """How many."""
+
+    @property
+    def degree(self) -> int:
+        """About how many zeros each has, in and around what is looked at."""
+
     def tabulate(self, z: ComplexArray) -> ComplexArray:
         """What all of them have in common at each z, shape ``(k, ...)``."""
-        ...
 
     def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
         """Any branch of log f of these numbers at these rows, index arrays that broadcast."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +82,8 @@ class OneFunction:
     """A single function, as functions that depend on z in a common way."""
 
     log_function: LogFunction
+    degree: int = USUAL_DEGREE
+    number = 1
 
     def tabulate(self, z: ComplexArray) -> ComplexArray:
         """Its logarithms."""
@@ -87,29 +95,17 @@ class OneFunction:
 
 
 def contour_integrals(
-    functions: Functions, number: int, path: Path, parameters: Array, *, powers: int = 0
+    functions: Functions, path: Path, parameters: Array, *, powers: int = 0
 ) -> Array:
-    r"""Imaginary parts of :math:`\int z^k\, d \log f_q` along a path, k up to `powers`.
+    r"""Imaginary parts of :math:`\int z^k\, d \log f_q` along a path, ``(q, powers + 1)``.
 
-    Intervals are halved until log f, the modulus included, changes by less than 1 over each, and
-    over its halves by what its ends predict: so zeros are seen that come in twos, whose turns of
-    :math:`2 \pi` would be overlooked. Each function has points where it needs them.
-
-    Parameters
-    ----------
-    functions, number
-        The functions, and how many there are.
-    path, parameters
-        The points of parameters, and those to begin with, increasing.
-    powers
-        The largest k.
-
-    Returns
-    -------
-    Array
-        Shape ``(number, powers + 1)``, first the changes of the argument, radians; nan where a
-        zero lies on the path to round-off.
+    First the changes of the argument, in radians; nan where a zero lies on the path to round-off.
+    The path goes through the points of `parameters`, which increase. Intervals are halved until
+    log f, the modulus included, changes by less than 1 over each, and over its halves by what its
+    ends predict: so zeros are seen that come in twos, whose turns of :math:`2 \pi` would be
+    overlooked. Each function has points where it needs them.
     """
+    number = functions.number
     fine = np.empty(2 * parameters.size - 1)
     fine[::2], fine[1::2] = parameters, 0.5 * (parameters[1:] + parameters[:-1])
     table = functions.tabulate(path(fine))
@@ -184,30 +180,19 @@ def _add(
         total[:, power] += np.bincount(owner, weights=terms.imag, minlength=total.shape[0])
 
 
-def count_zeros(functions: Functions, number: int, radius: float, degree: int) -> Integers:
-    r"""Number of zeros of each function in :math:`|z| < \rho`, with their multiplicity.
+def count_zeros(functions: Functions, radius: float) -> Integers:
+    r"""Number of zeros of each function in :math:`|z| < \rho < 1`, with multiplicity, ``(q,)``.
 
-    Parameters
-    ----------
-    functions, number
-        Analytic in the open unit disc and real on the real axis, and how many there are.
-    radius
-        :math:`\rho` in (0, 1).
-    degree
-        About how many zeros each has, in and around the disc.
-
-    Returns
-    -------
-    Integers
-        Shape ``(number,)``; :data:`UNDECIDED` where a zero lies on the circle to round-off.
+    The functions are analytic in the open unit disc and real on the real axis.
+    :data:`UNDECIDED` where a zero lies on the circle to round-off.
 
     Raises
     ------
     ValueError
         For a radius outside (0, 1).
     """
-    angles = _first_angles(radius, degree)
-    turns = contour_integrals(functions, number, lambda at: radius * _unit_circle(at), angles)
+    angles = _first_angles(radius, functions.degree)
+    turns = contour_integrals(functions, lambda at: radius * _unit_circle(at), angles)
     counts = np.round(turns[:, 0] / math.pi)
     return np.where(np.isfinite(counts) & (counts >= 0), counts, UNDECIDED).astype(np.int64)
 
@@ -219,7 +204,7 @@ def _first_angles(radius: float, degree: int) -> Array:
     least = min(max(1.0 - radius, 1e-12), 0.3)
     number = math.ceil(math.log(math.pi / 2 / least) / math.log(_FIRST_RATIO)) + 2
     rising = np.geomspace(least / 2, math.pi / 2, number)
-    even = np.linspace(0.0, math.pi, 2 * degree)
+    even = np.linspace(0.0, math.pi, degree + 1)
     return np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
 
 
@@ -235,8 +220,7 @@ def find_zeros(
     r"""All zeros in :math:`|z| < \rho`, smallest modulus first; None where they stay unseparated.
 
     Newton's iteration with mutual repulsion (O. Aberth, Math. Comp. 27, 1973, 339-344) has found
-    all zeros when it has found as many as were counted. Parameters are those of
-    :func:`count_zeros`.
+    all zeros when it has found as many as were counted. `degree` is as of :class:`Functions`.
 
     Raises
     ------
@@ -248,7 +232,7 @@ def find_zeros(
     function = OneFunction(lambda z: log_function(radius * z))
     angles = _first_angles(radius, degree)
     powers = min(degree, LARGEST_COUNT)
-    sums = contour_integrals(function, 1, _unit_circle, angles, powers=powers)[0] / math.pi
+    sums = contour_integrals(function, _unit_circle, angles, powers=powers)[0] / math.pi
     if not sums[0] > -0.5:
         raise ZeroCountError(f"radius: a zero lies on the circle of radius {radius!r}")
     count = round(sums[0])
@@ -257,7 +241,7 @@ def find_zeros(
     if count > LARGEST_COUNT:
         return None
     if count > powers:
-        sums = contour_integrals(function, 1, _unit_circle, angles, powers=count)[0] / math.pi
+        sums = contour_integrals(function, _unit_circle, angles, powers=count)[0] / math.pi
     z = _repelled(log_function, radius * _seeds(sums[1 : count + 1]), radius)
     return None if z is None else z[np.argsort(np.abs(z))]
 
@@ -329,10 +313,7 @@ def _newton(log_function: LogFunction, z: ComplexArray) -> ComplexArray:
 def largest_root(orders: Array, sizes: Array) -> float:
     r"""A bound on the positive zero of :math:`s^2 - \sum_j a_j s^{\gamma_j}`, from above; 0: none.
 
-    Parameters
-    ----------
-    orders, sizes
-        The powers below 2 and the factors, not negative, shape ``(n,)``.
+    Powers below 2 and factors that are not negative, both ``(n,)``.
     """
     orders, sizes = orders[sizes > 0], sizes[sizes > 0]
     if not sizes.size:

@@ -105,7 +105,7 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
             return np.exp((1.0 - part) * first + part * last)
 
         parts = _first_parts(first, last, density)
-        total += float(contour_integrals(OneFunction(log_rest), 1, edge, parts)[0, 0])
+        total += float(contour_integrals(OneFunction(log_rest), edge, parts)[0, 0])
     if math.isnan(total):
         raise CountError("a mode lies on the edge of the region that is counted")
     return round(total / (2.0 * math.pi)) + sum(sector.holds(s) for s in known)
