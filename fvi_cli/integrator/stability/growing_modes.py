@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,7 +31,8 @@ ACCURACY = 1e-9
 _SHARES = (10.0, 10.7, 9.1)
 
 
-class GrowingModes(NamedTuple):
+@dataclass(frozen=True)
+class GrowingModes:
     """What grows by a tenth or more over the run."""
 
     count: int  # with multiplicity
