@@ -1,15 +1,28 @@
 """What tests of all rooms share."""
 
+import datetime
 import gc
 import logging
+import os
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from spread import SEED
 
 # benchmarks/ is not installed; the package itself is, and comes before
 sys.path.append(str(Path(__file__).parents[1]))
+
+
+def pytest_configure() -> None:
+    """Choose what is drawn today; workers, which are begun later, draw the same."""
+    os.environ.setdefault(SEED, str(datetime.date.today().toordinal()))
+
+
+def pytest_report_header() -> str:
+    """Say how to repeat it."""
+    return f"combinations are drawn by {SEED}={os.environ[SEED]}"
 
 
 @pytest.fixture(autouse=True)

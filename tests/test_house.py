@@ -1,6 +1,7 @@
 """The shape of the house: rooms, floors and sizes that no other tool holds."""
 
 import ast
+import re
 import runpy
 import tomllib
 from collections import Counter
@@ -158,3 +159,13 @@ def test_the_workflow_covers_what_is_claimed():
     assert len(matrix["system"]) == sum(name.startswith("Operating System") for name in claimed)
     scripts = {step["run"] for job in jobs.values() for step in job["steps"] if "run" in step}
     assert {f".ci/{path.name}" for path in (PROJECT / ".ci").iterdir()} <= scripts
+
+
+def test_what_is_slow_runs_on_a_schedule():
+    text = (PROJECT / ".github/workflows/slow.yml").read_text(encoding="utf-8")
+    # YAML reads the word on as a truth value
+    assert yaml.safe_load(text)[True]["schedule"]
+    (command,) = re.findall(r"python -m (pytest .*-m slow.*)", text)
+    assert f"`.venv/bin/{command.replace('-n auto', '-n 2')}`" in (
+        (PROJECT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    )
