@@ -1,274 +1,233 @@
-"""Many scenes by backward differences give what each of them gives alone.
+"""Who is stepped together, and what becomes of members that end early.
 
-Those by Runge-Kutta methods are in :mod:`test_side_by_side`.
+That a member is what it is by itself, and has the same bits in any company, is in
+:mod:`test_every_route`.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
-from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator import members as members_module
+from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import companions, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.planning.plan import plan_run
+from fvi_cli.scenes.nonlinear import duffing
 
-TOLERANCE = 1e-12
 BDF2 = Method(cq="bdf2", degree=1)
-METHODS = [
-    BDF2,
-    Method(cq="bdf1", sampling="nodes", degree=1),
-    Method(cq="bdf2", sampling="nodes", degree=1),
-    Method(cq="bdf4", degree=2, forcing_quadrature="exact"),
-    Method(cq="bdf6", degree=3),
-]
+NODES = Method(cq="bdf2", sampling="nodes", degree=1)
+GAUSS2 = Method(cq="gauss", degree=2)
+GRADED3 = Method(cq="gauss", degree=3, start="graded")
+FORCE = in_pieces("sin(3*t)", 1.7, "0.5")
 
 
-def difference(batch: Trajectory, alone: Trajectory) -> float:
-    """Largest relative difference of positions, momenta and energies."""
-    assert (batch.status, batch.message, batch.remarks) == (
-        alone.status,
-        alone.message,
-        alone.remarks,
-    )
-    assert asdict(batch.newton) == asdict(alone.newton)
-    assert np.array_equal(batch.time, alone.time)
-    worst = 0.0
-    for name in ("position", "momentum", "energy"):
-        a, b = getattr(batch, name), getattr(alone, name)
-        assert a.shape == b.shape
-        worst = max(worst, float(np.abs(a - b).max() / np.abs(b).max()))
-    return worst
-
-
-def agree(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> None:
-    batch = integrate_members(scenes, method, n_steps)
-    assert len(batch) == len(scenes)
-    for scene, one in zip(scenes, batch, strict=True):
-        assert difference(one, integrate(scene, method, n_steps)) <= TOLERANCE
-
-
-def oscillators(
-    count: int, orders: tuple[float, ...] = (0.5,), forcing: str | None = None
-) -> list[Scene]:
-    rng = np.random.default_rng(11)
-    draw = rng.uniform
+def springs(count: int, *orders: float, **more: object) -> list[Scene]:
+    rng = np.random.default_rng(6)
     return [
         spring(
-            T=5.0,
-            m=draw(0.5, 2.0),
-            k=draw(0.5, 4.0),
-            damping=[FractionalDamping(order=o, coefficient=draw(0.05, 0.3)) for o in orders],
+            *((order, rng.uniform(0.1, 0.8)) for order in orders),
+            T=4.0,
+            k=rng.uniform(0.5, 9.0),
             x=rng.normal(),
             v=rng.normal(),
-            forcing=None if forcing is None else Forcing.from_text(f"{rng.normal()!r}*{forcing}"),
+            **more,
         )
         for _ in range(count)
     ]
 
 
-def positive(rng: np.random.Generator, d: int) -> np.ndarray:
-    matrix = rng.normal(size=(d, d))
-    return matrix @ matrix.T / d + np.eye(d)
-
-
-def coupled(kind: str, seed: int) -> Scene:
-    rng = np.random.default_rng(seed)
-    mass, stiffness = positive(rng, 3), positive(rng, 3)
-    if kind == "uncoupled":
-        mass, stiffness = np.diag(np.diagonal(mass)), np.diag(np.diagonal(stiffness))
-    damping = positive(rng, 3) if kind == "general" else stiffness
-    terms = ((0.5, 0.2 * damping), (1.5, 0.1 * mass))
-    start = {"x": rng.normal(size=3), "v": rng.normal(size=3)}
-    forcing = Forcing.from_text("cos(t)", "0", f"{seed}*t")
-    return spring(*terms, T=3.0, m=mass, k=stiffness, forcing=forcing, **start)
-
-
-@spread(method=METHODS, forcing=[None, "cos(2*t)"])
-def test_each_member_is_what_it_is_alone(method, forcing):
-    agree(oscillators(5, forcing=forcing), method, 300)
-
-
-KINDS: dict[str, tuple[list[Scene], int]] = {
-    **{
-        f"orders {orders}": (oscillators(4, orders), 200)
-        for orders in ((), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5))
-    },
-    "Riemann-Liouville": (
-        [replace(scene, derivative="riemann-liouville") for scene in oscillators(4, (0.3, 0.8))],
-        100,
-    ),
-    "with and without modes": (
-        [coupled(kind, seed) for seed in range(4) for kind in ("modal", "general", "uncoupled")],
-        80,
-    ),
-    "break points": (
-        [replace(scene, forcing=in_pieces("8", 2.5, "0")) for scene in oscillators(4)],
-        100,
-    ),
-}
-
-
-@spread(name=KINDS, method=[BDF2, METHODS[2], METHODS[3]])
-def test_members_of_every_kind(name, method):
-    scenes, n_steps = KINDS[name]
-    assert min(companions(scenes, method, n_steps)) == 4
-    agree(scenes, method, n_steps)
-
-
-@spread(kind=["modal", "general", "uncoupled"], method=METHODS[:-1])
-def test_several_degrees_of_freedom(kind, method):
-    agree([coupled(kind, seed) for seed in range(4)], method, 150)
-
-
-def pendulums(*orders: float) -> list[Scene]:
+def swings(count: int, *orders: float) -> list[Scene]:
+    rng = np.random.default_rng(5)
     return [
-        swing(
-            T=4.0,
-            omega=0.5 + 0.1 * place,
-            x=1.0,
-            v=0.2 + 0.2 * place,
-            damping=[FractionalDamping(order=order, coefficient=0.3) for order in orders],
-        )
-        for place in range(16)
+        swing(*((order, 0.3) for order in orders), T=4.0, omega=rng.uniform(0.5, 3), x=rng.normal())
+        for _ in range(count)
     ]
 
 
-@pytest.mark.parametrize("orders", [(0.5,), (1.0, 1.5)])
-def test_nonlinear_members(orders):
-    for method in METHODS[1:4]:
-        assert companions(pendulums(*orders), method, 40) == [16] * 16
-        runs = integrate_members(pendulums(*orders), method, 40)
-        for scene, run in list(zip(pendulums(*orders), runs, strict=True))[::5]:
-            alone = integrate(scene, method, 40)
-            assert np.abs(run.position - alone.position).max() < TOLERANCE
-            assert np.abs(run.momentum - alone.momentum).max() < TOLERANCE
+def check_alone(scenes: list[Scene], method: AnyMethod, n_steps: int) -> list[str]:
+    """That every member ends as it does alone; returns how."""
+    runs = integrate_members(scenes, method, n_steps)
+    for scene, run in zip(scenes, runs, strict=True):
+        alone = integrate(scene, method, n_steps)
+        assert (run.status, run.message) == (alone.status, alone.message)
+        limit = 1e-9 * np.abs(alone.position).max()
+        assert np.abs(run.position - alone.position).max() <= limit
+    return [run.status for run in runs]
 
 
-def first_orders_and_jumps() -> list[Scene]:
-    return [replace(scene, derivative="riemann-liouville") for scene in oscillators(6, (0.4, 0.9))]
+def test_who_goes_together():
+    few = [*springs(3, 0.5), *swings(15, 0.5)]
+    assert companions(few, GAUSS2, 40) == [1] * 18
+    many = [*springs(4, 0.5), *swings(16, 0.5), *springs(1, 0.5, forcing=FORCE)]
+    assert companions(many, GAUSS2, 40) == [4] * 4 + [16] * 16 + [1]
+    # on many steps it takes more nonlinear ones
+    assert companions(many, GAUSS2, 4096) == [4] * 4 + [1] * 17
+    # a break point on the grid or not: the mesh is the same for all that have it
+    assert companions(springs(4, 0.5, forcing=FORCE), GAUSS2, 41) == [4] * 4
+    plain = springs(4, 0.5)
+    mixed = [*plain, *springs(5, 0.7), replace(plain[0], final_time=5.0)]
+    assert companions(mixed, BDF2, 64) == [4] * 4 + [5] * 5 + [1]
+    other = [*plain[:3], replace(plain[3], derivative="riemann-liouville")]
+    assert companions(other, BDF2, 64) == [1] * 4
+    assert companions(plain, replace(BDF2, history="direct"), 64) == [1] * 4
+    assert companions(plain, BDF2, 8) == [1] * 4
 
 
-COMPANY = {
-    "a column": lambda: oscillators(6, (0.5, 1.0, 1.5), "cos(t)"),
-    "jumps": first_orders_and_jumps,
-    "modes": lambda: [coupled("modal", seed) for seed in range(6)],
-    "coupled": lambda: [coupled("general", seed) for seed in range(6)],
-    "pendulums": lambda: pendulums(0.5)[:6],
-}
+def test_orders_of_their_own_share_the_states_but_not_a_graded_start():
+    scenes = [swings(1, order)[0] for order in np.linspace(0.05, 0.95, 20)]
+    assert companions(scenes, GAUSS2, 40) == [20] * 20
+    check_alone(scenes, GAUSS2, 40)
+    # another order begins with another power of t, and has another mesh
+    assert companions(scenes, GRADED3, 40) == [1] * 20
 
 
-@spread(name=COMPANY, method=METHODS)
-def test_who_stands_beside_changes_nothing(name, method):
-    """To the last bit, in any company; the sums of bdf6 are the longest."""
-    scenes, n_steps = COMPANY[name](), 300 if method.cq == "bdf6" else 60
-    together = integrate_batch(scenes, method, n_steps)
-    for places in ([3], [5, 0, 4], [*range(6)] * 5):
-        packed = integrate_batch([scenes[place] for place in places], method, n_steps)
-        for place, one in zip(places, packed, strict=True):
-            assert np.array_equal(one.position, together[place].position)
-            assert np.array_equal(one.momentum, together[place].momentum)
-
-
-def test_more_than_are_stepped_together():
-    scenes = oscillators(20)
-    runs = integrate_members(scenes, BDF2, 64)
-    with patch.object(members_module, "MOST_TOGETHER", 8):
-        parts = integrate_members(scenes, BDF2, 64)
-    assert all(
-        np.array_equal(one.position, other.position) for one, other in zip(runs, parts, strict=True)
-    )
-
-
-def counted(call: Callable[[], object]) -> tuple[int, int]:
-    """How many batches were run, and how many scenes were integrated one by one."""
-    together = members_module.integrate_batch
-    with (
-        patch.object(members_module, "integrate_batch", wraps=together) as batches,
-        patch.object(members_module, "integrate", wraps=members_module.integrate) as alone,
-    ):
-        call()
-    return batches.call_count, alone.call_count
-
-
-def test_those_that_fit_together_are_one_batch():
-    scenes = oscillators(4)
-    assert counted(lambda: integrate_members(scenes, BDF2, 64)) == (1, 0)
-    mixed = [*scenes, *oscillators(5, (0.7,)), replace(scenes[0], final_time=4.0)]
-    assert counted(lambda: integrate_members(mixed, BDF2, 64)) == (2, 1)
-    assert counted(lambda: integrate_members(scenes[:3], BDF2, 64)) == (0, 3)
-    other = [*scenes[:3], replace(scenes[3], derivative="riemann-liouville")]
-    assert counted(lambda: integrate_members(other, BDF2, 64)) == (0, 4)
-    assert counted(lambda: integrate_members(scenes, replace(BDF2, history="direct"), 64)) == (0, 4)
-    assert counted(lambda: integrate_members(scenes, BDF2, 8)) == (0, 4)
-    agree(mixed, BDF2, 64)
+def test_laws_with_rates_of_their_own_stand_apart():
+    laws = [prony(moduli=[1.0, 0.3 + c], times=[0.2, 2.0], coefficient=1.0) for c in range(4)]
+    laws += [prony(moduli=[1.0], times=[0.7], coefficient=1.0 + c) for c in range(4)]
+    scenes = [replace(one, laws=(law,)) for one, law in zip(springs(8), laws, strict=True)]
+    assert companions(scenes, GRADED3, 24) == [4] * 8
 
 
 @pytest.mark.parametrize(
     "method",
     [
         replace(BDF2, history="direct"),
-        Method(cq="bdf2", degree=1, start="weights"),
+        replace(BDF2, start="weights"),
         Baseline(name="implicit-euler"),
     ],
     ids=lambda method: method.case,
 )
 def test_methods_that_take_members_one_by_one(method):
-    batch = integrate_members(oscillators(4), method, 40)
-    for scene, one in zip(oscillators(4), batch, strict=True):
+    for scene, one in zip(
+        springs(4, 0.5), integrate_members(springs(4, 0.5), method, 40), strict=True
+    ):
         assert np.array_equal(one.position, integrate(scene, method, 40).position)
 
 
-def test_a_member_that_diverges_does_not_spoil_the_others():
-    method = Method(cq="bdf2", sampling="nodes", degree=1)
-    scenes = oscillators(5, (1.5,))
-    # explicit in the damping: unstable for a large coefficient
-    wild = FractionalDamping(order=1.5, coefficient=400.0)
-    scenes[1] = replace(scenes[1], damping=(wild,))
-    batch = integrate_members(scenes, method, 3000)
-    assert [one.status for one in batch] == ["ok", "diverged", "ok", "ok", "ok"]
-    for scene, one in zip(scenes, batch, strict=True):
-        assert difference(one, integrate(scene, method, 3000)) <= 1e-9
-    undisturbed = integrate_members([scenes[0], *scenes[2:]], method, 3000)
-    for one, other in zip([batch[0], *batch[2:]], undisturbed, strict=True):
+def test_more_than_are_stepped_together():
+    scenes = springs(520, 0.5)
+    whole, part = integrate_batch(scenes, BDF2, 16), integrate_batch(scenes[505:515], BDF2, 16)
+    for one, other in zip(whole[505:515], part, strict=True):
         assert np.array_equal(one.position, other.position)
 
 
-def test_thinned():
-    scenes = oscillators(4)
-    batch = integrate_members(scenes, BDF2, 50, every=7)
-    for scene, one in zip(scenes, batch, strict=True):
-        alone = integrate(scene, BDF2, 50, every=7)
-        assert one.every == 7
-        assert difference(one, alone) <= TOLERANCE
+def falling(count: int) -> list[Scene]:
+    """Beyond the hills of the potential a motion runs away in a finite time."""
+    damping = [FractionalDamping(order=0.5, coefficient=0.1)]
+    return [
+        duffing(
+            cubic_stiffness=-0.4,
+            final_time=8.0,
+            damping=damping,
+            initial_position=0.1 + 0.15 * place,
+        )
+        for place in range(count)
+    ]
+
+
+def explosive(count: int) -> list[Scene]:
+    """Explicit in the damping: the second is unstable."""
+    scenes = springs(count, 1.5)
+    scenes[1] = replace(scenes[1], damping=(FractionalDamping(order=1.5, coefficient=400.0),))
+    return scenes
+
+
+def singular(count: int) -> list[Scene]:
+    """A midpoint step of length 2 / sqrt(-k) has a singular matrix."""
+    scenes = springs(count)
+    scenes[2] = spring(T=4.0, k=-64.0, x=1.0)
+    return scenes
+
+
+@pytest.mark.parametrize(
+    ("scenes", "method", "n_steps", "bad"),
+    [
+        (falling(18), GAUSS2, 100, "diverged"),
+        (explosive(6), NODES, 3000, "diverged"),
+        (singular(6), Method(cq="gauss", degree=1), 16, "failed"),
+    ],
+    ids=["falling", "explosive", "singular"],
+)
+def test_those_that_end_early_do_not_disturb_the_others(scenes, method, n_steps, bad):
+    found = check_alone(scenes, method, n_steps)
+    assert {"ok"} < set(found) <= {"ok", bad, "failed"}
+    calm = [scene for scene, status in zip(scenes, found, strict=True) if status == "ok"]
+    runs = [one for one in integrate_batch(scenes, method, n_steps) if one.status == "ok"]
+    for one, other in zip(integrate_batch(calm, method, n_steps), runs, strict=True):
+        assert np.array_equal(one.position, other.position)
+
+
+def test_work_is_that_of_one_loop():
+    """No step is done for a member by itself, and a member takes what the plan says."""
+    scenes = swings(24, 0.5)
+    with patch.object(Engine, "solve", autospec=True, side_effect=Engine.solve) as calls:
+        runs = integrate_members(scenes, GAUSS2, 100)
+    assert calls.call_count <= 100
+    assert all(call.args[0].q == 24 for call in calls.call_args_list)
+    planned = plan_run(scenes[0], GAUSS2, 100, members=24).history_operations
+    assert [run.history_operations for run in runs] == 24 * [planned]
+    assert all(50 < run.newton.iterations < 1000 for run in runs)
 
 
 def test_wrong_numbers_are_refused():
     with pytest.raises(ValueError, match="n_steps: 0 is not allowed"):
-        integrate_members(oscillators(2), BDF2, 0)
+        integrate_members(springs(2), BDF2, 0)
     with pytest.raises(ValueError, match="every: 0 is not allowed"):
-        integrate_members(oscillators(2), BDF2, 8, every=0)
+        integrate_members(springs(2), BDF2, 8, every=0)
     assert integrate_members([], BDF2, 8) == []
 
 
-def test_a_wrong_member_would_be_seen():
-    """The control: one weight of ten thousand in one coefficient."""
-    scenes = oscillators(4)
-    batch = integrate_members(scenes, BDF2, 100)
-    term = scenes[1].damping[0]
-    moved = FractionalDamping(order=term.order, coefficient=1.0001 * term.coefficient)
-    alone = integrate(replace(scenes[1], damping=(moved,)), BDF2, 100)
-    assert difference(batch[1], alone) > 1e3 * TOLERANCE
+# --- routes that are chosen by size or speed ------------------------------------------------------
+
+
+def difference(scene: Scene, method: Method, n_steps: int) -> float:
+    """Of positions, relative, to the sum written out."""
+    direct = integrate(scene, replace(method, history="direct"), n_steps)
+    blocks = integrate(scene, replace(method, history="exponentials"), n_steps)
+    assert direct.status == blocks.status == "ok"
+    return float(np.abs(direct.position - blocks.position).max() / np.abs(direct.position).max())
+
+
+def test_a_chain_too_large_for_dense_blocks():
+    d = 300
+    stiffness = 2.0 * np.eye(d) - np.eye(d, k=1) - np.eye(d, k=-1)
+    mixed = np.diag(0.1 * (1.0 + np.arange(d) / d))
+    scene = spring((0.5, mixed), T=2.0, m=np.eye(d), k=stiffness, x=np.sin(np.arange(d)))
+    assert difference(scene, BDF2, 260) <= 1e-12
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+def test_starting_weights(sampling):
+    scene = spring((0.5, 1e-3), (1.5, 2e-3), T=3.0, k=2.0, x=0.7, v=0.4, forcing="cos(t)")
+    method = Method(cq="bdf2", degree=2, sampling=sampling, start="weights")
+    assert difference(scene, method, 200) <= 1e-12
+
+
+def test_steps_too_long_for_any_block():
+    """A stiff pendulum over a few turns per step: the frozen response does not contract."""
+    scene = swing((0.5, 0.3), T=20.0, omega=6.0, x=2.0)
+    assert difference(scene, Method(cq="bdf2", degree=2), 64) <= 1e-9
+
+
+def test_sums_of_a_few_steps_only_are_written_out():
+    scene, method = springs(1, 0.5)[0], Method(cq="bdf2", degree=2)
+    for n_steps, same in ((8, "direct"), (100, "exponentials")):
+        chosen = integrate(scene, method, n_steps)
+        other = integrate(scene, replace(method, history=same), n_steps)
+        assert np.array_equal(chosen.position, other.position)
+        assert chosen.history_operations == other.history_operations
+
+
+# --- steps without a solution ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n_steps", [3, 32, 33])
@@ -290,8 +249,7 @@ def test_singular_steps_end_a_run_wherever_they_begin(n_steps):
 
 def test_a_singular_frozen_response_is_no_failure():
     """A pendulum that begins upside down: its linear scene there has no unique step, it has."""
-    turned = swing(T=128.0, x=math.pi, v=1e-3)
-    run = integrate(turned, Method(cq="gauss", degree=1), 64)
+    run = integrate(swing(T=128.0, x=math.pi, v=1e-3), Method(cq="gauss", degree=1), 64)
     assert run.status in ("ok", "failed")
     assert "unique" not in run.message
 
