@@ -1,4 +1,7 @@
-"""Runs in parts, through bytes, are the whole run to the last bit."""
+"""Checkpoints of runs in parts, and runs that leave their bound.
+
+That the parts are the whole run to the last bit is in :mod:`test_every_route`.
+"""
 
 import math
 import tracemalloc
@@ -6,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from letters import in_pieces, spring, swing
+from letters import spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -17,14 +20,12 @@ from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.parts import Part, integrate_part
+from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.nonlinear import duffing
 
 GAUSS2 = Method(cq="gauss", degree=2)
 GRADED = Method(cq="gauss", degree=2, start="graded")
-FIELDS = ("time", "position", "momentum", "energy")
 N = 1125
 CHUNK = 512
 
@@ -43,90 +44,10 @@ def oscillator(*orders: float, forcing: Forcing | None = None, **more) -> Scene:
     return spring(T=8.0, k=2.0, x=1.0, v=0.5, damping=damping(*orders), forcing=forcing, **more)
 
 
-def broken_force() -> Forcing:
-    """Breaks on the grid of N steps, one of them inside the second chunk."""
-    first, ends = "cos(t) + sqrt(t)", (8.0 * 375 / N, 8.0 * 625 / N)
-    return in_pieces(first, ends[0], "3", ends[1], first)
-
-
-def coupled(*, diagonal: bool) -> Scene:
-    rng = np.random.default_rng(5)
-    random = rng.normal(size=(3, 3))
-    general = random @ random.T + np.eye(3)
-    return spring(
-        (0.5, np.eye(3)),
-        (1.5, 0.3 * np.diag([1.0, 2.0, 0.5])),
-        T=5.0,
-        m=np.diag([1.0, 2.0, 3.0]),
-        k=np.diag([1.0, 4.0, 2.0]) if diagonal else general,
-        x=[1.0, -0.5, 0.2],
-        v=[0.0, 0.4, 1.0],
-    )
-
-
 SCENES = {
     "free": oscillator(0.5),
-    "forced": oscillator(0.5, 1.5, forcing=broken_force()),
-    "riemann-liouville": oscillator(0.5, derivative="riemann-liouville"),
-    "coupled": coupled(diagonal=False),
-    "modes": coupled(diagonal=True),
-    "undamped": oscillator(),
     "pendulum": swing(T=11.25, x=2.9, damping=damping(0.5)),
-    "general": lagrangian_scene(
-        coordinates=("x",),
-        lagrangian="vx**2*(1 + x*x)/2 - x**2/2",
-        final_time=11.25,
-        damping=damping(0.5),
-        initial_position=1.0,
-    ),
 }
-
-
-def joined(parts: list[Part], name: str) -> np.ndarray:
-    return np.concatenate([getattr(part.trajectory, name) for part in parts])
-
-
-def in_parts(
-    scene: Scene, method: Method, n_steps: int, stops: list[int], *, every: int = 1
-) -> list[Part]:
-    """Parts that are kept as bytes in between."""
-    parts: list[Part] = []
-    checkpoint: Checkpoint | None = None
-    for until in (*stops, None):
-        part = integrate_part(
-            scene, method, n_steps, until=until, checkpoint=checkpoint, every=every
-        )
-        parts.append(part)
-        if part.checkpoint is None:
-            assert until is None
-            break
-        checkpoint = Checkpoint.from_bytes(part.checkpoint.to_bytes())
-    return parts
-
-
-METHODS = {
-    "gauss2": GAUSS2,
-    "graded": GRADED,
-    "bdf2": Method(cq="bdf2", degree=1, sampling="nodes"),
-    "bdf4": Method(cq="bdf4", degree=2),
-    "written out": Method(cq="bdf3", degree=2, history="direct"),
-    "weights": Method(cq="bdf3", degree=2, start="weights"),
-}
-
-
-@spread(name=sorted(SCENES), case=METHODS)
-@pytest.mark.usefixtures("short_chunks")
-def test_an_interrupted_run_goes_on_bit_for_bit(name, case):
-    scene, method, n_steps = SCENES[name], METHODS[case], N
-    if name == "general" and case == "weights":
-        method = METHODS["bdf4"]
-    whole = integrate(scene, method, n_steps)
-    assert whole.status == "ok"
-    for stops in ([1, 525], [437]):
-        parts = in_parts(scene, method, n_steps, stops)
-        assert len(parts) == len(stops) + 1
-        for field in FIELDS:
-            assert np.array_equal(joined(parts, field), getattr(whole, field)), (stops, field)
 
 
 @pytest.mark.parametrize("field", ["z", "x", "p", "p_lost"])
@@ -180,18 +101,6 @@ def test_bytes_that_hold_no_checkpoint_are_refused(spoil):
     Checkpoint.from_bytes(data)
     with pytest.raises(ValueError, match="checkpoint: the bytes hold none"):
         Checkpoint.from_bytes(spoil(data))
-
-
-@pytest.mark.usefixtures("short_chunks")
-def test_wild_motion_goes_on_bit_for_bit():
-    """Blocks that do not contract, single steps and new linear responses lie where they lay."""
-    scene = swing(T=225.0, x=2.9, v=2.0, damping=damping(0.5))
-    for method in (GAUSS2, GRADED):
-        whole = integrate(scene, method, N)
-        assert whole.newton.largest > 4
-        parts = in_parts(scene, method, N, [64])
-        for field in FIELDS:
-            assert np.array_equal(joined(parts, field), getattr(whole, field))
 
 
 @pytest.mark.usefixtures("short_chunks")
