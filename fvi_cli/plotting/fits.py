@@ -6,32 +6,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
-from fvi_cli.plotting.panels import over_time
-from fvi_cli.plotting.style import (
-    COLOURS,
-    GUIDE_COLOUR,
-    INK,
-    LINE_STYLES,
-    MARKERS,
-    LineStyle,
-    journal_style,
-    legend_of,
-    new_figure,
-    panel_grid,
-    small,
-    wrap,
-)
+from fvi_cli.plotting.panels import over_time, plane
+from fvi_cli.plotting.style import COLOURS, GUIDE_COLOUR, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import with_unit
 from fvi_cli.reports.naming import key_in_words
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 
-_DASHES: LineStyle = (0, (4, 2))
+_PROFILE = Look(colour=COLOURS[0])
+_FITTED = Look(colour=COLOURS[0], marker="o", has_line=False, size=3.0)
+_LINEAR = Look(colour=GUIDE_COLOUR, dashes=(0, (4, 2)), width=0.7)
+_END = Look(colour=COLOURS[1], dashes=(0, (1, 1)), width=0.9)
 _WIDE = 8.0
 """Frequencies that differ by this factor are drawn along a logarithm."""
 MOST_PANELS = 6
@@ -98,7 +87,7 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
             ),
             Panel(
                 curves=lower,
-                y="residual",
+                y=with_unit("residual", units, series.column, series.name),
                 x=with_unit(what, units, of),
                 height=0.8,
                 levels=(-2 * deviation, 0.0, 2 * deviation),
@@ -113,40 +102,42 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
 def _profiles(model: ModelFit) -> Figure:
     """The signed root of the increase of chi-squared: a straight line where the model is linear."""
     drawn = model.estimates[:MOST_PROFILES]
-    columns = min(2, len(drawn))
-    with journal_style():
-        figure = new_figure(0.2 + 1.55 * -(-len(drawn) // columns))
-        _, panels = panel_grid(figure, len(drawn), columns, sharey=True)
-        width = figure.get_figwidth() / columns - 0.3
-        for axes, one in zip(panels, drawn, strict=True):
-            inside = one.profile[np.abs(one.profile[:, 1]) <= 4.0]
-            axes.plot(*_smooth(inside, one), color=COLOURS[0], label="_profile")
-            axes.plot(
-                *inside.T, color=COLOURS[0], marker="o", markersize=2.5, ls="none", label="fits"
-            )
-            spread = np.array([-2.5, 2.5])
-            tangent = one.value + spread * one.standard_error
-            axes.plot(
-                tangent, spread, color=GUIDE_COLOUR, linewidth=0.7, ls=_DASHES, label="_linear"
-            )
-            for end in (one.low, one.high):
-                if np.isfinite(end):
-                    axes.axvline(end, color=COLOURS[1], linewidth=0.7)
-            axes.axhline(0.0, color=INK, linewidth=0.5)
-            axes.set_ylim(-3.2, 3.2)
-            axes.set_xlabel(wrap(key_in_words(one.name), width), fontsize=small())
-            axes.ticklabel_format(axis="x", scilimits=(-4, 6))
-            axes.xaxis.set_major_locator(MaxNLocator(3))
-        figure.supylabel(r"$\mathrm{sign}(\theta - \hat\theta)\,\sqrt{\Delta \chi^2}$")
-        entries = [
-            Line2D([], [], color=COLOURS[0], marker="o", markersize=2.5, label="profile"),
-            Line2D([], [], color=GUIDE_COLOUR, linewidth=0.7, ls=_DASHES, label="linear model"),
-            Line2D([], [], color=COLOURS[1], linewidth=0.7, label="95 % interval"),
-        ]
-        more = len(model.estimates) > MOST_PROFILES
-        words = f"the first {MOST_PROFILES} of {len(model.estimates)} parameters" if more else ""
-        legend_of(figure, entries, title=words)
+    more = len(model.estimates) > MOST_PROFILES
+    words = f"the first {MOST_PROFILES} of {len(model.estimates)} parameters" if more else ""
+    panels = [
+        Panel(
+            curves=_profile(one),
+            x=key_in_words(one.name),
+            y=r"$\mathrm{sign}(\theta - \hat\theta)\,\sqrt{\Delta \chi^2}$",
+            height=1.4,
+            levels=(0.0,),
+        )
+        for one in drawn
+    ]
+    figure = plane(panels, columns=min(2, len(drawn)), title=words)
+    for axes in figure.axes:
+        axes.set_ylim(-3.2, 3.2)
+        axes.ticklabel_format(axis="x", scilimits=(-4, 6))
+        axes.xaxis.set_major_locator(MaxNLocator(3))
     return figure
+
+
+def _profile(one: Estimate) -> list[Curve]:
+    """The profile of a parameter, what it is in a linear model, and where its interval ends."""
+    inside = one.profile[np.abs(one.profile[:, 1]) <= 4.0]
+    smooth, spread = _smooth(inside, one), np.array([-2.5, 2.5])
+    curves = [
+        Curve(x=smooth[0], y=smooth[1], label="profile", look=_PROFILE),
+        Curve(x=inside[:, 0], y=inside[:, 1], label="fits", look=_FITTED),
+        Curve(
+            x=one.value + spread * one.standard_error, y=spread, label="linear model", look=_LINEAR
+        ),
+    ]
+    ends = [end for end in (one.low, one.high) if np.isfinite(end)]
+    return curves + [
+        Curve(x=np.full(2, end), y=np.array([-3.2, 3.2]), label="95 % interval", look=_END)
+        for end in ends
+    ]
 
 
 def _smooth(points: Array, one: Estimate) -> tuple[Array, Array]:

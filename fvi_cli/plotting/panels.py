@@ -1,8 +1,9 @@
-"""The two pictures of this room: log-log ladders, and curves over time; drawn of plain values."""
+"""The pictures of this room, of plain values: curves over time, log-log ladders, planes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib import rcParams
@@ -40,6 +41,7 @@ MOST_COLOURED = 100
 """Members that have a line with a colour of a bar; of more there are bands."""
 _MARKS = 12  # on one curve
 _FINE_POINTS = 2001
+_ROUND_OFF = 1e-9  # of the largest value
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
 
 
@@ -74,9 +76,6 @@ def over_time(
             if logarithmic:
                 axes.set_xscale("log")
             _draw_curves(axes, panel, colours)
-            for level in panel.levels:
-                line = axes.axhline(level, color="#888888", linewidth=0.5, linestyle=(0, (4, 2)))
-                line.set_gid("decoration")
             _limit_over_time(axes, panel)
             axes.set_xlim(*(span or _ends(panels if shared else [panel])))
             if from_zero:
@@ -123,6 +122,39 @@ def ladders(
     return figure
 
 
+def plane(
+    panels: Sequence[Panel],
+    *,
+    columns: int = 1,
+    bar: str = "",
+    title: str = "",
+    is_equal: bool = False,
+) -> Figure:
+    """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
+    with journal_style():
+        figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.5)
+        grid, used = panel_grid(figure, len(panels), columns)
+        colours = _colours(panels) if bar else None
+        for axes, panel in zip(used, panels, strict=True):
+            _draw_curves(axes, panel, colours)
+            _widen(axes, panels)
+            if is_equal:
+                axes.set_aspect("equal", adjustable="datalim")
+        _name_axes(figure, grid, used, panels, "")
+        finish(figure, used, panels, colours, bar=bar, title=title)
+    return figure
+
+
+def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
+    """Keep round-off of what is constant from filling a panel."""
+    for axis in ("x", "y"):
+        values = np.concatenate([getattr(c, axis) for panel in panels for c in panel.curves])
+        largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+        low, high = getattr(axes, f"get_{axis}lim")()
+        if high - low < _ROUND_OFF * largest:
+            getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
+
+
 def _draw_curves(
     axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool = False
 ) -> None:
@@ -131,13 +163,14 @@ def _draw_curves(
     if colours is None and panel.is_ensemble and len(curves) > MOST_LINES:
         _draw_bands(axes, curves, marked=nested)
         return
-    for position, (curve, look) in enumerate(
-        zip(curves, looks(curves, marked=nested), strict=True)
-    ):
+    shown = looks(curves, marked=nested)
+    for position, (curve, look) in enumerate(zip(curves, shown, strict=True)):
         properties = look.properties()
         if colours is not None:
-            colour = colour_of(colours, curve.by)
-            properties = Look(colour=colour, width=0.6).properties()
+            look = replace(
+                curve.look or Look(colour="", width=0.6), colour=colour_of(colours, curve.by)
+            )
+            properties = look.properties()
         every = max(1, curve.x.size // _FINE_POINTS)
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
         stride = max(1, xs.size // _MARKS)
@@ -147,7 +180,7 @@ def _draw_curves(
             if later:
                 properties["markersize"] = 4.0 + 0.9 * min(later, 3)
                 properties["linewidth"] = rcParams["lines.linewidth"] + 0.5 * min(later, 3)
-        elif len(curves) == 1:
+        elif sum(other.has_line for other in shown) == 1 and look.has_line:
             properties["marker"], properties["linestyle"] = "", "-"
         axes.plot(
             xs,
@@ -167,9 +200,13 @@ def _draw_curves(
                 markeredgewidth=1.3,
                 label=f"_peak {curve.label}",
                 zorder=6,
+                clip_on=False,
             )
     if panel.rounding > 0:
         hatch_rounding(axes, 1e-300, panel.rounding)
+    for level in panel.levels:
+        line = axes.axhline(level, color="#888888", linewidth=0.5, linestyle=(0, (4, 2)))
+        line.set_gid("decoration")
 
 
 def _is_near(one: Curve, other: Curve) -> bool:
@@ -217,10 +254,17 @@ def finish(
     above: bool = True,
 ) -> None:
     """The legend, or the bar that explains the colours."""
+    entries = legend_entries(panels, axes)
     if colours is not None:
         colour_bar(figure, axes, colours, bar)
-        return
-    legend_of(figure, legend_entries(panels, axes), title=title, above=above)
+        # lines are told apart by their colours, marks of different kinds have names
+        marks = [
+            one for one in entries if isinstance(one, Line2D) and one.get_linestyle() == "None"
+        ]
+        for one in marks:
+            one.set(color=INK, markerfacecolor=INK)
+        entries = [*marks] if len(marks) > 1 else []
+    legend_of(figure, entries, title=title, above=above)
 
 
 def legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
@@ -270,9 +314,12 @@ def _name_axes(
         if position % columns == 0 or panel.y != panels[position - 1].y:
             tall = 1.05 * panel.height * min(factor, 1.0)
             axes.set_ylabel(wrap(panel.y, tall, label_size()))
-        is_lowest = any(axes is column[-1] for column in grid)
+        # a shorter column would keep a gap open for its words
+        is_lowest = position + columns >= len(panels) and any(
+            axes is column[-1] for column in grid if len(column) == len(grid[0])
+        )
         if panel.x or is_lowest:
-            axes.set_xlabel(wrap(panel.x or x, wide, label_size()))
+            axes.set_xlabel(wrap(panel.x or x, wide - 0.1 * (columns > 1), label_size()))
 
 
 def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:

@@ -158,6 +158,8 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
     )
     with journal_style():
         for peak, colour in widths:
+            if not np.isfinite(peak.high - peak.low):
+                continue
             level = peak.magnitude / np.sqrt(2.0)
             line = figure.axes[0].plot([peak.low, peak.high], [level, level], "|-", color=colour)[0]
             line.set(markersize=4, label="_half power")

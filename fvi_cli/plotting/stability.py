@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TypedDict
 
@@ -33,8 +34,8 @@ from fvi_cli.reports.naming import key_in_words
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 STABLE_COLOUR = "#A8D3EE"
-UNSTABLE_COLOUR = "#F4C9AE"
-SLOW_COLOUR = "#FBEBDD"
+UNSTABLE_COLOUR = "#D9824F"
+SLOW_COLOUR = "#FBE6D4"
 UNKNOWN_COLOUR = "#E6E6E6"
 _HATCHES = {UNSTABLE_COLOUR: "////"}
 _COLOURS = {
@@ -164,10 +165,10 @@ def _growth_line(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
     )
     x = np.array([row.run.step_size for row in grown])
     y = np.array([row.prediction.growth_per_step for row in grown])
-    axes.plot(x, y, label=style.label, **style.look.properties())
+    axes.plot(x, y, label=style.label, **replace(style.look, size=6.0).properties())
     seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
     points = np.array(seen).reshape(-1, 2).T
-    axes.plot(*points, "x", color=INK, markersize=3.0, label="_observed", zorder=4)
+    axes.plot(*points, "x", color=INK, markersize=2.5, label="_observed", zorder=4)
     return bool(grown)
 
 

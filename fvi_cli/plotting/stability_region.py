@@ -31,7 +31,8 @@ MOST_COLUMNS = 3
 _HEIGHT = 0.68  # inches of a panel
 
 # undecided, stable, and the growth of the worst mode per step from slow to fast
-_COLOURS = ("#E69F00", "#7FBFE8", "#F2F2F2", "#D9D9D9", "#B3B3B3", "#808080")
+# on grey paper too: stable is the darkest
+_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A4")
 _LABELS = ("not decided", "stable", "0.1 to 1 %", "1 to 10 %", "10 % to a factor e", "faster")
 
 

@@ -267,7 +267,7 @@ def legend_of(
     lines += len(head.splitlines())
     factor = mpl.rcParams["figure.figsize"][1] / HEIGHT
     figure.set_figheight(figure.get_figheight() + factor * lines * 1.45 * small() / 72)
-    figure.legend(
+    legend = figure.legend(
         handles=list(handles),
         labels=labels,
         loc="outside upper center" if above else "outside lower center",
@@ -276,6 +276,7 @@ def legend_of(
         columnspacing=gap,
         title=head or None,
     )
+    legend.get_title().set_multialignment("center")
 
 
 def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:
@@ -340,8 +341,13 @@ def short_numbers(axis: Axis) -> None:
     low, high = sorted(axis.get_view_interval())
     subs = (1.0, 2.0, 5.0) if low > 0 and high / low < 200 else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _short(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _short(value: float) -> str:
+    mantissa, _, exponent = f"{value:.3g}".partition("e")
+    return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa
 
 
 def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
@@ -349,8 +355,13 @@ def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
     low, high = axes.get_xlim()
     decades = [k for k in range(-30, 31) if low <= 10.0**k <= high]
     if len(decades) < 2:
-        shown = sorted(set(step_sizes))
-        axes.xaxis.set_major_locator(FixedLocator(shown[:: -(-len(shown) // 4)]))
+        wide = axes.get_window_extent().width / axes.figure.dpi / math.log(high / low)
+        shown: list[float] = []
+        for size in sorted(set(step_sizes)):
+            room = 0.15 + width_of(f"{size:.3g}")
+            if not shown or wide * math.log(size / shown[-1]) > room:
+                shown.append(size)
+        axes.xaxis.set_major_locator(FixedLocator(shown))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
         axes.xaxis.set_minor_locator(NullLocator())
     else:

@@ -73,8 +73,10 @@ def in_formula(value: float, digits: int = 8) -> str:
 
 
 def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str:
-    """Words below an axis of time, with the step size where all runs have the same."""
-    sizes = {item.run.step_size for item in shown}
+    """Words below an axis of time, with the step size where all steps are equal."""
+    accuracy = experiment.accuracy
+    is_even = experiment.grading == 1.0 and (accuracy is None or accuracy.mesh != "adaptive")
+    sizes = {item.run.step_size for item in shown if is_even}
     unit = experiment.units.get("time", "")
     if len(sizes) != 1:
         return with_unit("time $t$", experiment.units, "time")

@@ -16,7 +16,15 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look, MethodLook, method_looks
 from fvi_cli.plotting.panels import ladders
 from fvi_cli.plotting.slopes import make_room
-from fvi_cli.plotting.style import DECORATION, INK, few_decades, journal_style, note, width_of
+from fvi_cli.plotting.style import (
+    DECORATION,
+    INK,
+    few_decades,
+    journal_style,
+    note,
+    short_numbers,
+    width_of,
+)
 from fvi_cli.plotting.words import fraction
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.naming import method_names
@@ -25,7 +33,7 @@ from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.price import Band, cheapest_bands, cost_curves
 from fvi_cli.studies.price import Curve as CostCurve
 
-FRONT_COLOUR = "#f2c14e"
+FRONT_COLOUR = "#f6d27c"
 _COARSEST, _FINEST = 3.0, 2e-15
 _STRIP = 0.1  # of a panel's height
 _LONGEST_EQUATION = 48
@@ -85,13 +93,16 @@ def cost_figure(table: CostTable) -> Figure:
         figure.suptitle(_title(table))
         figure.set_figheight(figure.get_figheight() + 0.55)
         times = figure.axes[0]
-        low, high = times.get_xlim()
-        times.set_xlim(min(high, 2 * _COARSEST), max(low, _FINEST / 50))
+        errors = np.concatenate([curve.x for panel in panels for curve in panel.curves])
+        wide = max(0.06 * math.log10(errors.max() / errors.min()), 0.3)
+        times.set_xlim(min(errors.max() * 10**wide, 2 * _COARSEST), errors.min() / 10**wide)
+        decades = math.log10(times.get_xlim()[0] / times.get_xlim()[1])
         for axes in figure.axes[: len(panels)]:
-            axes.xaxis.set_major_locator(LogLocator(base=1000, numticks=12))
+            axes.xaxis.set_major_locator(LogLocator(base=1000 if decades > 6 else 10, numticks=12))
             axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
             axes.xaxis.set_minor_formatter(NullFormatter())
-            few_decades(axes.yaxis, 8)
+            bottom, top = axes.get_ylim()
+            few_decades(axes.yaxis, 8) if top / bottom > 100 else short_numbers(axes.yaxis)
         bands = cheapest_bands(curves)
         for band in bands:
             _draw_front(times, band)
@@ -134,10 +145,17 @@ def _title(table: CostTable) -> str:
 
 
 def _draw_front(axes: Axes, band: Band) -> None:
-    """A broad line behind those runs of the cheapest method that lie in its band."""
-    own = [p for p in band.curve.points if band.fine <= _shown(p) <= band.coarse]
+    """A broad line behind those runs of the cheapest method in its band that it does not beat."""
+    own = [
+        p
+        for p in band.curve.points
+        if band.fine <= _shown(p) <= band.coarse
+        and not any(q.error <= p.error and q.seconds < p.seconds for q in band.curve.points)
+    ]
     line = axes.plot([_shown(p) for p in own], [p.seconds for p in own], color=FRONT_COLOUR)[0]
-    line.set(linewidth=6, alpha=0.75, zorder=1, label="_cheapest", solid_capstyle="round")
+    # one run alone is a broad dot
+    line.set(linewidth=6, marker="o", markersize=6, markeredgewidth=0, zorder=1)
+    line.set(label="_cheapest", solid_capstyle="round")
 
 
 def _draw_bands(axes: Axes, bands: Sequence[Band], looks: Mapping[str, MethodLook]) -> None:
@@ -155,7 +173,10 @@ def _draw_bands(axes: Axes, bands: Sequence[Band], looks: Mapping[str, MethodLoo
 
     draw(0, 1, "#f4f4f4", 1.0)
     for band in bands:
-        left, right = (math.log10(coarse / error) / whole for error in (band.coarse, band.fine))
+        left, right = (
+            min(max(math.log10(coarse / error) / whole, 0.0), 1.0)
+            for error in (band.coarse, band.fine)
+        )
         own = looks[band.curve.key]
         draw(left, right, own.look.colour, 0.3)
         edge = axes.plot([right, right], [0, 1], transform=axes.transAxes, **DECORATION)[0]

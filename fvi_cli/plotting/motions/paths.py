@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.looks import method_looks
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import Look, method_looks
 from fvi_cli.plotting.motions.time_series import (
     MOST_COMPONENTS,
     has_momentum,
     most_accurate,
     select_runs,
 )
+from fvi_cli.plotting.panels import plane
 from fvi_cli.plotting.style import (
     COLOURS,
     DECORATION,
     GUIDE_COLOUR,
     INK,
     journal_style,
-    legend_of,
     new_figure,
     note,
-    panel_grid,
 )
 from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name, with_unit
 from fvi_cli.scenes.problem import Problem
@@ -36,7 +37,6 @@ _MOST_LINES = 24
 _FEW_LINES = 8
 _SHAPES = 17
 _POINTS = 201
-_MARKS = 9
 _DRAWN = 4001  # points of one curve
 WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
@@ -45,92 +45,83 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
     """Draw momentum against position of every method, a panel for every component (up to 4)."""
     shown = select_runs(finished, has_momentum)
     names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
-    drawn = names[:MOST_COMPONENTS]
-    columns = 1 if len(drawn) == 1 else 2
-    with journal_style():
-        figure = new_figure(0.5 + (2.1 if columns == 1 else 1.6) * -(-len(drawn) // columns))
-        _, panels = panel_grid(figure, len(drawn), columns)
-        for component, (name, axes) in enumerate(zip(drawn, panels, strict=True)):
-            pairs = [
-                (item.trajectory.position[:, component], item.trajectory.momentum[:, component])
-                for item in shown
-                if item.trajectory.momentum is not None
-            ]
-            _draw_curves(axes, shown, pairs)
-            axes.set_xlabel(_position(experiment, name))
-            momentum = f"$p_{{{typeset_name(name).strip('$')}}}$" if len(names) > 1 else "$p$"
-            axes.set_ylabel(with_unit(f"momentum {momentum}", experiment.units, "momentum"))
-        legend_of(figure, panels[0].get_legend_handles_labels()[0])
-    return figure
+    panels = []
+    for component, name in enumerate(names[:MOST_COMPONENTS]):
+        pairs = [
+            (item.trajectory.position[:, component], item.trajectory.momentum[:, component])
+            for item in shown
+            if item.trajectory.momentum is not None
+        ]
+        momentum = f"$p_{{{typeset_name(name).strip('$')}}}$" if len(names) > 1 else "$p$"
+        panels.append(
+            Panel(
+                curves=_paths(shown, pairs),
+                x=position_label(experiment, name),
+                y=with_unit(f"momentum {momentum}", experiment.units, "momentum"),
+                height=2.1 if len(names) == 1 else 1.6,
+            )
+        )
+    return plane(panels, columns=min(2, len(panels)))
 
 
 def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the path in the plane of the first two coordinates; of a double pendulum, in space."""
     shown = select_runs(finished)
-    with journal_style():
-        figure = new_figure(2.9)
-        axes = figure.subplots()
-        labels = ["horizontal position", "vertical position"]
-        if experiment.problem.kind == "double-pendulum":
-            _draw_pendulum(axes, experiment, most_accurate(shown).trajectory.position)
-            labels = [with_unit(label, experiment.units, "length") for label in labels]
-        else:
-            _draw_curves(axes, shown, [tuple(one.trajectory.position[:, :2].T) for one in shown])
-            if experiment.problem.kind == "kepler":
-                axes.plot([0.0], [0.0], "+", color=INK, markersize=8, label="centre", ls="none")
-            names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
-            labels = [_position(experiment, name) for name in names[:2]]
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
-        legend_of(figure, axes.get_legend_handles_labels()[0])
-    return figure
+    labels = ["horizontal position", "vertical position"]
+    if experiment.problem.kind == "double-pendulum":
+        curves = _pendulum(experiment, most_accurate(shown).trajectory.position)
+        labels = [with_unit(label, experiment.units, "length") for label in labels]
+    else:
+        curves = _paths(shown, [tuple(one.trajectory.position[:, :2].T) for one in shown])
+        if experiment.problem.kind == "kepler":
+            centre = Look(colour=INK, marker="+", has_line=False, size=8.0)
+            curves.append(Curve(x=np.zeros(1), y=np.zeros(1), label="centre", look=centre))
+        names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
+        labels = [position_label(experiment, name) for name in names[:2]]
+    panel = Panel(curves=curves, x=labels[0], y=labels[1], height=2.4)
+    return plane([panel], is_equal=True)
 
 
-def _position(experiment: Experiment, name: str) -> str:
+def position_label(experiment: Experiment, name: str) -> str:
+    """Words beside the axis of a coordinate."""
     return with_unit(f"position {typeset_name(name)}", experiment.units, name, "length")
 
 
-def _draw_curves(
-    axes: Axes, shown: Sequence[FinishedRun], pairs: Sequence[tuple[Array, ...]]
-) -> None:
-    """One curve for every run, with marks where there are several, and a star at the start."""
+def _paths(shown: Sequence[FinishedRun], pairs: Sequence[tuple[Array, ...]]) -> list[Curve]:
+    """One curve for every run, and a star at the start."""
     names = method_looks([item.run.method for item in shown])
-    for position, (item, (x, y)) in enumerate(zip(shown, pairs, strict=True)):
-        own = names[item.run.method.case]
-        every = max(1, x.size // _DRAWN)
-        finite = np.isfinite(x[::every]) & np.isfinite(y[::every])
-        x, y = x[::every][finite], y[::every][finite]
-        properties = own.look.properties()
-        if len(pairs) == 1:
-            properties["marker"], properties["linestyle"], properties["linewidth"] = "", "-", 0.9
-        stride = max(1, x.size // _MARKS)
-        shifted = (((2 * position + 1) * stride // 6) % stride, stride)
-        axes.plot(
-            x, y, markevery=shifted, label=own.label, zorder=3 + 0.01 * position, **properties
-        )
-    first = pairs[0]
-    star = axes.plot(first[0][:1], first[1][:1], marker="*", markersize=9, label="start", zorder=5)[
-        0
-    ]
-    star.set(markerfacecolor="white", markeredgecolor=INK, linestyle="none")
+    curves = []
+    for item, (x, y) in zip(shown, pairs, strict=True):
+        own, finite = names[item.run.method.case], np.isfinite(x) & np.isfinite(y)
+        look = replace(own.look, width=0.9) if len(pairs) == 1 else own.look
+        curves.append(Curve(x=x[finite], y=y[finite], label=own.label, look=look))
+    star = Look(colour=INK, marker="*", has_line=False, is_filled=False, size=9.0)
+    first = [values[:1] for values in pairs[0]]
+    return [*curves, Curve(x=first[0], y=first[1], label="start", look=star)]
 
 
-def _draw_pendulum(axes: Axes, experiment: Experiment, angles: Array) -> None:
+def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
     """Paths of both masses of a double pendulum, with its rods at the start and at the end."""
     lengths = experiment.problem_specification.get("lengths", (1.0, 1.0))
     steps = [
-        float(length) * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        float(length) * np.stack([np.sin(angle), -np.cos(angle)])
         for length, angle in zip(lengths, angles.T, strict=True)
     ]
     inner, outer = steps[0], steps[0] + steps[1]
-    axes.plot(*inner.T, color=COLOURS[1], linewidth=1.4, label="first mass")
-    axes.plot(*outer.T, color=COLOURS[0], linewidth=0.9, label="second mass")
+    curves = [
+        Curve(x=at[0], y=at[1], label=label, look=Look(colour=colour, width=width))
+        for at, label, colour, width in (
+            (inner, "first mass", COLOURS[1], 1.4),
+            (outer, "second mass", COLOURS[0], 0.9),
+        )
+    ]
     for when, label, marker in ((0, "at the start", "o"), (-1, "at the end", "s")):
-        rods = np.stack([np.zeros(2), inner[when], outer[when]])
-        colour, face = (INK, INK) if when else (GUIDE_COLOUR, "white")
-        line = axes.plot(*rods.T, color=colour, linewidth=1.6, marker=marker, label=label)[0]
-        line.set(markerfacecolor=face, zorder=4)
+        rods = np.stack([np.zeros(2), inner[:, when], outer[:, when]]).T
+        look = Look(
+            colour=INK if when else GUIDE_COLOUR, marker=marker, width=1.6, is_filled=bool(when)
+        )
+        curves.append(Curve(x=rods[0], y=rods[1], label=label, look=look))
+    return curves
 
 
 def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:

@@ -5,31 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from fvi_cli.integrator.results.observed import Occurrences
-from fvi_cli.plotting.looks import method_looks
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import Look, method_looks
+from fvi_cli.plotting.motions.paths import position_label
 from fvi_cli.plotting.motions.time_series import (
     MOST_COMPONENTS,
     finest_of_first,
     observed_of,
     select_runs,
 )
-from fvi_cli.plotting.panels import MOST_LINES
-from fvi_cli.plotting.style import (
-    COLOURS,
-    MARKERS,
-    colour_bar,
-    colour_of,
-    journal_style,
-    legend_of,
-    new_figure,
-    panel_grid,
-)
+from fvi_cli.plotting.panels import MOST_LINES, plane
+from fvi_cli.plotting.style import COLOURS, INK, MARKERS
 from fvi_cli.plotting.words import (
     coordinates_of,
     member_label,
@@ -40,7 +29,6 @@ from fvi_cli.plotting.words import (
 )
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
-ROUND_OFF = 1e-9
 MANY = 200
 """Points from which on they are drawn as dots."""
 
@@ -91,82 +79,50 @@ def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]
         ]
         return _marks(experiment, series, [name], title)
     swept = swept_in_words(experiment) if len(experiment.swept) == 1 else "member"
-    values = []
-    for member, _, _ in found:
+    above, below = [], []
+    for member, event, one in found:
         number = swept_number(member)
-        values.append(float(member.number) if number is None else number)
-    with journal_style():
-        figure = new_figure(5.2)
-        above, below = figure.subplots(2, 1)
-        colours = ScalarMappable(Normalize(min(values), max(values)))
-        markers = dict(zip(events, (".", *MARKERS), strict=False))
-        for (_, event, one), value in zip(found, values, strict=True):
-            dots = {
-                "color": colour_of(colours, value),
-                "marker": markers.get(event, "."),
-                "ms": 2.5,
-            }
-            x = one.position[:, 0]
-            above.plot(np.full(x.size, value), x, linestyle="none", **dots)
-            below.plot(x, one.velocity[:, 0], linestyle="none", **dots)
-        above.set_xlabel(swept)
-        above.set_ylabel(_position(experiment, name))
-        _name_axes(below, experiment, name)
-        if len(events) > 1:
-            legend_of(
-                figure,
-                [
-                    Line2D(
-                        [], [], label=event, marker=markers.get(event, "."), ls="none", color="k"
-                    )
-                    for event in events
-                ],
-            )
-        colour_bar(figure, [above, below], colours, swept, "bottom")
-    return figure
+        value = float(member.number) if number is None else number
+        marker = (".", *MARKERS)[events.index(event) % len(MARKERS)]
+        look = Look(colour=INK, marker=marker, has_line=False, size=3.5)
+        x, y = one.position[:, 0], one.velocity[:, 0]
+        above.append(Curve(x=np.full(x.size, value), y=x, label=event, by=value, look=look))
+        below.append(Curve(x=x, y=y, label=event, by=value, look=look))
+    position, velocity = _words(experiment, name)
+    return plane(
+        [
+            Panel(curves=above, x=swept, y=position, height=2.1),
+            Panel(curves=below, x=position, y=velocity, height=2.1),
+        ],
+        bar=swept,
+    )
 
 
 def _marks(
     experiment: Experiment, series: Sequence[Series], names: Sequence[str], title: str = ""
 ) -> Figure:
     """Marks of every series, velocity against position, a panel for every coordinate."""
-    columns = 1 if len(names) == 1 else 2
-    with journal_style():
-        figure = new_figure(0.5 + (2.4 if columns == 1 else 1.7) * -(-len(names) // columns))
-        _, panels = panel_grid(figure, len(names), columns)
-        for index, (name, axes) in enumerate(zip(names, panels, strict=True)):
-            for number, (label, one) in enumerate(series):
-                dots = one.time.size > MANY
-                axes.plot(
-                    one.position[:, index],
-                    one.velocity[:, index],
-                    linestyle="none",
-                    marker="." if dots else MARKERS[number % len(MARKERS)],
-                    markersize=1.5 if dots else 3.5,
-                    markerfacecolor="none" if not dots else None,
-                    color=COLOURS[number % len(COLOURS)],
-                    label=label,
-                )
-            _widen(axes, [one for _, one in series])
-            _name_axes(axes, experiment, name)
-        legend_of(figure, panels[0].get_legend_handles_labels()[0], title=title)
-    return figure
+    panels = []
+    for index, name in enumerate(names):
+        curves = []
+        for number, (label, one) in enumerate(series):
+            dots = one.time.size > MANY
+            look = Look(
+                colour=COLOURS[number % len(COLOURS)],
+                marker="." if dots else MARKERS[number % len(MARKERS)],
+                size=1.5 if dots else 3.5,
+                has_line=False,
+                is_filled=dots,
+            )
+            x, y = one.position[:, index], one.velocity[:, index]
+            curves.append(Curve(x=x, y=y, label=label, look=look))
+        x_words, y_words = _words(experiment, name)
+        height = 2.4 if len(names) == 1 else 1.7
+        panels.append(Panel(curves=curves, x=x_words, y=y_words, height=height))
+    return plane(panels, columns=min(2, len(panels)), title=title)
 
 
-def _position(experiment: Experiment, name: str) -> str:
-    return with_unit(f"position {typeset_name(name)}", experiment.units, name, "length")
-
-
-def _name_axes(axes: Axes, experiment: Experiment, name: str) -> None:
-    axes.set_xlabel(_position(experiment, name))
+def _words(experiment: Experiment, name: str) -> tuple[str, str]:
+    """Words for the position and the velocity of a coordinate."""
     velocity = rf"velocity $\dot {typeset_name(name).strip('$')}$"
-    axes.set_ylabel(with_unit(velocity, experiment.units, "velocity"))
-
-
-def _widen(axes: Axes, events: Sequence[Occurrences]) -> None:
-    """Keep round-off of what is constant on the section from filling the panel."""
-    for axis, kind in (("x", "position"), ("y", "velocity")):
-        largest = max(float(np.abs(getattr(one, kind)).max()) for one in events)
-        low, high = getattr(axes, f"get_{axis}lim")()
-        if high - low < ROUND_OFF * largest:
-            getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
+    return position_label(experiment, name), with_unit(velocity, experiment.units, "velocity")
