@@ -61,18 +61,13 @@ def _linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
 class Directions:
     r"""Linear forms :math:`y = B q`, one per row.
 
-    Parameters
-    ----------
-    rows
-        B, shape ``(r, d)``.
-
     Raises
     ------
     ValueError
         If a row is zero or not finite.
     """
 
-    rows: Array
+    rows: Array  # B, shape (r, d)
 
     def __post_init__(self) -> None:
         set_arrays(self, rows=np.atleast_2d(self.rows))

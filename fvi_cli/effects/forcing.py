@@ -204,19 +204,8 @@ class Forcing:
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.
 
-        Parameters
-        ----------
-        start
-            Left ends of n steps, shape ``(n,)``.
-        step_size
-            Their common length h.
-        offsets
-            Points in [0, 1], shape ``(r,)``; at 0 and 1 the limit from inside the step is taken.
-
-        Returns
-        -------
-        Array
-            f(start + offsets h), shape ``(n, r, d)``.
+        On n steps from `start` ``(n,)`` at offsets ``(r,)`` in [0, 1], to ``(n, r, d)``; at 0 and 1
+        the limit from inside the step is taken.
         """
         which = np.searchsorted(np.array(self.break_points), start + 0.5 * step_size)
         times = start[:, None] + step_size * offsets

@@ -29,23 +29,13 @@ def velocity_name(coordinate: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Derivatives:
-    r"""L up to its second derivatives at n points.
+    r"""L up to its second derivatives at n points."""
 
-    Parameters
-    ----------
-    momentum, force
-        :math:`\partial L/\partial v` and :math:`\partial L/\partial q`, shape ``(..., d)``.
-    mass, mixed, stiffness
-        :math:`\partial^2 L/\partial v_a \partial v_b`,
-        :math:`\partial^2 L/\partial v_a \partial q_b` and
-        :math:`\partial^2 L/\partial q_a \partial q_b`, shape ``(..., d, d)``.
-    """
-
-    momentum: Array
-    force: Array
-    mass: Array
-    mixed: Array
-    stiffness: Array
+    momentum: Array  # by v, (..., d)
+    force: Array  # by q
+    mass: Array  # by v and v, (..., d, d)
+    mixed: Array  # by v and q
+    stiffness: Array  # by q and q
 
 
 def _along(system: FormulaSystem, names: Sequence[str]) -> FormulaSystem:
@@ -54,23 +44,12 @@ def _along(system: FormulaSystem, names: Sequence[str]) -> FormulaSystem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lagrangian:
-    r"""L(q, v, t), whose derivatives are programs over q, v<q>, t and parameters.
+    r"""L(q, v, t), whose derivatives are programs over q, v<q>, t and parameters."""
 
-    Parameters
-    ----------
-    coordinates
-        Names of the d coordinates.
-    value
-        L.
-    parameters
-        Values of the other names in it.
-    stiffness
-        A matrix K whose :math:`q^T K q / 2` is taken from L, shape ``(d, d)``; None: 0.
-    """
-
-    coordinates: tuple[str, ...]
+    coordinates: tuple[str, ...]  # names of the d coordinates
     value: FormulaSystem
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)  # values of the other names in it
+    # A matrix K whose q^T K q / 2 is taken from L, shape (d, d); None: 0
     stiffness: Array | None = None
 
     @cached_property

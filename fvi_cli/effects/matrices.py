@@ -46,18 +46,10 @@ Solve = Callable[[Array], Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Factored:
-    r"""A symmetric matrix :math:`B^T C B` of low rank.
+    r"""A symmetric matrix :math:`B^T C B` of low rank."""
 
-    Parameters
-    ----------
-    rows
-        B, shape ``(r, d)``: the directions.
-    inner
-        C, symmetric, shape ``(r, r)``.
-    """
-
-    rows: Array
-    inner: Array
+    rows: Array  # B, shape (r, d): the directions
+    inner: Array  # C, symmetric, shape (r, r)
 
     @property
     def form(self) -> Form:
@@ -149,15 +141,9 @@ def _entry(row: int, column: int) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class MatrixEffect:
-    """An effect that is a symmetric matrix.
+    """An effect that is a symmetric matrix."""
 
-    Parameters
-    ----------
-    form
-        The matrix as it is kept, shape ``(d, d)``.
-    """
-
-    form: Form
+    form: Form  # the matrix as it is kept, shape (d, d)
 
     @property
     def dimension(self) -> int:

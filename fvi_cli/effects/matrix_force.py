@@ -32,13 +32,8 @@ SAME = 1e-14
 class MatrixForce(MatrixEffect):
     """A force that is a symmetric matrix times something made of every coordinate's motion.
 
-    Parameters
-    ----------
-    coefficient
-        The number or matrix, shape ``(d, d)``, dense, sparse or in factors.
-    form, factored
-        In place of it, as another force keeps it, with the factors of one that acts along a few
-        directions only.
+    The matrix is given as coefficient, or as another force keeps it: its form, with the factors of
+    one that acts along a few directions only.
 
     Raises
     ------

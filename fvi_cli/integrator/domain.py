@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from fvi_cli.effects.potential import ExpressionPotential, Potential
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.singularities import find_open_places
+from fvi_cli.mathematics.intervals.singularities import is_unbounded as has_no_bound
 
-MOST_HALVINGS: Final = 48
-MOST_PARTS: Final = 1024
 WALL_DISTANCES: Final = np.array([1e-2, 1e-4, 1e-6])
 """Distances from a place, in lengths of a chord, at which V shows whether it is infinite there."""
 LEAST_GROWTH: Final = 0.01
@@ -99,28 +99,18 @@ def is_unbounded(
         found = potential.energy_expression.system.evaluate(names, INTERVAL_FUNCTIONS)[0]
     except ExpressionError:
         # of some functions no range is known
-        return np.zeros(low.shape[:-1], dtype=bool)
-    if not isinstance(found, Interval):
-        return np.zeros(low.shape[:-1], dtype=bool)
-    return np.asarray(~(np.isfinite(found.low) & np.isfinite(found.high)))
+        found = 0.0
+    return has_no_bound(found, low[..., 0])
 
 
 def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int | None:
     """The first of the chords, both ``(n, d)``, on which V is infinite somewhere."""
-    chords = np.arange(begin.shape[0])
-    low, high = np.zeros(chords.size), np.ones(chords.size)
-    for _ in range(MOST_HALVINGS):
+
+    def is_open(chords: Places, low: Array, high: Array) -> NDArray[np.bool_]:
         ends = [_on(begin, end, chords, at) for at in (low, high)]
-        open_ = is_unbounded(potential, np.minimum(*ends), np.maximum(*ends))
-        chords, low, high = chords[open_], low[open_], high[open_]
-        if not chords.size:
-            return None
-        middle = 0.5 * (low + high)
-        chords = np.repeat(chords, 2)[:MOST_PARTS]
-        low, high = (
-            np.stack(pair, axis=1).ravel()[:MOST_PARTS] for pair in ((low, middle), (middle, high))
-        )
-    places = 0.5 * (low + high)
+        return is_unbounded(potential, np.minimum(*ends), np.maximum(*ends))
+
+    chords, places = find_open_places(is_open, np.zeros(len(begin)), np.ones(len(begin)))
     growing = np.zeros(chords.size, dtype=bool)
     for side in (-1.0, 1.0):
         at = places + side * WALL_DISTANCES[:, None]
@@ -134,6 +124,6 @@ def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int
     return int(chords[growing].min()) if growing.any() else None
 
 
-def _on(begin: Array, end: Array, chords: NDArray[np.intp], at: Array) -> Array:
+def _on(begin: Array, end: Array, chords: Places, at: Array) -> Array:
     """Points of chords, shape ``(m, d)``."""
     return np.asarray(begin[chords] + at[:, None] * (end[chords] - begin[chords]))

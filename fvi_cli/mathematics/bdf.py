@@ -19,11 +19,6 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 LARGEST_BDF_ORDER = 6
 """Backward difference formulas of higher order are unstable."""
 
-# From this index on the weights are summed as an expansion at the singularity z = 1. The other
-# singularities, the zeros of q_p, are at |z| >= 1.158 (p = 6), and 1.158**-1024 < 1e-65.
-_TAIL_START = 1024
-# Terms of that expansion; the last one is below 1e-18 of the first at the start of the tail.
-_TAIL_TERMS = 10
 # From this index on the binomial coefficients come from their asymptotic series: n - 1 - e rounds
 # the same way for many n, and a running product drifts, to 3e-11 at n = 2**20 for e = 1.9.
 _BINOMIAL_TAIL_START = 24
@@ -65,11 +60,9 @@ def convolution_weights(bdf_order: int, order: float, n_weights: int) -> Array:
 
     Notes
     -----
-    ``gamma_p(z)**e = (1-z)**e q_p(z)**e``. The head is the convolution of the binomial series
-    with the power of ``q_p`` (J.C.P. Miller's recurrence, Henrici, *Applied and Computational
-    Complex Analysis* 1, section 1.6). The tail is the expansion of ``q_p(z)**e`` in powers of
-    1-z, term by term a binomial series again (Flajolet and Sedgewick, *Analytic Combinatorics*,
-    chapter VI); it costs a few operations per weight and has no cancellation.
+    ``gamma_p(z)**e = (1-z)**e q_p(z)**e``: the convolution of the binomial series with the power
+    of ``q_p`` (J.C.P. Miller's recurrence, Henrici, *Applied and Computational Complex Analysis* 1,
+    section 1.6), which is short: the zeros of ``q_p`` are at abs(z) >= 1.158 (p = 6).
     """
     exact = _check_arguments(bdf_order, order, n_weights)
     return _power_weights(bdf_order, exact, exact, n_weights)
@@ -149,15 +142,8 @@ def _power_weights(
     binomial = _binomial_series(binomial_exponent, n_weights)
     if bdf_order == 1 or quotient_exponent == 0:
         return binomial
-    head = min(n_weights, _TAIL_START)
-    short = _power_series(quotient_polynomial(bdf_order), float(quotient_exponent), head)
-    weights = np.empty(n_weights)
-    weights[:head] = np.convolve(binomial[:head], short)[:head]
-    if n_weights > head:
-        weights[head:] = binomial[head:] * _tail_factor(
-            bdf_order, float(binomial_exponent), float(quotient_exponent), head, n_weights
-        )
-    return weights
+    short = _power_series(quotient_polynomial(bdf_order), float(quotient_exponent), n_weights)
+    return np.convolve(binomial, short)[:n_weights]
 
 
 def _power_series(coefficients: Array, exponent: float, n_terms: int) -> Array:
@@ -222,24 +208,3 @@ def _gamma_ratio_coefficients(exponent: Fraction) -> tuple[float, ...]:
         falling *= (-exponent - 2 * k + 1) * (-exponent - 2 * k)
         coefficients.append(float(falling * power[k]))
     return tuple(coefficients)
-
-
-def _tail_factor(
-    bdf_order: int, binomial_exponent: float, quotient_exponent: float, start: int, stop: int
-) -> Array:
-    """Ratio of the weights to the binomial coefficients for n = start .. stop-1.
-
-    With ``q_p(z)**g = sum_k a_k (1-z)^k`` and b_n the coefficients of ``(1-z)**e``,
-    ``w_n ~ b_n sum_k a_k prod_{i<k} (-(e+1+i)) / (n-1-e-i)``, as multiplication by 1-z turns
-    ``b_n`` into ``-(e+1) / (n-1-e) b_n``.
-    """
-    at_one = 1.0 / np.arange(1.0, bdf_order + 1)
-    expansion = np.zeros(_TAIL_TERMS)
-    series = _power_series(at_one, quotient_exponent, _TAIL_TERMS)
-    expansion[: series.size] = series
-    n = np.arange(start, stop, dtype=np.float64)
-    factor = np.full_like(n, expansion[-1])
-    for k in range(_TAIL_TERMS - 2, -1, -1):
-        factor *= -(binomial_exponent + 1 + k) / (n - (1 + binomial_exponent + k))
-        factor += expansion[k]
-    return factor

@@ -44,21 +44,12 @@ def judge(
 ) -> tuple[Mask, Mask]:
     r"""Which components are done, and which are not and are slow.
 
-    Parameters
-    ----------
-    change, previous
-        Absolute changes of an iteration and of the one before it; nan where there was none.
-    scale
-        Size of the unknowns.
-    floor
-        Bound of what round-off may do to the change, asked for with the slow components only.
-    power
-        What is left is :math:`c\,(c / c')^\text{power}`: 1 where the iteration converges linearly,
-        2 where it does quadratically, 0 where `change` is the correction of the result itself.
-    tolerance
-        Part of the scale that may be left.
-    slow
-        Ratio of the changes from which on a component is slow.
+    With absolute changes of an iteration and of the one before, nan where there was none, and the
+    scale of the unknowns. `floor` bounds what round-off may do to the change, and is asked for with
+    the slow components only; from a ratio `slow` of the changes on a component is slow. What is
+    left is :math:`c\,(c / c')^\text{power}`: 1 where the iteration converges linearly, 2 where it
+    does quadratically, 0 where `change` is the correction of the result itself; the part
+    `tolerance` of the scale may be left.
     """
     ratio = change / previous
     left = change if power == 0 else change * np.fmin(ratio, 1.0) ** power
@@ -84,17 +75,8 @@ def find_roots(evaluate: Evaluate, start: Array) -> tuple[Array, Mask, int]:
     than the one before. A root is found when the correction that the residual *there* calls for
     is no more than round-off.
 
-    Parameters
-    ----------
-    evaluate
-        The systems.
-    start
-        Where the iteration starts, shape ``(n, d)``.
-
-    Returns
-    -------
-    Array, Mask, int
-        The roots, which of them were found, and the largest number of iterations.
+    From points ``(n, d)`` to the roots, which of them were found, and the largest number of
+    iterations.
     """
     with np.errstate(all="ignore"):
         return _find_roots(evaluate, np.array(start, dtype=float))

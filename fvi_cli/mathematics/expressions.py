@@ -68,22 +68,12 @@ class Expression:
 
     Two expressions are equal when text, variables, constants and programs are. Build one with
     :meth:`parse`, or of others by :meth:`plus` and :meth:`times`.
-
-    Parameters
-    ----------
-    text
-        The text as given.
-    variables
-        Names that may occur and get their values in :meth:`evaluate`.
-    constants
-        Further names with fixed values, sorted by name.
-    system
-        The program, with the constants as variables; left out: what the text says.
     """
 
-    text: str
-    variables: tuple[str, ...] = ()
-    constants: tuple[tuple[str, float], ...] = ()
+    text: str  # the text as given
+    variables: tuple[str, ...] = ()  # names that may occur and get their values in evaluate
+    constants: tuple[tuple[str, float], ...] = ()  # further names with fixed values, sorted by name
+    # the program, with the constants as variables; left out: what the text says
     system: FormulaSystem = field(repr=False, default=NO_SYSTEM)
 
     def __post_init__(self) -> None:
@@ -100,14 +90,8 @@ class Expression:
     ) -> Expression:
         """Read an expression; a number stands for itself.
 
-        Parameters
-        ----------
-        text
-            Numbers, names, ``+ - * / **``, parentheses and functions of :data:`FUNCTION_NAMES`.
-        variables
-            Names that may occur. A variable ``e`` hides Euler's number.
-        constants
-            Further names with their values.
+        Text may hold numbers, names, ``+ - * / **``, parentheses and functions of
+        :data:`FUNCTION_NAMES`. A variable ``e`` hides Euler's number.
 
         Raises
         ------
@@ -186,14 +170,8 @@ def slopes_of(
 ) -> dict[str, Array]:
     """Derivatives of a formula by those of its variables that are wanted.
 
-    Parameters
-    ----------
-    expression
-        The formula.
-    values
-        Of all its variables, numbers or arrays of shape ``(n,)``.
-    wanted
-        Names; those that do not occur in it are left out.
+    By those of the wanted names that occur in it, at values of all its variables: numbers or
+    ``(n,)``.
     """
     names = sorted(expression.names.intersection(wanted))
     system = slopes_system(expression.system, tuple(names))

@@ -23,14 +23,9 @@ class LagrangeBasis:
     the control points; the diagonal of the differentiation matrix makes its rows sum to zero
     (Berrut and Trefethen, *Barycentric Lagrange interpolation*, SIAM Review 46, 2004, sections 4
     and 9.3).
-
-    Parameters
-    ----------
-    control_points
-        The points d_0 < ... < d_s in [0, 1], shape ``(s + 1,)``; s is 1 to 20.
     """
 
-    control_points: Array
+    control_points: Array  # the points d_0 < ... < d_s in [0, 1], shape (s + 1,); s is 1 to 20
     _barycentric_weights: Array = field(init=False, repr=False)
     _differentiation: Array = field(init=False, repr=False)
 

@@ -25,18 +25,10 @@ _NEWTON_STEPS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class QuadratureRule:
-    """The integral of f over [0, 1] is about ``sum_i b_i f(c_i)``.
+    """The integral of f over [0, 1] is about ``sum_i b_i f(c_i)``."""
 
-    Parameters
-    ----------
-    name
-        ``gauss``, ``lobatto`` or ``radau-right``; it fixes the order.
-    nodes, weights
-        The c_i, increasing, and the b_i, positive; shape ``(n,)``, read-only.
-    """
-
-    name: str
-    nodes: Array
+    name: str  # gauss, lobatto or radau-right; it fixes the order
+    nodes: Array  # the c_i, increasing, and the b_i, positive; shape (n,), read-only
     weights: Array
 
     def __post_init__(self) -> None:

@@ -28,23 +28,13 @@ _RULES = {"gauss": gauss_rule, "radau-iia": radau_right_rule, "lobatto-iiic": lo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ButcherTableau:
-    """An implicit Runge-Kutta method with m stages and an invertible matrix.
+    """An implicit Runge-Kutta method with m stages and an invertible matrix."""
 
-    Parameters
-    ----------
-    name
-        Family of the method, as it stands in tables.
-    A, b, c
-        Matrix a_ij, shape ``(m, m)``, weights b_i and nodes c_i, shape ``(m,)``; read-only.
-    order, stage_order
-        p and q of B(p) and C(q).
-    """
-
-    name: str
-    A: Array
+    name: str  # family of the method, as it stands in tables
+    A: Array  # matrix a_ij, shape (m, m), weights b_i and nodes c_i, shape (m,); read-only
     b: Array
     c: Array
-    order: int
+    order: int  # p and q of B(p) and C(q)
     stage_order: int
 
     def __post_init__(self) -> None:

@@ -149,6 +149,15 @@ def test_first_weights_to_all_printed_digits(bdf_order, order):
     np.testing.assert_allclose(weights, PRINTED[bdf_order, order], rtol=1.2e-14)
 
 
+def rounding(bdf_order: int, order: float) -> float:
+    """Bound of the relative error of a weight: the terms of its sum cancel each other."""
+    quotient = [Fraction(c).limit_denominator(100) for c in quotient_polynomial(bdf_order)]
+    short = np.array(
+        [float(Fraction(u, 1 << BITS)) for u in fixed_point_power(quotient, order, 700)]
+    )
+    return 1e-15 + 5e-16 * float(np.abs(short).sum() / abs(short.sum()))
+
+
 @spread(
     bdf_order=BDF_ORDERS,
     order=[*ORDERS, -1.7, -1.0, -0.5, 0.01, 1.99, 1 + 1e-9],
@@ -160,7 +169,7 @@ def test_weights_against_integer_arithmetic(kind, bdf_order, order):
     assert budget_used(weights, exact) < 0.1
     if order in ORDERS and order != 1:
         tail = np.array([float(Fraction(w, 1 << BITS)) for w in exact[1024:]])
-        np.testing.assert_allclose(weights[1024:], tail, rtol=2e-15)
+        np.testing.assert_allclose(weights[1024:], tail, rtol=rounding(bdf_order, order))
 
 
 @pytest.mark.parametrize("kind", sorted(WEIGHTS))
@@ -216,7 +225,7 @@ def test_no_drift_at_a_million_weights(kind, order, bdf_order):
                 total += u * binomial
                 binomial *= (n - j) / (n - j - 1 - exponent)
             exact = mp.ldexp(total, -BITS)
-            assert abs(weights[n] / exact - 1) < 2e-15
+            assert abs(weights[n] / exact - 1) < rounding(bdf_order, order)
 
 
 @spread(n_weights=[1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026], bdf_order=[1, 3, 6])

@@ -25,17 +25,10 @@ class ColeCole:
               \frac{1}{(x\tau)^a + 2 \cos \pi a + (x\tau)^{-a}}
 
     (K.S. Cole, R.H. Cole, *Dispersion and absorption in dielectrics I*, J. Chem. Phys. 9, 1941).
-
-    Parameters
-    ----------
-    order
-        a in (0, 1).
-    time
-        :math:`\tau > 0`.
     """
 
-    order: float
-    time: float
+    order: float  # a in (0, 1)
+    time: float  # tau > 0
     shift = 0.0
     masses = ()
 

@@ -68,12 +68,7 @@ class RelaxationKernel(Protocol):
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`\hat k(I^{-1})` of the matrix I by which a method integrates over a step.
 
-        Parameters
-        ----------
-        integration
-            I, shape ``(m, m)``, time.
-        power
-            Its powers, by exponents in (-1, 1).
+        I is ``(m, m)``; `power` gives its powers by exponents in (-1, 1).
         """
 
 

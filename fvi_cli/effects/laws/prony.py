@@ -18,18 +18,13 @@ class Exponentials:
 
     .. math:: \hat k(s) = \sum_i \frac{g_i}{s + x_i}
 
-    Parameters
-    ----------
-    masses
-        Pairs of a rate :math:`x_i > 0` (1/time) and a weight :math:`g_i > 0`.
-
     Raises
     ------
     ValueError
         If there is none, or one is not positive.
     """
 
-    masses: tuple[tuple[float, float], ...]
+    masses: tuple[tuple[float, float], ...]  # pairs of a rate x_i > 0 (1/time) and a weight g_i > 0
     shift = 0.0
     ends = None
     peak = None

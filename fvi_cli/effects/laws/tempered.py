@@ -22,17 +22,10 @@ class TemperedPower:
 
     (F. Sabzikar, M.M. Meerschaert, J. Chen, *Tempered fractional calculus*, J. Comput. Phys. 293,
     2015).
-
-    Parameters
-    ----------
-    order
-        :math:`\gamma` in (0, 1).
-    rate
-        l > 0, 1/time.
     """
 
-    order: float
-    rate: float
+    order: float  # gamma in (0, 1)
+    rate: float  # l > 0, 1/time
     masses = ()
     peak = None
 

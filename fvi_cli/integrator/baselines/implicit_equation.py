@@ -22,19 +22,7 @@ def solve_implicit(
 ) -> tuple[Array, int]:
     r"""Solve :math:`A u + w \nabla V(b + c u) = r`, Newton's iteration with the exact Jacobian.
 
-    Parameters
-    ----------
-    linear, constant
-        A, shape ``(d, d)``, and r, shape ``(d,)``.
-    potential, base, factor, weight
-        V, b, c and w.
-    guess
-        Where the iteration starts.
-
-    Returns
-    -------
-    Array, int
-        u, and the number of iterations: one where the equation is linear.
+    From a guess to u ``(d,)`` and the number of iterations: one where the equation is linear.
 
     Raises
     ------

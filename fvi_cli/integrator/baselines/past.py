@@ -32,14 +32,8 @@ class Past:
 
     NumPy dot products; a running sum where the order is 1.
 
-    Parameters
-    ----------
-    scene, n_steps
-        With the dampings D, and N.
-    weights
-        The first weights w, from an order of damping and their number.
-    offset
-        What the derivative of a term takes off the samples first, s, shape ``(N + 1, d)``.
+    `weights` gives the first weights w from an order of damping and their number, `offset` what the
+    derivative of a term takes off the samples first, s, ``(N + 1, d)``.
     """
 
     def __init__(

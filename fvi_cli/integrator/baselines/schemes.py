@@ -23,13 +23,7 @@ from fvi_cli.mathematics.bdf import convolution_weights
 
 
 class Scheme(ABC):
-    """A run by single steps of one size h.
-
-    Parameters
-    ----------
-    scene, n_steps
-        What is integrated, and on how many steps.
-    """
+    """A run by single steps of one size h."""
 
     iterations = 0
     """Of Newton, so far."""
@@ -243,14 +237,7 @@ def trapezoidal_weights(order: float, step_size: float, n_weights: int) -> Array
     .. math:: b_0 = c, \qquad b_n = c \left((n+1)^{a+1} - 2 n^{a+1} + (n-1)^{a+1}\right),
               \qquad c = h^a / \Gamma(a + 2)
 
-    Parameters
-    ----------
-    order
-        a > 0, the order of the integral.
-    step_size
-        h.
-    n_weights
-        How many; :math:`I^a y(t_k) = \sum_{n=0}^{k} b_n y_{k-n}` where y_0 = 0.
+    Of order a > 0, so that :math:`I^a y(t_k) = \sum_{n=0}^{k} b_n y_{k-n}` where y_0 = 0.
     """
     n = np.arange(2, n_weights, dtype=float)
     # the second difference of n^(a+1) as differences from n^(a+1), which lose less

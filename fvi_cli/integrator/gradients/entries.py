@@ -19,24 +19,14 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Entry:
-    """A number, vector or symmetric matrix of a scene.
+    """A number, vector or symmetric matrix of a scene."""
 
-    Parameters
-    ----------
-    name
-        What it is called: ``mass``, ``stiffness``, ``initial_position``, ``initial_velocity``,
-        ``damping.<index>.order`` and ``.coefficient``, ``potential.<parameter>``,
-        ``laws.<index>.size``, ``.coefficient`` and the numbers of its kernel: ``.order`` and
-        ``.time`` or ``.rate``, or ``.rates`` and ``.weights`` of a Prony series.
-    value
-        Its value, shape ``()``, ``(d,)`` or ``(d, d)``.
-    family
-        The scene for another value.
-    """
-
+    # what it is called: mass, stiffness, initial_position, initial_velocity, damping.<index>.order
+    # and .coefficient, potential.<parameter>, laws.<index>.size, .coefficient and the numbers of
+    # its kernel: .order and .time or .rate, or .rates and .weights of a Prony series
     name: str
-    value: Array
-    family: Callable[[Array], Scene]
+    value: Array  # its value, shape (), (d,) or (d, d)
+    family: Callable[[Array], Scene]  # the scene for another value
 
     def variations(self) -> Iterator[tuple[tuple[int, ...], Variation]]:
         """Every number in it; of a symmetric matrix those on and above the diagonal."""

@@ -101,11 +101,8 @@ def observe(
     The times of its impacts, by name, are reported like events. The second run, for the motion
     between its points, has a part of its checkpoint.
 
-    Returns
-    -------
-    tuple of Trajectory
-        The run on its mesh, up to where an event ended it; and at the times that are asked for,
-        with what was observed.
+    The run on its mesh, up to where an event ended it; and at the times that are asked for, with
+    what was observed.
 
     Raises
     ------

@@ -52,16 +52,6 @@ def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) ->
 class Event:
     """The times at which an expression changes its sign.
 
-    Parameters
-    ----------
-    when
-        The expression.
-    direction
-        ``rising`` from below to above 0, ``falling``, or ``any`` of the two. A value that touches
-        0 and turns back does not count, nor does one that begins or ends with 0.
-    stop
-        Whether the run ends at the first of these times.
-
     Raises
     ------
     ValueError
@@ -69,8 +59,10 @@ class Event:
     """
 
     when: Expression
+    # rising from below to above 0, falling, or any of the two. A value that touches 0 and turns
+    # back does not count, nor does one that begins or ends with 0
     direction: Direction = "any"
-    stop: bool = False
+    stop: bool = False  # whether the run ends at the first of these times
 
     def __post_init__(self) -> None:
         if self.direction not in DIRECTIONS:
@@ -81,21 +73,15 @@ class Event:
 class Impact:
     """A surface on which the motion bounces.
 
-    Parameters
-    ----------
-    when
-        g(q, t): the motion is where it is positive, and meets the surface at its falling roots.
-    restitution
-        e from 0 to 1: the normal velocity is reversed and multiplied by it.
-
     Raises
     ------
     ValueError
         For a restitution out of range.
     """
 
+    # g(q, t): the motion is where it is positive, and meets the surface at its falling roots
     when: Expression
-    restitution: float = 1.0
+    restitution: float = 1.0  # e from 0 to 1: the normal velocity is reversed and multiplied by it
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.restitution <= 1.0:
@@ -106,36 +92,23 @@ class Impact:
 class Observations:
     """What is asked of a motion; by default nothing.
 
-    Parameters
-    ----------
-    coordinates
-        Names of the d coordinates.
-    times
-        Times at which the motion is reported, shape ``(n,)``; None: the points of the mesh.
-    quantities, events
-        By name.
-    impacts
-        Surfaces by name, which change the motion itself.
-    parameters
-        Values of further names in their expressions.
-    inputs
-        Functions of the time by their names in expressions; None: zero.
-    output
-        The times in short, as a configuration gives them; None: as they are.
-
     Raises
     ------
     ValueError
         For times that do not increase from 0 or later.
     """
 
-    coordinates: tuple[str, ...] = ()
+    coordinates: tuple[str, ...] = ()  # names of the d coordinates
+    # times at which the motion is reported, shape (n,); None: the points of the mesh
     times: Array | None = None
-    quantities: Mapping[str, Expression] | None = None
+    quantities: Mapping[str, Expression] | None = None  # by name
     events: Mapping[str, Event] | None = None
-    impacts: Mapping[str, Impact] | None = None
+    impacts: Mapping[str, Impact] | None = None  # surfaces by name, which change the motion itself
+    # values of further names in their expressions
     parameters: Mapping[str, float] = field(default_factory=dict)
+    # functions of the time by their names in expressions; None: zero
     inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
+    # the times in short, as a configuration gives them; None: as they are
     output: Mapping[str, object] | None = None
 
     def __post_init__(self) -> None:
@@ -210,22 +183,10 @@ def observations(
 ) -> Observations:
     """What is asked of a motion, from texts.
 
-    Parameters
-    ----------
-    coordinates
-        Names of the coordinates.
-    output
-        Times at which the motion is reported; None: the points of the mesh.
-    quantities
-        Expressions by name.
-    events
-        By name an expression, or ``{"when": ..., "direction": ..., "stop": ...}``.
-    impacts
-        By name ``{"when": ..., "restitution": ...}``.
-    parameters
-        Values of further names.
-    further
-        Names that the motion itself has a value for, such as the work on every damper.
+    Quantities are expressions by name; events an expression, or ``{"when": ..., "direction": ...,
+    "stop": ...}``; impacts ``{"when": ..., "restitution": ...}``. `output` are times, None: the
+    points of the mesh; `further` names have a value in the motion itself, such as the work on every
+    damper.
 
     Raises
     ------

@@ -18,17 +18,8 @@ class PointFormulas:
     Values at a point are the same to the last bit whatever other points stand beside it.
     Floating-point errors are treated as the caller's ``np.errstate`` says.
 
-    Parameters
-    ----------
-    system
-        The program.
-    variables
-        Names of the components of points.
-    parameters
-        Values of the other names: numbers, or arrays that broadcast with a component; points
-        ``(q, n, k)`` of q members go with parameters ``(q, 1)``.
-    functions
-        The elementary functions on the components.
+    Variables are the names of the components of points. Parameters, the other names, are numbers or
+    arrays that broadcast with a component: points ``(q, n, k)`` of q members go with ``(q, 1)``.
     """
 
     def __init__(

@@ -50,12 +50,7 @@ def derivatives(
 ) -> FormulaSystem:
     """All outputs of a program, then their derivatives along every direction.
 
-    Parameters
-    ----------
-    system
-        The program.
-    directions
-        By names of variables their rates, numbers or names of further variables.
+    A direction has rates, numbers or names of further variables, by names of variables.
 
     Raises
     ------

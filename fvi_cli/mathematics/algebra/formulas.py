@@ -42,18 +42,10 @@ _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 
 @dataclass(frozen=True)
 class FormulaSystem:
-    """Several values computed by one program, in which equal parts occur once.
+    """Several values computed by one program, in which equal parts occur once."""
 
-    Parameters
-    ----------
-    instructions
-        The program, operands before what is made of them.
-    outputs
-        Places of the values.
-    """
-
-    instructions: tuple[Instruction, ...]
-    outputs: tuple[int, ...]
+    instructions: tuple[Instruction, ...]  # the program, operands before what is made of them
+    outputs: tuple[int, ...]  # places of the values
 
     @cached_property
     def needed(self) -> tuple[int, ...]:
@@ -109,18 +101,8 @@ class FormulaSystem:
         evaluated in double precision whatever the algebra is. Floating-point arithmetic never
         warns or raises here.
 
-        Parameters
-        ----------
-        values
-            A value for every one of :attr:`names`; arrays broadcast.
-        functions
-            The elementary functions on the algebra, for arrays
-            :data:`fvi_cli.mathematics.algebra.arithmetic.NUMPY_FUNCTIONS`.
-
-        Returns
-        -------
-        list[T | float]
-            One value per output; a ``float`` where no variable takes part or all are numbers.
+        Values are given for every one of :attr:`names`; arrays broadcast. One value per output, a
+        ``float`` where no variable takes part or all are numbers.
 
         Raises
         ------

@@ -19,15 +19,9 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """Numbers between `low` and `high`, elementwise.
+    """Numbers between `low` and `high`, elementwise."""
 
-    Parameters
-    ----------
-    low, high
-        Ends, of the same shape; an empty or undefined range is ``-inf`` to ``inf``.
-    """
-
-    low: Array
+    low: Array  # ends, of the same shape; an empty or undefined range is -inf to inf
     high: Array
 
     __array_ufunc__ = None

@@ -2,23 +2,49 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
 
 FIRST_PARTS: Final = 64
 MOST_PARTS: Final = 1024
-MOST_HALVINGS: Final = 60
 DISTANCES: Final = (1e-8, 1e-6)
 """Distances from a place at which the power is told, in lengths of the interval."""
 LEAST_INTEGRABLE: Final = -0.999
+
+IsOpen = Callable[[Places, Array, Array], NDArray[np.bool_]]
+
+
+def find_open_places(is_open: IsOpen, low: Array, high: Array) -> tuple[Places, Array]:
+    """Places in n intervals whose surroundings stay open however often they are halved.
+
+    `is_open` says which parts, from one array of ends to another, of the intervals of these numbers
+    are. The first 1024 parts of a length are followed. The numbers of intervals and the places,
+    both ascending.
+    """
+    numbers = np.arange(low.size)
+    least = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high)).max())
+    while True:
+        left = is_open(numbers, low, high)
+        numbers, low, high = (
+            numbers[left][:MOST_PARTS],
+            low[left][:MOST_PARTS],
+            high[left][:MOST_PARTS],
+        )
+        middle = 0.5 * (low + high)
+        if not numbers.size or (high - low).max() <= least:
+            return numbers, middle
+        numbers = np.repeat(numbers, 2)
+        low, high = (np.stack(p, axis=1).ravel() for p in ((low, middle), (middle, high)))
 
 
 @lru_cache(maxsize=1024)
@@ -26,38 +52,34 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
     """The first place in (begin, end] where the integral of a formula is infinite, and its power.
 
     A place is looked at where its range is not bounded however short the interval is; the power of
-    the distance is told by values beside it, -1 and less is not integrable. None: there is none, or
-    there are more places than can be looked at.
+    the distance is told by values beside it, -1 and less is not integrable. None: there is none.
     """
     (name,) = formula.names or ("",)
     edges = np.linspace(begin, end, FIRST_PARTS + 1)
-    low, high = edges[:-1], edges[1:]
-    least = 4 * np.spacing(max(abs(begin), abs(end)))
+
+    def is_open(_: Places, low: Array, high: Array) -> NDArray[np.bool_]:
+        try:
+            found = formula.evaluate({name: Interval(low, high)}, INTERVAL_FUNCTIONS)
+        except ExpressionError:
+            # of some functions of derivatives no range is known
+            found = 0.0
+        return is_unbounded(found, low)
+
     with np.errstate(all="ignore"):
-        for _ in range(MOST_HALVINGS):
-            try:
-                found = formula.evaluate({name: Interval(low, high)}, INTERVAL_FUNCTIONS)
-            except ExpressionError:
-                # of some functions of derivatives no range is known
-                return None
-            if not isinstance(found, Interval):
-                return None
-            bounded = np.isfinite(found.low) & np.isfinite(found.high)
-            low, high = low[~bounded], high[~bounded]
-            if not low.size or low.size > MOST_PARTS:
-                return None
-            if (high - low).max() <= least:
-                break
-            middle = 0.5 * (low + high)
-            low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
-            low, high = np.sort(low), np.sort(high)
         length = end - begin
-        for place in 0.5 * (low + high):
+        for place in find_open_places(is_open, edges[:-1], edges[1:])[1].tolist():
             if place - begin > DISTANCES[1] * length:
-                power = _power_at(formula, name, float(place), length, end)
+                power = _power_at(formula, name, place, length, end)
                 if power <= LEAST_INTEGRABLE:
-                    return float(place), round(power, 3)
+                    return place, round(power, 3)
     return None
+
+
+def is_unbounded(found: Interval | float, like: Array) -> NDArray[np.bool_]:
+    """Where a range is infinite, in the shape of `like`; a number is none."""
+    if not isinstance(found, Interval):
+        return np.zeros(like.shape, dtype=bool)
+    return np.asarray(~(np.isfinite(found.low) & np.isfinite(found.high)))
 
 
 def _power_at(formula: Expression, name: str, place: float, length: float, end: float) -> float:

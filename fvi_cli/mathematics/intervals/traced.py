@@ -34,20 +34,11 @@ ROUND_OFF = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class Traced:
-    """A value over n intervals of the time.
+    """A value over n intervals of the time."""
 
-    Parameters
-    ----------
-    box
-        Its range on each, shape ``(n,)``.
-    seen
-        Samples, shape ``(n, k)``.
-    doubtful
-        Where the range of any function so far is far beyond its samples, ``(n,)``; shared.
-    """
-
-    box: Interval
-    seen: Array
+    box: Interval  # its range on each, shape (n,)
+    seen: Array  # samples, shape (n, k)
+    # where the range of any function so far is far beyond its samples, (n,); shared
     doubtful: NDArray[np.bool_] = field(repr=False)
 
     __array_ufunc__ = None

@@ -20,13 +20,8 @@ def matrix_power(matrix: Array, exponent: float) -> Array:
     and a factor B more where the exponent is positive. Eigenvectors, which lose digits, are not
     used.
 
-    Parameters
-    ----------
-    matrix
-        B, shape ``(m, m)``, its eigenvalues of size 1/70 to 1 and within 75 degrees of the
-        positive axis, as those of Gauss, Radau IIA and Lobatto IIIC methods.
-    exponent
-        :math:`\theta` in (-1, 1).
+    B is ``(m, m)``, its eigenvalues of size 1/70 to 1 and within 75 degrees of the positive axis,
+    as those of Gauss, Radau IIA and Lobatto IIIC methods.
 
     Raises
     ------

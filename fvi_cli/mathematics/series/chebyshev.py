@@ -38,17 +38,8 @@ def in_rows(values: Array, matrix: Array) -> Array:
 def evaluate_series(coefficients: Array, rows: Places, z: Array) -> Array:
     """Values of some of N series at places of their own, by Clenshaw's recurrence.
 
-    Parameters
-    ----------
-    coefficients
-        Shape ``(K, N, d)``.
-    rows, z
-        Number of the series, and the place in [-1, 1], both ``(n,)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(n, d)``.
+    From coefficients ``(K, N, d)``, numbers of the series and places in [-1, 1], both ``(n,)``, to
+    ``(n, d)``.
     """
     twice = 2.0 * z[:, None]
     last, before = coefficients[-1][rows], np.zeros((rows.size, coefficients.shape[2]))

@@ -37,23 +37,15 @@ class PowerSeries:
     Exponents closer than 1e-9 are one exponent; exponents that close to an integer are that
     integer. A coefficient that is smaller than the round-off of the sum it comes from is 0.
 
-    Parameters
-    ----------
-    exponents
-        The powers :math:`\sigma_i`, shape ``(n,)``; they may be negative.
-    coefficients
-        The :math:`c_i`, shape ``(n,)``.
-    cutoff
-        Q: terms from here on are not known, and dropped. Infinite for a finite sum known exactly.
-
     Raises
     ------
     SeriesError
         If a coefficient is not finite, or more than 512 terms remain.
     """
 
-    exponents: Array
-    coefficients: Array
+    exponents: Array  # the powers sigma_i, shape (n,); they may be negative
+    coefficients: Array  # the c_i, shape (n,)
+    # Q: terms from here on are not known, and dropped. Infinite for a finite sum known exactly
     cutoff: float
     # NumPy scalars on the left must leave the operation to this class.
     __array_ufunc__ = None

@@ -20,19 +20,9 @@ CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
 def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[Array, Array]:
     r"""Sort terms, add up those of one exponent, drop zeros and all from the cutoff on.
 
-    Parameters
-    ----------
-    exponents
-        Shape ``(n,)``, any order, with repetitions.
-    coefficients
-        Shape ``(n, ...)``; a sum below 16 units of round-off of its own terms counts as 0.
-    cutoff
-        Exponents from here on (less 1e-9) are dropped.
-
-    Returns
-    -------
-    tuple[Array, Array]
-        Increasing exponents ``(m,)`` and coefficients ``(m, ...)``.
+    Exponents ``(n,)`` in any order, with repetitions, and coefficients ``(n, ...)``; those from the
+    cutoff on, less 1e-9, are dropped. A sum below 16 units of round-off of its own terms counts as
+    0.
 
     Raises
     ------

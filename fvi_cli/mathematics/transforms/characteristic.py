@@ -31,23 +31,15 @@ _CONVERGED = 4 * np.finfo(np.longdouble).eps
 class CharacteristicFunction:
     r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform.
 
-    Parameters
-    ----------
-    mass
-        m > 0.
-    stiffness
-        k, of any sign.
-    damping
-        Pairs :math:`(\gamma_j, \mu_j)` with orders in (0, 2) and coefficients of any sign.
-
     Raises
     ------
     ValueError
         For a mass that is not positive, an order outside (0, 2), or a number that is not finite.
     """
 
-    mass: float
-    stiffness: float = 0.0
+    mass: float  # m > 0
+    stiffness: float = 0.0  # k, of any sign
+    # pairs (gamma_j, mu_j) with orders in (0, 2) and coefficients of any sign
     damping: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -73,14 +65,9 @@ class CharacteristicFunction:
 
 @dataclass(frozen=True, kw_only=True)
 class CharacteristicSum:
-    r"""Any sum of powers :math:`\sum_p c_p s^p`, such as one with relaxation laws, multiplied out.
+    r"""Any sum of powers :math:`\sum_p c_p s^p`, as with relaxation laws, multiplied out."""
 
-    Parameters
-    ----------
-    terms
-        Pairs (power of s, coefficient), powers falling, nothing that is zero.
-    """
-
+    # pairs (power of s, coefficient), powers falling, nothing that is zero
     terms: tuple[tuple[float, float], ...]
 
 
@@ -89,27 +76,15 @@ AnyCharacteristic = CharacteristicFunction | CharacteristicSum
 
 @dataclass(frozen=True, kw_only=True)
 class ZeroCluster:
-    r"""Zeros of a characteristic function that lie close together; nearly always a single one.
+    r"""Zeros of a characteristic function that lie close together; nearly always a single one."""
 
-    Parameters
-    ----------
-    center
-        The zero, or the middle of the cluster; its argument lies in [0, pi).
-    radius
-        No zero of the cluster is farther from the center than this, relative to abs(center).
-    clearance
-        Every other zero, and the branch point, is at least about this far away, relative too.
-    multiplicity
-        How many zeros there are, on both sides of the real axis if `is_real`.
-    is_real
-        Whether the cluster is its own mirror image. Otherwise there is another one at the
-        conjugate.
-    """
-
-    center: np.clongdouble
+    center: np.clongdouble  # the zero, or the middle of the cluster; its argument lies in [0, pi)
+    # no zero of the cluster is farther from the center than this, relative to abs(center)
     radius: float
+    # every other zero, and the branch point, is at least about this far away, relative too
     clearance: float
-    multiplicity: int
+    multiplicity: int  # how many zeros there are, on both sides of the real axis if `is_real`
+    # whether the cluster is its own mirror image. Otherwise there is another one at the conjugate
     is_real: bool
 
 

@@ -46,25 +46,11 @@ def contour_response(
 ) -> Array:
     r"""Inverse Laplace transform of :math:`N(s)/P(s)`, times :math:`e^{-l t}`.
 
-    Parameters
-    ----------
-    characteristic
-        P.
-    zeros
-        Its zeros, from :func:`characteristic_zeros`.
-    numerator
-        N as a mapping from powers of s to coefficients, every power at most that of P less 1.
-    time
-        Times >= 0, any shape.
-    decay
-        l >= 0, for transforms N(s + l)/P(s + l).
-
-    Returns
-    -------
-    Array
-        The response at every time, to about 1e-14 of its own size near and after that time. Where
-        ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
-        abs(pole) on top.
+    The zeros of P are those of :func:`characteristic_zeros`; N maps powers of s, at most that of P
+    less 1, to coefficients; :math:`l \ge 0` is for transforms N(s + l)/P(s + l). At times >= 0 of
+    any shape the response is right to about 1e-14 of its own size near and after that time. Where
+    ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
+    abs(pole) on top.
 
     Raises
     ------

@@ -56,16 +56,13 @@ def integrate_with_impacts(
 
     Steps are T / N long, and shorter behind the start, break points and impacts.
 
+    All ends of steps are reported; the times of the impacts come by name. Endless rebounds end the
+    run at the time to which they converge, with a remark.
+
     Raises
     ------
     ValueError
         For a start behind a surface, or on it and moving through it.
-
-    Returns
-    -------
-    tuple
-        The run with its steps, all of whose ends are reported; and the times of the impacts by
-        name. Endless rebounds end the run at the time to which they converge, with a remark.
     """
     began = clock.perf_counter()
     surfaces = {
