@@ -75,7 +75,7 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
     return None
 
 
-def is_unbounded(found: Interval | float, like: Array) -> NDArray[np.bool_]:
+def is_unbounded(found: object, like: Array) -> NDArray[np.bool_]:
     """Where a range is infinite, in the shape of `like`; a number is none."""
     if not isinstance(found, Interval):
         return np.zeros(like.shape, dtype=bool)
