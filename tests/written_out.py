@@ -107,7 +107,6 @@ def integrate_written_out(scene: Scene, method: Method, n_steps: int) -> Written
         pull = _derivatives(scene, points, velocity[k], time)[1]
         position[k + 1] = position[k] + increments[-1]
         momentum[k + 1] = momentum[k] + h * tables.weights @ (pull - force) + moments[k].sum(axis=0)
-        increments = tables.extrapolation @ increments
     return WrittenOut(position=position, momentum=momentum, velocity=velocity)
 
 

@@ -13,8 +13,7 @@ from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.damping.damping import damping_of, writes_out
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.engine.block_lengths import longest_in_batch
-from fvi_cli.integrator.engine.frame import sampling_of
+from fvi_cli.integrator.engine.frame import longest_in_batch, sampling_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.memory.exponentials import Exponentials

@@ -34,9 +34,6 @@ class StepTables:
         Rule :math:`(\chi_i, \beta_i)` of the fractional action, shape ``(m,)``.
     sample_basis
         :math:`l_\nu(\chi_i)`, shape ``(s + 1, m)``.
-    extrapolation
-        Increments of the next step from those of this one by continuing the polynomial,
-        shape ``(s, s)``.
     control_points
         The points :math:`d_\nu`, shape ``(s + 1,)``.
     """
@@ -50,7 +47,6 @@ class StepTables:
     sample_points: Array
     sample_weights: Array
     sample_basis: Array
-    extrapolation: Array
 
     @cached_property
     def mass_matrix(self) -> Array:
@@ -108,7 +104,6 @@ def step_tables(method: Method) -> StepTables:
         # momentum is that between the halves
         sample_points, sample_weights = np.array([0.0, 1.0]), np.array([0.5, 0.5])
         sampled = basis.values(sample_points)
-    ahead = basis.values(1.0 + basis.control_points[1:])
     return StepTables(
         degree=method.degree,
         control_points=basis.control_points,
@@ -119,5 +114,4 @@ def step_tables(method: Method) -> StepTables:
         sample_points=sample_points,
         sample_weights=sample_weights,
         sample_basis=sampled,
-        extrapolation=ahead[1:].T - np.eye(method.degree)[-1],
     )

@@ -15,8 +15,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, damping_of
-from fvi_cli.integrator.engine.block_lengths import longest_block
-from fvi_cli.integrator.engine.frame import Frame, sampling_of
+from fvi_cli.integrator.engine.frame import Frame, longest_block, sampling_of
 from fvi_cli.integrator.engine.law import Law, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator

@@ -15,11 +15,20 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
+from fvi_cli.integrator.engine.law import Law
 from fvi_cli.integrator.engine.tables import apply_to_each, on_every_component, on_steps
 from fvi_cli.integrator.memory.lag_sequences import constant_lags, expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Places
+
+STEPS_OF_BLOCK = 64
+"""Twice as many take as long for linear scenes, and double what round-off does near order 2."""
+SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 512
+"""Inputs of a block at most: B i e."""
+SIZE_IN_BATCH = 24
+"""The same where every member has matrices of its own, which must stay in the cache."""
+CACHE = 2**15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,6 +209,17 @@ class Frame:
             part.__dict__.pop(name, None)
         return part
 
+    def shortened(self, share: float) -> Frame:
+        """The same where all forces and displacements are so many times as large."""
+        part = copy.copy(self)
+        for name in ("kicks", "mean", "points", "tests"):
+            part.__dict__.pop(name, None)
+        for name in ("h", "to_loads", "test_sum", "weights", "displacement"):
+            setattr(part, name, share * getattr(self, name))
+        part.stiff = share * share * self.stiff
+        part.damp = [share * one for one in self.damp]
+        return part
+
     @property
     def local(self) -> tuple[Array, ...]:
         """For every direction inputs to forces, ``(q or 1, B m, B i)``."""
@@ -254,3 +274,26 @@ class Frame:
         """Load vectors of remainders ``(q, n r, w)`` of `count` steps, ``(q, n (s + 1) e)``."""
         by_step = rest.reshape(len(rest), count, -1)
         return np.asarray(np.matmul(by_step, self.tests.T).reshape(len(rest), -1))
+
+
+def longest_block(law: Law, members: int, inputs: int) -> int:
+    """Steps of the longest block of members with so many inputs of a step."""
+    size, largest = inputs, SIZE_OF_LINEAR if law.is_linear else SIZE_OF_NEWTON
+    if law.has_rates:
+        size *= 2
+    if members > 1:
+        is_large = members * SIZE_IN_BATCH**2 > CACHE
+        largest = min(largest, SIZE_IN_BATCH if is_large else 2 * SIZE_IN_BATCH)
+    return _steps_of(size, largest)
+
+
+def longest_in_batch(inputs: int, *, is_linear: bool) -> int:
+    """The same for a member of a batch with so many inputs of a step, whatever others are in it."""
+    return _steps_of(inputs, 2 * SIZE_IN_BATCH if is_linear else SIZE_IN_BATCH)
+
+
+def _steps_of(size: int, largest: int) -> int:
+    most = STEPS_OF_BLOCK
+    while most > 1 and most * size > largest:
+        most //= 2
+    return most

@@ -22,6 +22,7 @@ from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.engine.tables import apply
 from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.convergence import find_roots
 
 
 class Linearisation(NamedTuple):
@@ -278,8 +279,6 @@ class General:
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """By Newton's iteration, for every member by itself."""
-        from fvi_cli.mathematics.convergence import find_roots
-
         e = x.shape[-1]
 
         def mismatch(v: Array) -> tuple[Array, Array, Array]:

@@ -2,8 +2,9 @@ r"""Newton's iteration on a block of steps, for all members at once.
 
 With second derivatives that are fixed, the points of a block are
 ``begin + fold . remainder(points)``. Single steps have second derivatives at every point, made anew
-where the iteration is slow; blocks have one linearisation for all points, and where they do not
-contract they are taken in shorter pieces.
+where the iteration is slow; where it leads away, the solution is followed from the beginning of the
+step. Blocks have one linearisation for all points, and where they do not contract they are taken in
+shorter pieces.
 """
 
 from __future__ import annotations
@@ -13,15 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
+from fvi_cli.integrator.engine.branch import follow
 from fvi_cli.integrator.engine.law import Law
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import Mask, State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Places
-from fvi_cli.mathematics.convergence import NEGLIGIBLE, NOISE, SLOW, UNIT
-
-ITERATIONS = 60
+from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, UNIT
 
 
 @dataclass(eq=False, kw_only=True)
@@ -128,8 +128,8 @@ class Newton:
         points, rest = self._first()
         live, done, failed = state.live, ~state.live, np.zeros(q, dtype=bool)
         everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
-        floor: Array | None = None
         renewed: Places | None = None
+        followed = np.zeros(q, dtype=bool)
         changes: list[Array] = []
         limit = before = size = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
@@ -170,15 +170,15 @@ class Newton:
             done = np.asarray(good.all(axis=1))
             stuck = live & slow.any(axis=1)
             if stuck.any():
-                if floor is None:
-                    floor = NOISE * self._floor(rest, points)
+                floor = NOISE * self._floor(rest, points)
                 done |= stuck & (good | (change <= floor)).all(axis=1)
                 stuck &= ~done
-                hopeless = stuck & ~np.isfinite(change).all(axis=1)
-                if self.guess is None:
-                    # equations of a block contract the better the longer they are iterated
-                    hopeless |= stuck & (slow & ~(change < before)).any(axis=1)
-                elif (stuck & ~hopeless).any():
+                hopeless = stuck & (slow & ~(change < before)).any(axis=1)
+                # equations of a block contract the better the longer they are iterated
+                if self.guess is not None:
+                    for place in np.flatnonzero(hopeless & ~followed).tolist():
+                        hopeless[place] = not self._follow(place, points)
+                        followed[place] = True
                     renewed = np.flatnonzero(stuck & ~hopeless)
                     self._renew(renewed, points)
                 failed |= hopeless
@@ -226,8 +226,20 @@ class Newton:
         total += apply(np.abs(self.fold), rounded.reshape(self.q, -1))
         return UNIT * self._largest(total + np.abs(points))
 
+    def _follow(self, place: int, points: Array) -> bool:
+        """Put the points of a member where they are connected with the beginning of the step."""
+        one = np.array([place])
+        damping = None if self.damping is None else self.damping.of(one)
+        frame = self.op.frame.of(one)
+        found = follow(self.law.of(one), damping, frame, self.state.of(one), self.known[one])
+        if found is not None:
+            points[one] = frame.points_of(found[:, None])
+        return found is not None
+
     def _renew(self, places: Places, points: Array) -> None:
         """Take the second derivatives of some members where they are now."""
+        if not places.size:
+            return
         op, e = self.op, self.e
         at = points.reshape(self.q, self.n, self.width)
         v = at[..., e:] if self.law.has_rates else None

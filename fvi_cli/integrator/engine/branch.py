@@ -1,0 +1,87 @@
+r"""The solution of a step that is connected with its beginning.
+
+Far from its solution Newton's iteration may end at another one: where a motion is infinite within
+a step, at one behind the infinity. So where it leads away from its guess, the step is not taken by
+a remedy that only converges. All forces of the step are multiplied by :math:`\theta`, and
+displacements too, which for the law alone is a step of length :math:`\theta h`; the solution is
+followed from free motion at 0 to 1 by parts over which Newton's iteration contracts from its first
+change on (Deuflhard, Newton Methods for Nonlinear Problems, 2004, chapter 5). Where the motion has
+no such solution up to its end, the parts become short without end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fvi_cli.integrator.damping.damping import Damping
+from fvi_cli.integrator.engine.frame import Frame
+from fvi_cli.integrator.engine.law import Law
+from fvi_cli.integrator.engine.operator import Operator
+from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.engine.tables import apply, largest
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.convergence import ITERATIONS, NOISE, SLOW, UNIT
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+LONGEST_PART, SHORTEST_PART = 0.25, 2.0**-10
+CLOSE = 1e-6
+"""Part of the unknowns by which a part of the way may miss its solution."""
+
+
+def follow(
+    law: Law, damping: Damping | None, frame: Frame, state: State, known: Array
+) -> Array | None:
+    """U of a step of one member, ``(1, s, e)``; None where the solution ends before.
+
+    Parameters
+    ----------
+    law, damping, frame, state
+        Of the member.
+    known
+        Known loads with the sign of the left side, ``(1, (s + 1) e)``.
+    """
+    s, points = frame.tables.degree, frame.tables.control_points[1:]
+    unknowns = points[:, None] * law.velocity(state.x, state.p, state.t)[:, None]
+    done, part = 0.0, LONGEST_PART
+    while done < 1.0:
+        end = min(1.0, done + part)
+        guess = unknowns
+        if done:
+            # the same polynomial, on the longer step
+            longer = lobatto_basis(s).values(end / done * points)[1:].T * (done / end)
+            guess = np.matmul(longer, unknowns)
+        found = _solve(law, damping, frame.shortened(end), state, end * known, guess)
+        if found is None:
+            part *= 0.5
+            if part < SHORTEST_PART:
+                return None
+            continue
+        unknowns, done, part = found, end, min(2.0 * part, LONGEST_PART)
+    return unknowns
+
+
+def _solve(
+    law: Law, damping: Damping | None, frame: Frame, state: State, known: Array, guess: Array
+) -> Array | None:
+    """Newton's iteration with its own derivatives each time; None where it does not contract."""
+    begin = np.concatenate([state.x, state.p], axis=1)
+    e = state.x.shape[1]
+    times = state.t + frame.h * frame.tables.points
+    noise = NOISE * UNIT * np.abs(state.x) / frame.h
+    unknowns, before = guess, np.full((1, e), np.inf)
+    for _ in range(ITERATIONS):
+        points = frame.points_of(unknowns[:, None]).reshape(1, times.size, -1)
+        v = points[..., e:] if law.has_rates else None
+        at = law.linearise(state.x[:, None] + points[..., :e], v, times, per_point=True)
+        op = Operator(frame, at, damping, is_linear=False)
+        rest = law.remainder(at, state.x, points, times, np.zeros_like(points))
+        found = apply(op.start, begin) - apply(op.by_load, known)
+        found += apply(op.by_load, frame.loads_of(rest, 1))
+        found = found.reshape(guess.shape)
+        change = largest(np.abs(found - unknowns))
+        if (change <= CLOSE * largest(np.abs(found)) + noise).all():
+            return found
+        if not (change <= SLOW * before).all():
+            return None
+        unknowns, before = found, change
+    return None
