@@ -12,7 +12,7 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
 from fvi_cli.config.keys.store import Store
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.integrator.observations.request import (
     Event,
@@ -70,7 +70,7 @@ def read_observations(
         return Observations()
     _check_neighbours(settings, methods, given[0], at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
-    names = tuple(dict.fromkeys((*of_surfaces, *work_names(problem.scene))))
+    names = tuple(dict.fromkeys((*of_surfaces, *damper_names(problem.scene))))
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}

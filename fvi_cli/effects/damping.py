@@ -41,10 +41,14 @@ class FractionalDamping(MatrixForce):
         coefficient: ArrayLike | SparseMatrix | Factored | None = None,
         form: Form | None = None,
         factored: Factored | None = None,
+        name: str = "",
+        number: int = 0,
     ) -> None:
         if not 0.0 < order < 2.0:
             raise ArgumentError("order", f"{order!r} is not allowed; it must lie in (0, 2)")
-        super().__init__(coefficient=coefficient, form=form, factored=factored)
+        super().__init__(
+            coefficient=coefficient, form=form, factored=factored, name=name, number=number
+        )
         object.__setattr__(self, "order", float(order))
 
     @property

@@ -44,6 +44,8 @@ class MatrixForce(MatrixEffect):
     """
 
     factored: Factored | None = None
+    name: str = ""  # a word that formulas know it by
+    number: int = 0  # place among the dampers of a scene, from 1; 0: behind those that have one
 
     def __init__(
         self,
@@ -51,6 +53,8 @@ class MatrixForce(MatrixEffect):
         coefficient: ArrayLike | SparseMatrix | Factored | None = None,
         form: Form | None = None,
         factored: Factored | None = None,
+        name: str = "",
+        number: int = 0,
     ) -> None:
         if coefficient is not None:
             factored = coefficient if isinstance(coefficient, Factored) else None
@@ -60,11 +64,22 @@ class MatrixForce(MatrixEffect):
             raise TypeError("coefficient: it is missing")
         object.__setattr__(self, "form", form)
         object.__setattr__(self, "factored", factored)
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "number", number)
 
     @property
     def coefficient(self) -> Array:
         """The matrix with all its zeros, shape ``(d, d)``."""
         return dense(self.form)
+
+    @property
+    def inner(self) -> Form:
+        """The matrix that acts on the deformation, shape ``(c, c)``."""
+        return self.form if self.factored is None else self.factored.inner
+
+    def deformation(self, motion: Array) -> Array:
+        """What the force acts on, y = B q, from ``(..., d)`` to ``(..., c)``."""
+        return motion if self.factored is None else np.asarray(motion @ self.factored.rows.T)
 
     @cached_property
     def is_active(self) -> bool:

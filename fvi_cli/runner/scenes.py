@@ -15,7 +15,7 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run import parts
@@ -95,7 +95,7 @@ def integrate(
         events=events,
         impacts=impacts,
         parameters=parameters,
-        further=work_names(scene),
+        further=damper_names(scene),
     )
     if not request.is_empty:
         _, reported = integrate_observed(

@@ -44,6 +44,12 @@ def neighbour_matrix(masses: int, ends: Ends) -> Array:
     return matrix
 
 
+def neighbour_rows(masses: int, ends: Ends) -> Array:
+    """Lengthenings of the springs of a chain, one per row, from left to right."""
+    rows = np.eye(masses + 1, masses) - np.eye(masses + 1, masses, k=-1)
+    return rows[int(ends == "none") : masses + int(ends == "both")]
+
+
 def chain(
     *,
     masses: int = 10,
@@ -64,7 +70,7 @@ def chain(
     return linear_oscillator(
         mass=mass * np.eye(masses),
         stiffness=stiffness * neighbours,
-        **with_dampers(data, neighbours, dampers),
+        **with_dampers(data, neighbours, dampers, neighbour_rows(masses, ends)),
     )
 
 
@@ -156,7 +162,9 @@ def frame(
     return linear_oscillator(
         mass=mass_form,
         stiffness=stiffness_form,
-        **with_dampers(data, shear_form(np.ones(storeys)), dampers),
+        **with_dampers(
+            data, shear_form(np.ones(storeys)), dampers, neighbour_rows(storeys, "left")
+        ),
     )
 
 

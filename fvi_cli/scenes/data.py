@@ -13,7 +13,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, SparseMatrix, scaled
+from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, scaled, symmetric_form
 from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.arrays import Array
@@ -76,14 +76,30 @@ def per_coordinate(value: ArrayLike, size: int) -> Array:
     return np.full(size, float(vector)) if vector.ndim == 0 else vector
 
 
-Damper = tuple[float, float]
-"""Order and coefficient of a damper that stands beside every spring, or in every joint."""
+Damper = tuple[float, float] | tuple[float, float, str]
+"""Order, coefficient and name of a damper that stands beside every spring, or in every joint."""
 
 
-def with_dampers(data: SceneData, matrix: Form, dampers: Sequence[Damper]) -> SceneData:
-    r"""The data with terms :math:`c A D^\gamma q` before the others, A the `matrix`."""
-    terms = [
-        FractionalDamping(order=float(order), coefficient=scaled(matrix, float(c)))
-        for order, c in dampers
-    ]
+def with_dampers(
+    data: SceneData, matrix: Form, dampers: Sequence[Damper], rows: Array | None = None
+) -> SceneData:
+    r"""The data with terms :math:`c A D^\gamma q` before the others, A the `matrix`.
+
+    With `rows` B, :math:`A = B^T B`, their deformations are :math:`B q`.
+    """
+    others = *data.get("damping", ()), *data.get("laws", ())
+    before = max((one.number for one in others), default=0)
+    terms = []
+    for index, (order, coefficient, *name) in enumerate(dampers, start=before + 1):
+        c = float(coefficient)
+        kept = None if rows is None else Factored(rows=rows, inner=c * np.eye(len(rows)))
+        terms.append(
+            FractionalDamping(
+                order=float(order),
+                form=symmetric_form(scaled(matrix, c), "coefficient"),
+                factored=kept,
+                name="".join(map(str, name)),
+                number=index,
+            )
+        )
     return {**data, "damping": (*terms, *data.get("damping", ()))}

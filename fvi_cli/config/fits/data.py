@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fvi_cli.config.keys.fit import Data
+from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.request import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -71,6 +72,7 @@ def _motion(
     coordinates, found = problem.coordinates, []
     parameters = described.get("parameters", {})
     known = known_names(coordinates, (*parameters, *problem.inputs))
+    known = tuple(dict.fromkeys((*known, *damper_names(problem.scene))))
     for name, column in given.columns.items():
         if not isinstance(column, str):
             at.under("columns").refuse("parts are those of a response; name one column", name)

@@ -86,6 +86,8 @@ class Law(MatrixForce):
         The number or symmetric matrix A on which the law acts, shape ``(d, d)``.
     relaxed
         The modulus G0 >= 0 that is left in the end. A scene counts it among its stiffnesses.
+    spring
+        A relaxed modulus that a scene has counted so already.
     form, factored
         In place of the coefficient, as another law keeps it: for :func:`dataclasses.replace`.
 
@@ -98,6 +100,7 @@ class Law(MatrixForce):
     kernel: RelaxationKernel
     size: float
     relaxed: float = 0.0
+    spring: float = 0.0
 
     def __init__(
         self,
@@ -106,12 +109,17 @@ class Law(MatrixForce):
         size: float,
         coefficient: Coefficient | None = None,
         relaxed: float = 0.0,
+        spring: float = 0.0,
         form: Form | None = None,
         factored: Factored | None = None,
+        name: str = "",
+        number: int = 0,
     ) -> None:
-        super().__init__(coefficient=coefficient, form=form, factored=factored)
+        super().__init__(
+            coefficient=coefficient, form=form, factored=factored, name=name, number=number
+        )
         object.__setattr__(self, "kernel", kernel)
-        for name, value in (("size", size), ("relaxed", relaxed)):
+        for name, value in (("size", size), ("relaxed", relaxed), ("spring", spring)):
             if not 0 <= value < math.inf:
                 raise ArgumentError(name, f"{value!r} is not allowed; it must not be negative")
             object.__setattr__(self, name, float(value))
@@ -136,7 +144,7 @@ class Law(MatrixForce):
 
     def without_stiffness(self) -> Law:
         """What the law remembers, without its relaxed modulus."""
-        return replace(self, relaxed=0.0)
+        return replace(self, relaxed=0.0, spring=self.spring + self.relaxed)
 
 
 def positive(value: float, name: str) -> float:

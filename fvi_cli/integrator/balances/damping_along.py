@@ -105,13 +105,11 @@ def damping_along(
     method: Method,
     mesh: Mesh,
     steps: Sequence[RunSteps],
-    *,
-    is_separate: bool = False,
 ) -> DampingAlong | None:
     """The damping along runs on one mesh of scenes whose terms have the same pattern.
 
-    The mesh is that of whole runs, which may have ended before, all at the same step; with
-    `is_separate` every damping term and law has a direction of its own. None: nothing damps.
+    The mesh is that of whole runs, which may have ended before, all at the same step. None: nothing
+    damps.
     """
     reach = find_reach(scenes[0].active_forces) if scenes[0].is_sparse else None
     damping = damping_of(
@@ -121,7 +119,6 @@ def damping_along(
         steps=mesh.equivalent_steps,
         n_steps=None if method.is_runge_kutta else mesh.n_steps,
         reach=reach,
-        is_separate=is_separate,
     )
     if damping is None:
         return None

@@ -312,7 +312,6 @@ def damping_of(
     n_steps: int | None = None,
     modes: Sequence[Decoupling] | None = None,
     reach: Reach | None = None,
-    is_separate: bool = False,
 ) -> Damping | None:
     """The damping of scenes of one kind; None where nothing damps.
 
@@ -324,7 +323,7 @@ def damping_of(
         Of the mesh, as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     n_steps
         Number of equal steps, for backward differences.
-    modes, reach, is_separate
+    modes, reach
         As for :func:`fvi_cli.integrator.damping.directions.directions_of`.
 
     Raises
@@ -332,7 +331,7 @@ def damping_of(
     ValueError
         For backward differences without a number of steps.
     """
-    directions = directions_of(scenes, modes, reach, is_separate=is_separate)
+    directions = directions_of(scenes, modes, reach)
     if not directions:
         return None
     terms = tuple(dict.fromkeys(t for one in directions for row in one.terms for t in row))

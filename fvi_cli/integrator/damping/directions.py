@@ -48,10 +48,10 @@ class Direction:
     is_relative: bool
 
 
-def pattern_of(scene: Scene, *, is_separate: bool = False) -> Pattern:
+def pattern_of(scene: Scene) -> Pattern:
     """Which terms of a scene share a direction: scenes of one pattern are integrated together.
 
-    Terms whose matrices are multiples of each other share their sums; with `is_separate` none do.
+    Terms whose matrices are multiples of each other share their sums.
     """
     caputo = scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
     known: list[tuple[bool, Form, list[int]]] = []
@@ -59,7 +59,7 @@ def pattern_of(scene: Scene, *, is_separate: bool = False) -> Pattern:
         is_relative = caputo and isinstance(force, FractionalDamping) and force.order > 1
         _, direction = scale_and_direction(force)
         for other, matrix, places in known:
-            if not is_separate and other == is_relative and is_same_direction(matrix, direction):
+            if other == is_relative and is_same_direction(matrix, direction):
                 places.append(place)
                 break
         else:
@@ -71,8 +71,6 @@ def directions_of(
     scenes: Sequence[Scene],
     modes: Sequence[Decoupling] | None = None,
     reach: Reach | None = None,
-    *,
-    is_separate: bool = False,
 ) -> tuple[Direction, ...]:
     """Directions of scenes of one pattern.
 
@@ -84,12 +82,10 @@ def directions_of(
         The coordinates in which each falls apart, whose systems are members; None: in none.
     reach
         For one scene, what its dampers reach; None: all components.
-    is_separate
-        Whether every damping term and law has a direction of its own.
     """
     return tuple(
         _direction([[one.active_forces[k] for k in places] for one in scenes], modes, reach, above)
-        for places, above in pattern_of(scenes[0], is_separate=is_separate)
+        for places, above in pattern_of(scenes[0])
     )
 
 

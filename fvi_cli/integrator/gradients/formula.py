@@ -11,20 +11,24 @@ it depends on all of them: with a held fixed, the right-hand sides are different
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.gradients.observation import Observation
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
+from fvi_cli.integrator.observations.dampers import DamperForce, damper_values, dampers_of
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of
 
@@ -49,34 +53,66 @@ class Formula:
         self._own = own
         kinds = {own.derived.get(name, (name, 0))[0] for name in expression.names}
         self.is_of_motion = kinds <= {"", "v", "t"}
+        self._dampers = {
+            name: one for name, one in damper_values(run.scene).items() if name in kinds
+        }
         force = run.damping_force if kinds & {"a", "d"} else None
+
+        def forces(place: int | None, scene: Scene = run.scene) -> Sequence[Array | None]:
+            if place is None:
+                return (None if force is None else force[None],)
+            return forces_along([scene], [run.method], [run.steps], place)
+
+        self._forces = forces
         self._motion = DenseMotion(
-            scenes=(run.scene,),
-            steps=(run.steps,),
-            shapes=(run.steps,),
-            find_forces=lambda _: (None if force is None else force[None],),
+            scenes=(run.scene,), steps=(run.steps,), shapes=(run.steps,), find_forces=forces
         )
         self._places = self._motion.located(0, times)
         self.observation = Observation(run.steps, self._places)
         self.values = Observer(self._motion, [own]).along(expression)(*self._places)
 
-    def slopes(self) -> tuple[Array, Array, Array]:
-        """Derivatives by the position, the velocity and the damping force F, each ``(n, d)``."""
+    def slopes(self) -> tuple[Array, Array, Array, Mapping[int, Array]]:
+        """Derivatives by the position, the velocity and the damping force F, each ``(n, d)``.
+
+        And by the forces of single terms without their matrices, by the places of these among the
+        terms and laws of the scene.
+        """
         places, derived = self._places, self._own.derived
         observer = Observer(self._motion, [self._own])
         values = {**self._own.parameters, **observer.variables(self._expression, *places)}
         by = np.zeros((4, places[0].size, self._scene.dimension))
         position, velocity, acceleration, damping = by
         rows = {"": position, "v": velocity, "a": acceleration, "d": damping}
-        for name, rate in slopes_of(self._expression, values, derived).items():
-            prefix, index = derived[name]
-            rows[prefix][:, index] = rate
+        found = slopes_of(self._expression, values, {**derived, **self._dampers})
+        terms = dict[int, Array]()
+        for name, rate in found.items():
+            if name in derived:
+                prefix, index = derived[name]
+                rows[prefix][:, index] = rate
+                continue
+            value = self._dampers[name]
+            parts = dampers_of(self._scene)[value.place]
+            share = np.broadcast_to(rate, places[0].shape)[:, None]
+            unit = np.eye(1, parts[0].inner.shape[0], value.component)
+            if value.kind == "deformation":
+                position += share * _on_coordinates(parts[0], unit)
+                continue
+            for one in parts:
+                row = _on_coordinates(one, np.asarray(times(unit, one.inner)))
+                size = 1.0
+                if isinstance(one, Law):
+                    size = one.size
+                    position += one.spring * share * row
+                place = [*self._scene.damping, *self._scene.laws].index(one)
+                terms[place] = terms.get(place, 0.0) + size * share * row
         if acceleration.any():
             through = _through_accelerations(self._motion, places, acceleration)
             by[[0, 1, 3]] += through
         # there the damping is what the initial data make of it, see `rates`
-        damping[self._motion.time(*places) == 0.0] = 0.0
-        return position, velocity, -damping
+        at_start = self._motion.time(*places) == 0.0
+        for weights in (damping, *terms.values()):
+            weights[at_start] = 0.0
+        return position, velocity, -damping, terms
 
     def rates(self, variations: Sequence[Variation]) -> Array:
         """Derivatives by parameters with all these held, ``(n, p)``: what the scene itself does."""
@@ -89,9 +125,15 @@ class Formula:
         return found
 
     def _vary(self, index: int, scene: Scene, number: float) -> list[Array]:
-        motion = replace(self._motion, scenes=(scene,))
+        forces = partial(self._forces, scene=scene)
+        motion = replace(self._motion, scenes=(scene,), find_forces=forces)
         observer = Observer(motion, [self._resolve_names(index, number)])
         return [observer.along(self._expression)(*self._places)]
+
+
+def _on_coordinates(damper: DamperForce, row: Array) -> Array:
+    """A row ``(1, c)`` on the deformation as one on the coordinates, ``(1, d)``."""
+    return row if damper.factored is None else np.asarray(row @ damper.factored.rows)
 
 
 def _through_accelerations(

@@ -75,6 +75,7 @@ def gradient_of(
     ValueError
         For times outside of the run, names that are not known, and a number without derivatives.
     """
+    terms: Array | None = None
     named = resolve_names or (lambda index, value: Observations(coordinates=names_of(scene)))
     expression = quantity.expression(named(-1, 0.0), scene)
     run = LinearisedRun(scene, method, run_steps(scene, method, steps))
@@ -87,11 +88,16 @@ def gradient_of(
         formula = Formula(run, quantity.times, expression, named)
         observation, given = formula.observation, (formula.values,)
         (by_value,) = quantity.derivatives(*given)
-        by_position, by_velocity, by_force = (by_value[:, None] * o for o in formula.slopes())
+        *slopes, by_terms = formula.slopes()
         rates = by_value @ formula.rates(variations)
+        by_position, by_velocity, by_force = (by_value[:, None] * one for one in slopes)
+        if by_terms:
+            terms = np.zeros((len(run.coefficients), *run.steps.velocity.shape))
+            for place, one in by_terms.items():
+                terms[place] = observation.spread_force(by_value[:, None] * one)
     spread = observation.spread(by_position, by_velocity)
     by_stages = observation.spread_force(by_force) if by_force.any() else None
-    cotangent = run.adjoint(*spread, by_stages)
+    cotangent = run.adjoint(*spread, by_stages, terms)
     # one after the other: a disturbance is as large as the run
     found = [float(cotangent.along(disturbance(run, [one]))[0]) for one in variations]
     derivatives, value = np.array(found) + rates, float(quantity.value(*given))
@@ -122,7 +128,7 @@ class Sensitivities:
 
     def of(self, formula: Formula) -> Array:
         """Derivatives of an expression at n times of the run, ``(n, p)``."""
-        by_position, by_velocity, by_force = formula.slopes()
+        by_position, by_velocity, by_force, by_terms = formula.slopes()
         position, velocity = formula.observation.changes(self.tangent)
         found = formula.rates(self.variations)
         found += np.einsum("nd,pnd->np", by_position, position)
@@ -130,7 +136,15 @@ class Sensitivities:
         if by_force.any():
             force = formula.observation.force_changes(self.by_force)
             found += np.einsum("nd,pnd->np", by_force, force)
+        for place, one in by_terms.items():
+            force = formula.observation.force_changes(self.by_terms[:, place])
+            found += np.einsum("nd,pnd->np", one, force)
         return found
+
+    @cached_property
+    def by_terms(self) -> Array:
+        """Derivatives by the motion of forces of terms without matrices, ``(p, f, N, r, d)``."""
+        return self.run.plain_changes(self.tangent, self.change)
 
 
 def sensitivities(

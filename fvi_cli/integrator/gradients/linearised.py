@@ -189,9 +189,15 @@ class LinearisedRun:
     def damping_changes(self, tangent: Tangent, change: Disturbance) -> Array:
         """What disturbances do to F, ``(p, n, m, d)``."""
         found = change.damping.copy()
-        for own, unknowns, start in zip(found, tangent.unknowns, change.velocity, strict=True):
-            own += self._damped(self._known.along(np.matmul(self._to_inputs, unknowns), start))
+        for own, plain in zip(found, self.plain_changes(tangent, change), strict=True):
+            own += self._damped(plain)
         return found
+
+    def plain_changes(self, tangent: Tangent, change: Disturbance) -> Array:
+        """What disturbances do to :attr:`plain_forces` by the motion, ``(p, f, n, m, d)``."""
+        pairs = zip(tangent.unknowns, change.velocity, strict=True)
+        known = self._known
+        return np.array([known.along(np.matmul(self._to_inputs, o), start) for o, start in pairs])
 
     def _damped(self, plain: Array) -> Array:
         nothing = np.zeros(plain.shape[1:])
@@ -265,12 +271,18 @@ class LinearisedRun:
         self.step_solves += n
         return Tangent(position=positions, unknowns=unknowns)
 
-    def adjoint(self, position: Array, unknowns: Array, damping: Array | None = None) -> Cotangent:
+    def adjoint(
+        self,
+        position: Array,
+        unknowns: Array,
+        damping: Array | None = None,
+        terms: Array | None = None,
+    ) -> Cotangent:
         """What disturbances of all kinds do to one number.
 
         Given are its derivatives by positions at the points of the mesh, ``(n + 1, d)``, by the
-        unknowns of steps, ``(n, s, d)``, and by the force F of all damping at the stages,
-        ``(n, m, d)``.
+        unknowns of steps, ``(n, s, d)``, and at the stages by the force F of all damping,
+        ``(n, m, d)``, and of each term without its matrix, ``(f, n, m, d)``.
         """
         d, s, f = self.d, self.tables.degree, len(self.coefficients)
         end = np.concatenate([position[-1], np.zeros(d)])[:, None]
@@ -285,9 +297,13 @@ class LinearisedRun:
             by_step[:, :-1, -1] += h * own[:, :0:-1].cumsum(axis=1)[:, ::-1]
             direct = by_step.reshape(k, -1, 1)
             added = np.zeros((k, maps.whole.shape[2], 1))
-            if damping is not None and f:
-                force = damping[one.steps].reshape(k, 1, -1, d)
-                drawn = np.matmul(force, self.coefficients)
+            if f and not (damping is None and terms is None):
+                drawn = np.zeros((k, f, one.count * len(self._to_inputs), d))
+                if damping is not None:
+                    force = damping[one.steps].reshape(k, 1, -1, d)
+                    drawn += np.matmul(force, self.coefficients)
+                if terms is not None:
+                    drawn += terms[:, one.steps].reshape(f, k, -1, d).swapaxes(0, 1)
                 local = one.local[one.which, :f].swapaxes(2, 3)
                 pulled = np.matmul(local, drawn).sum(axis=1)
                 direct += self._unknowns(pulled.reshape(k, -1, 1))

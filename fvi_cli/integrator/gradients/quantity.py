@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression
@@ -34,8 +34,9 @@ class Quantity:
         From the same to its derivatives by them, of the same shapes; None: by complex steps, for
         which `value` must take complex arrays and be analytic (no abs, no max).
     of
-        An expression in t, coordinates, ``v<name>``, ``a<name>`` and ``d<name>``, or the name of a
-        quantity of an experiment; or a function from the names of the coordinates to it.
+        An expression in t, coordinates, ``v<name>``, ``a<name>``, ``d<name>``, ``force_1`` and
+        ``deformation_1`` of dampers, or the name of a quantity of an experiment; or a function from
+        the names of the coordinates to it.
 
     Raises
     ------
@@ -69,7 +70,9 @@ class Quantity:
         if text in quantities:
             text = quantities[text].text
         names = known_names(request.coordinates, (*request.parameters, *request.inputs))
-        works = [name for name in work_names(scene) if name not in names]
+        dampers = {name: o for name, o in damper_values(scene).items() if name not in names}
+        works = [name for name, one in dampers.items() if one.kind == "work"]
+        names = (*names, *(name for name in dampers if name not in works))
         try:
             found = Expression.parse(text, variables=(*names, *works))
         except ValueError as error:

@@ -34,7 +34,6 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.damper_work import damper_place, running_work
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
@@ -60,9 +59,9 @@ class DenseMotion:
     # steps on the same meshes that give the motion between their points; those of a run itself
     # where nothing better is known
     shapes: tuple[RunSteps, ...]
-    # damping forces of every member at the stages of its shape, (k, n, r, d), to be added up; with
-    # True one for each active damping term and law; None without damping
-    find_forces: Callable[[bool], Sequence[Array | None]]
+    # damping forces of every member at the stages of its shape, (k, n, r, d), to be added up; of
+    # the damper in a place what it remembers, on its deformation; None without damping
+    find_forces: Callable[[int | None], Sequence[Array | None]]
     remarks: tuple[str, ...] = ()  # of each; empty: none
 
     # the mesh
@@ -138,7 +137,7 @@ class DenseMotion:
         increments, rates = [], []
         for member, shape in enumerate(self.shapes):
             displacement = shape.tables.increments_to_series @ _first_axis(shape.unknowns)
-            rate = _stage_series(shape, shape.velocity)
+            rate = stage_series(shape, shape.velocity)
             if shape is not self.steps[member]:
                 gaps = np.stack(self._gaps(member)).reshape(3, -1)
                 to_displacement, to_rate = _corrections()
@@ -148,7 +147,7 @@ class DenseMotion:
                 )
             increments.append(displacement.reshape(len(displacement), shape.n_steps, -1))
             rates.append(rate.reshape(len(rate), shape.n_steps, -1))
-        return _join(increments), _join(rates)
+        return join_series(increments), join_series(rates)
 
     def _gaps(self, member: int) -> tuple[Array, Array, Array]:
         """What the shape lacks of mean velocities, and of velocities at both ends, ``(n, d)``.
@@ -205,24 +204,11 @@ class DenseMotion:
     def _force_series(self) -> Array:
         """Chebyshev coefficients of the damping force, ``(K, N, d)``."""
         found = []
-        for forces, shape in zip(self.find_forces(False), self.shapes, strict=True):
+        for forces, shape in zip(self.find_forces(None), self.shapes, strict=True):
             own = np.zeros_like(shape.velocity) if forces is None else forces.sum(axis=0)
-            series = _stage_series(shape, own)
+            series = stage_series(shape, own)
             found.append(series.reshape(len(series), shape.n_steps, -1))
-        return _join(found)
-
-    def work(self, name: str, steps: Places, tau: Array) -> Array:
-        """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
-        series = []
-        for scene, shape, forces in zip(self.scenes, self.shapes, self._dampers, strict=True):
-            place = damper_place(scene, name)
-            force = None if forces is None or place is None else forces[place]
-            series.append(running_work(shape, force)[..., None])
-        return evaluate_series(_join(series), steps, 2.0 * tau - 1.0)[:, 0]
-
-    @cached_property
-    def _dampers(self) -> Sequence[Array | None]:
-        return self.find_forces(True)
+        return join_series(found)
 
     def acceleration(self, steps: Places, tau: Array) -> Array:
         """Accelerations from the equation of motion, shape ``(n, d)``.
@@ -253,10 +239,10 @@ class DenseMotion:
     def _slope_series(self) -> Array:
         found = []
         for shape in self.shapes:
-            rate = _stage_series(shape, shape.velocity)
+            rate = stage_series(shape, shape.velocity)
             slope = 2.0 * slopes_of_series(len(rate)).T @ rate
             found.append(slope.reshape(len(slope), shape.n_steps, -1))
-        return _join(found)
+        return join_series(found)
 
     def _force_by_balance(self, scene: Scene, steps: Places, tau: Array) -> Array:
         """Damping force that the equation of motion asks for, shape ``(n, d)``."""
@@ -277,7 +263,7 @@ def _first_axis(values: Array) -> Array:
     return np.ascontiguousarray(values.swapaxes(0, 1)).reshape(values.shape[1], -1)
 
 
-def _stage_series(shape: RunSteps, values: Array) -> Array:
+def stage_series(shape: RunSteps, values: Array) -> Array:
     """Chebyshev coefficients of polynomials through values at the stages, ``(K, n d)``."""
     return np.asarray(shape.tables.stages_to_series @ _first_axis(values))
 
@@ -290,7 +276,7 @@ def _sum(one: Array, other: Array) -> Array:
     return found
 
 
-def _join(series: Sequence[Array]) -> Array:
+def join_series(series: Sequence[Array]) -> Array:
     """Series of members ``(K, n, d)`` one after the other, short ones with zeros."""
     if len(series) == 1:
         return series[0]

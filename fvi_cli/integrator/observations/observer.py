@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.dampers import DamperValue, damper_values, dampers_of
+from fvi_cli.integrator.observations.dampers_along import DampersAlong
 from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.pieces import by_owner
@@ -30,6 +31,7 @@ class Observer:
 
     def __init__(self, motion: DenseMotion, requests: Sequence[Observations]) -> None:
         self.motion, self.requests, self._first = motion, requests, requests[0]
+        self._of_damper = DampersAlong(motion)
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only what occurs in it is evaluated."""
@@ -58,12 +60,16 @@ class Observer:
                 if prefix not in columns:
                     columns[prefix] = sources[prefix](steps, tau)
                 values[name] = columns[prefix][:, index]
-        works = names.intersection(work_names(motion.scenes[0]))
-        for name in works - set(values) - set(self._first.parameters):
-            values[name] = motion.work(name, steps, tau)
+        dampers = names.intersection(self._dampers) - set(values) - set(self._first.parameters)
+        for name in sorted(dampers):
+            values[name] = self._of_damper(self._dampers[name], steps, tau)
         for name in names.intersection(self._first.inputs):
             values[name] = self._input(name, steps, time)
         return values
+
+    @cached_property
+    def _dampers(self) -> Mapping[str, DamperValue]:
+        return damper_values(self.motion.scenes[0])
 
     def _input(self, name: str, steps: Places, time: Array) -> Array:
         found = np.zeros(steps.size)
@@ -86,7 +92,7 @@ class Observer:
             events[0][name] = self._occurrences(*motion.located(0, time))
             events[0][name] = replace(events[0][name], time=time)
         for member, (scene, one) in enumerate(zip(motion.scenes, self.requests, strict=True)):
-            remarks[member] += _rough_works(scene, one)
+            remarks[member] += _rough_dampers(scene, one)
         runs, ends, stopped = list(trajectories), [float(one.time[-1]) for one in motion.steps], []
         for member, one in enumerate(self.requests):
             stopped.append("")
@@ -195,15 +201,21 @@ class Observer:
         )
 
 
-def _rough_works(scene: Scene, request: Observations) -> tuple[str, ...]:
-    """What is said of works on single dampers that keep the error of the first step."""
+def _rough_dampers(scene: Scene, request: Observations) -> tuple[str, ...]:
+    """What is said of single dampers that keep the error of the first step."""
     if not rate_jumps(scene):
         return ()
     formulas = [*(request.quantities or {}).values()]
     formulas += [one.when for one in (request.events or {}).values()]
     used = frozenset[str]().union(*(one.names for one in formulas))
-    pairs = zip(work_names(scene), scene.damping, strict=False)
-    found = [name for name, term in pairs if term.order > 1 and name in used]
+    every, values = dampers_of(scene), damper_values(scene)
+    found = [
+        name
+        for name, one in values.items()
+        if name in used
+        and one.kind != "deformation"
+        and any(getattr(part, "order", 0.0) > 1 for part in every[one.place])
+    ]
     return tuple(rough_remark(scene, f"{name} keeps") for name in found)
 
 

@@ -14,6 +14,7 @@ from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.dampers import damper_alone
 from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -57,12 +58,16 @@ def forces_along(
     scenes: Sequence[Scene],
     methods: Sequence[Method],
     shapes: Sequence[RunSteps],
-    is_separate: bool,
+    damper: int | None = None,
 ) -> list[Array | None]:
     """Damping forces at the stages of runs, those of one mesh and pattern of terms together.
 
-    Each ``(k, n, r, d)`` by direction, or by damper; None without damping.
+    Each ``(k, n, r, d)`` by direction, or of the damper in a place ``(1, n, r, c)`` on its
+    deformation; None without damping.
     """
+    if damper is not None:
+        alone = [damper_alone(s, damper, one) for s, one in zip(scenes, shapes, strict=True)]
+        scenes, shapes = [one[0] for one in alone], [one[1] for one in alone]
     found: list[Array | None] = [None] * len(scenes)
     groups: dict[Hashable, list[int]] = {}
     for index, (scene, method, one) in enumerate(zip(scenes, methods, shapes, strict=True)):
@@ -78,7 +83,6 @@ def forces_along(
             methods[first],
             shapes[first].mesh(scenes[first].break_points),
             [shapes[index] for index in places],
-            is_separate=is_separate,
         )
         if along is None:  # pragma: no cover - there are forces
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
@@ -85,6 +86,14 @@ _PositiveList = Annotated[
 ActsOn = Annotated[tuple[str, ...] | None, _DIRECTIONS]
 
 
+NAME: Final = key(
+    "What quantities know the damper by: force_top, deformation_top and work_top for name: top; "
+    "without it by its number, force_1: those under damping, then those under dampers.",
+    default=None,
+)
+Name = Annotated[str | None, Text(what="a word such as top", pattern=r"[A-Za-z]\w*")]
+
+
 class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
     """A term mu D^gamma q."""
 
@@ -94,6 +103,7 @@ class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
         unit="mass times time^(gamma-2)",
     )
     acts_on: ActsOn = _ACTS_ON
+    name: Name = NAME
 
     @property
     def factor(self) -> Any:
@@ -127,6 +137,7 @@ class KelvinVoigt(
         "Order gamma of the springpot; 1 is the dashpot of Kelvin and Voigt.", default=1.0
     )
     acts_on: ActsOn = _ACTS_ON
+    name: Name = NAME
 
     @property
     def factor(self) -> Any:
@@ -153,6 +164,7 @@ class LawTerm(Setting, refused=_WRONG_IN_LAWS):
         "zener, maxwell, prony, tempered: the same under another name, for matrices.", default=None
     )
     acts_on: ActsOn = _ACTS_ON
+    name: Name = NAME
 
     @property
     def factor(self) -> Any:
@@ -296,9 +308,11 @@ def build_damping(
 
 
 def effects_of(
-    terms: Sequence[Term], on: Callable[[Term, Any], Any], place: str
+    terms: Sequence[Term], on: Callable[[Term, Any], Any], place: str, *, before: int = 0
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
     """What the terms in the list at `place` make, by the coefficient for all coordinates.
+
+    Dampers are numbered behind those that are listed before.
 
     Raises
     ------
@@ -308,7 +322,9 @@ def effects_of(
     found: list[Effect] = []
     for index, term in enumerate(terms):
         try:
-            found.extend(term.effects(partial(on, term)))
+            made = term.effects(partial(on, term))
+            number = before + index + 1
+            found.extend(replace(one, name=term.name or "", number=number) for one in made)
         except ArgumentError as error:
             raise error.below(f"{place}.{index}") from None
     damping = tuple(one for one in found if isinstance(one, FractionalDamping))

@@ -145,7 +145,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             raise ArgumentError(forces[1], f"give this or {forces[0]}, not both")
         fields = type(self).__annotations__
         own = {n: one for n, one in vars(self).items() if n in fields and n not in _SHARED}
-        return type(self).make(**{**own, **data, **drivers})
+        scene = type(self).make(**{**own, **data, **drivers})
+        used = [name for _, name in {(o.number, o.name) for o in (*scene.damping, *scene.laws)}]
+        for name in sorted({name for name in used if name}):
+            if used.count(name) > 1:
+                raise ArgumentError("damping", f"two dampers have the name {name}")
+        return scene
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
         return build_forcing(

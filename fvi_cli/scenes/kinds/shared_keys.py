@@ -15,7 +15,7 @@ from fvi_cli.keys.settings import PlainSetting, Setting, key, record_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Damper, per_coordinate
 from fvi_cli.scenes.forces import by_coordinate
-from fvi_cli.scenes.kinds.damping_keys import ORDER, WRONG_NAMES, Order, alpha
+from fvi_cli.scenes.kinds.damping_keys import NAME, ORDER, WRONG_NAMES, Name, Order, alpha
 from fvi_cli.scenes.structures.matrix_keys import MASS_FILE
 
 WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
@@ -95,17 +95,18 @@ class DamperKeys(Setting, refused=WRONG_NAMES):
 
     order: Order = ORDER
     coefficient: float = key("Factor of the derivative.")
+    name: Name = NAME
 
     def value(self) -> Damper:
-        """Order and coefficient."""
-        return self.order, self.coefficient
+        """Order, coefficient and name."""
+        return self.order, self.coefficient, self.name or ""
 
 
 def dampers(unit: str, where: str = "") -> ListOf:
     """A list of dampers in many places; `where` tells that with another unit in the schema."""
     record = record_of(DamperKeys)
-    order, coefficient = record.keys
-    shape = replace(record, keys=(order, replace(coefficient, unit=unit)), variant=where)
+    order, coefficient, *others = record.keys
+    shape = replace(record, keys=(order, replace(coefficient, unit=unit), *others), variant=where)
     return ListOf(shape=shape, least=0, example="[{order: 0.5, coefficient: 0.2}]")
 
 

@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.matrices import scaled
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.scenes.chains import frame, shear_form
+from fvi_cli.scenes.chains import frame, neighbour_rows
 from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.kinds.damping_keys import AtStorey, Coefficient, Term, effects_of
 from fvi_cli.scenes.structures.rayleigh import Rayleigh
@@ -42,7 +41,7 @@ def frame_of_keys(
             raise ArgumentError("coefficient", "a damper between two floors has a number here")
         storey = term.storey if isinstance(term, AtStorey) else None
         if storey is None:
-            return scaled(shear_form(np.ones(count)), float(value))
+            return Directions(rows=neighbour_rows(count, "left")).factored(value)
         if storey > count:
             raise ArgumentError("storey", f"{storey} is not allowed; there are {count} storeys")
         row = np.zeros((1, count))
@@ -51,7 +50,9 @@ def frame_of_keys(
             row[0, storey - 2] = -1.0
         return Directions(rows=row).factored(value)
 
-    damping, laws = effects_of(dampers, between_floors, "dampers")
+    others = *data.get("damping", ()), *data.get("laws", ())
+    before = max((one.number for one in others), default=0)
+    damping, laws = effects_of(dampers, between_floors, "dampers", before=before)
     data["damping"] = (*damping, *data.get("damping", ()))
     data["laws"] = (*laws, *data.get("laws", ()))
     return frame(

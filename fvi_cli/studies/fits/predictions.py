@@ -14,6 +14,7 @@ from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
 from fvi_cli.integrator.gradients.observation import Observation
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
@@ -63,15 +64,16 @@ def predict_motion(
         if one.formula is None:
             values, slopes = (each[kind][places, one.component] for each in (motion, changes))
         else:
-            formula = Formula(
-                found.run, one.times, one.formula, _resolve_names(one, data, specified)
-            )
+            names = _resolve_names(one, data, specified, damper_values(scene))
+            formula = Formula(found.run, one.times, one.formula, names)
             values, slopes = formula.values, found.of(formula)
         predicted.append((values, slopes))
     return predicted
 
 
-def _resolve_names(one: Series, data: DataSet, specified: Specified) -> NameResolver:
+def _resolve_names(
+    one: Series, data: DataSet, specified: Specified, dampers: Mapping[str, object]
+) -> NameResolver:
     """The names in the formula of a series, with the parameters of the problem."""
 
     def resolve_names(index: int, number: float) -> Observations:
@@ -80,7 +82,7 @@ def _resolve_names(one: Series, data: DataSet, specified: Specified) -> NameReso
         parameters = dict(given) if isinstance(given, Mapping) else {}
         inputs: Mapping[str, Forcing | None] = {}
         names = one.formula.names if one.formula is not None else frozenset()
-        if names - set(known_names(data.coordinates, parameters)):
+        if names - set(known_names(data.coordinates, parameters)) - set(dampers):
             problem = build_problem(specification, search=False)
             inputs = problem.inputs if isinstance(problem, Problem) else {}
         return Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)

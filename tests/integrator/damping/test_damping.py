@@ -73,8 +73,6 @@ def test_what_may_not_stand_in_one_batch_has_another_pattern():
     shared = chain((0.5, COUPLING), (0.7, 2.0 * COUPLING))
     assert pattern_of(shared) != pattern_of(chain((0.5, COUPLING), (0.7, OTHER)))
     assert [len(one.terms[0]) for one in directions_of([shared])] == [2]
-    apart = directions_of([shared], is_separate=True)
-    assert [len(one.terms[0]) for one in apart] == [1, 1]
 
 
 @pytest.mark.parametrize("method", [Method(cq="bdf2", degree=1), Method(cq="gauss", degree=2)])
@@ -109,7 +107,13 @@ def step_sizes(method: Method, n: int) -> np.ndarray:
     return sizes * (8.0 / sizes.sum())
 
 
-def damping_on(scene: Scene, method: Method, sizes: np.ndarray, **more: bool) -> Damping:
+def alone(scene: Scene) -> list[Scene]:
+    """A scene with each of the dampers."""
+    terms = [replace(scene, damping=(one,), laws=()) for one in scene.active_damping]
+    return terms + [replace(scene, damping=(), laws=(one,)) for one in scene.active_laws]
+
+
+def damping_on(scene: Scene, method: Method, sizes: np.ndarray) -> Damping:
     shortest = float(sizes.min())
     found = damping_of(
         [scene],
@@ -117,7 +121,6 @@ def damping_on(scene: Scene, method: Method, sizes: np.ndarray, **more: bool) ->
         shortest_step=shortest,
         steps=float((shortest / sizes).sum()),
         n_steps=None if method.is_runge_kutta else len(sizes),
-        **more,
     )
     assert found is not None
     return found
@@ -135,16 +138,20 @@ def test_forces_of_dampers_add_up_and_their_work_is_stored_or_lost(name, case, n
     whole = damping_on(scene, method, sizes)
     inputs = rng.normal(size=(1, n, whole.tables(sizes[0], 1).kernels.n_inputs, 3))
     total = DampingAlong(damping=whole, step_sizes=sizes, inputs=inputs).forces().sum(axis=0)
-    apart = damping_on(scene, method, sizes, is_separate=True)
-    along = DampingAlong(damping=apart, step_sizes=sizes, inputs=inputs)
-    forces = along.forces()
-    assert len(forces) == len(scene.active_forces)
+    apart = [
+        DampingAlong(damping=damping_on(one, method, sizes), step_sizes=sizes, inputs=inputs)
+        for one in alone(scene)
+    ]
+    forces = np.concatenate([one.forces() for one in apart])
+    assert len(forces) == len(scene.active_forces) == len(apart)
     assert np.abs(forces.sum(axis=0) - total).max() < 1e-13 * np.abs(forces).max()
-    stored = along.stored()
-    assert (stored is None) == (not method.is_runge_kutta)
-    if stored is not None:
-        assert stored.min() >= 0.0
-    if case == "gauss2" and stored is not None and not scene.initial_velocity.any():
+    each = [one.stored() for one in apart]
+    assert [one is None for one in each] == [not method.is_runge_kutta] * len(apart)
+    if not method.is_runge_kutta:
+        return
+    stored = np.concatenate(each)
+    assert stored.min() >= 0.0
+    if case == "gauss2" and not scene.initial_velocity.any():
         # h sum b v.F is the increase of what is stored and what is lost
         work = 0.5 * sizes * np.einsum("fqnme,qnme->fqn", forces, inputs)
         assert (work - np.diff(stored)).min() > -1e-12 * np.abs(work).max()

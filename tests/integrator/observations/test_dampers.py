@@ -1,0 +1,326 @@
+"""Forces and works of single dampers, against balances and closed forms."""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from letters import spring
+
+import fvi_cli as fvi
+from fvi_cli.config import parse_config
+from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.errors import ConfigError
+from fvi_cli.integrator.gradients.gradient import gradient_of
+from fvi_cli.integrator.gradients.quantity import quantity_at
+from fvi_cli.integrator.gradients.variation import Variation
+from fvi_cli.integrator.observations.dampers import dampers_of
+from fvi_cli.integrator.observations.request import coordinate_names
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.expressions import Expression
+
+MATRIX = np.array([[2.0, -1.0], [-1.0, 1.0]])
+
+
+def scene(**changes: object) -> fvi.Scene:
+    given: dict[str, object] = {
+        "mass": np.eye(2),
+        "stiffness": 4.0 * MATRIX,
+        "damping": [
+            fvi.FractionalDamping(order=0.5, coefficient=np.diag([0.4, 0.0])),
+            fvi.FractionalDamping(order=1.0, coefficient=0.1 * MATRIX),
+        ],
+        "laws": (
+            fvi.fractional_zener(
+                order=0.6, time=0.4, relaxed=1.0, unrelaxed=3.0, coefficient=MATRIX
+            ),
+        ),
+        "initial_position": [1.0, 0.0],
+        "initial_velocity": [0.0, 0.7],
+        "final_time": 5.0,
+        **changes,
+    }
+    return spring(**given)
+
+
+@pytest.fixture(scope="module")
+def run() -> Trajectory:
+    works = {f"w{number}": f"work_{number}" for number in (1, 2, 3)}
+    rate = {"rate": "0.1*(2*vx1**2 - 2*vx1*vx2 + vx2**2)"}
+    return fvi.integrate(
+        scene(), "gauss4", 80, output=np.linspace(0.0, 5.0, 201), quantities={**works, **rate}
+    )
+
+
+def test_the_works_on_all_dampers_are_the_energy_that_is_lost(run):
+    found = run.observed.quantities
+    total = found["w1"] + found["w2"] + found["w3"]
+    assert abs(total[0]) < 1e-15
+    assert run.energy[0] - run.energy == pytest.approx(total, abs=1e-9)
+    # a law gives back some of what it has stored, a dashpot nothing
+    assert np.diff(found["w3"]).min() < -1e-4
+    assert np.diff(found["w2"]).min() >= 0.0
+
+
+def test_the_work_on_a_dashpot_is_the_integral_of_its_power(run):
+    found, h = run.observed.quantities, run.time[1]
+    rate = found["rate"]
+    simpson = h / 3.0 * (rate[0:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2])
+    assert found["w2"][2::2] == pytest.approx(np.cumsum(simpson), abs=2e-6)
+    assert run.observed.extents["w2"].peak == pytest.approx(found["w2"][-1], rel=1e-12)
+
+
+def test_a_damper_that_is_not_there_has_no_work():
+    with pytest.raises(ValueError, match="unknown name 'work_4'"):
+        fvi.integrate(scene(), "gauss2", 8, quantities={"w": "work_4"})
+    with pytest.raises(ValueError, match=r"work_1: the power of a Riemann-Liouville"):
+        fvi.integrate(
+            scene(derivative="riemann-liouville", laws=()), "gauss2", 8, quantities={"w": "work_1"}
+        )
+    text = (
+        "name: a\nproblem: {kind: pendulum, damping: [{order: 0.5, coefficient: 1}], final_time: 1}"
+        "\nladder: {steps: [8]}\nmethod: {rk: gauss, degree: 2}\nquantities: {w: work_2}\n"
+    )
+    with pytest.raises(ConfigError, match=r"a:5:17: quantities\.w: .*unknown name 'work_2'"):
+        parse_config(text, "a")
+    assert parse_config(text.replace("work_2", "work_1"), "a").experiments
+
+
+# --- forces and deformations ---
+
+
+def drawn(seed: int) -> fvi.Scene:
+    """A structure of a few storeys with springpots and laws of all kinds at drawn places."""
+    rng = np.random.default_rng(seed)
+    d, size = int(rng.integers(1, 5)), 10.0 ** rng.uniform(-4, 4)
+    names = coordinate_names(d)
+    rows = np.eye(d) - np.eye(d, k=-1)
+    springs = rows.T @ np.diag(rng.uniform(2.0, 9.0, d)) @ rows
+    between = [f"{names[k]} - {names[k - 1]}" if k else names[0] for k in range(d)]
+
+    def coefficient() -> object:
+        chosen = rng.choice(d, size=int(rng.integers(1, d + 1)), replace=False)
+        along = Directions.from_text([between[k] for k in sorted(chosen)], names)
+        return along.factored(np.diag(rng.uniform(0.2, 1.0, along.count)))
+
+    laws = (
+        fvi.fractional_zener(
+            order=rng.uniform(0.2, 0.9),
+            time=10.0 ** rng.uniform(-1, 1),
+            relaxed=rng.uniform(0.0, 2.0),
+            unrelaxed=rng.uniform(2.0, 4.0),
+            coefficient=coefficient(),
+        ),
+        fvi.prony(moduli=[1.0, 0.4], times=[0.2, 2.0], relaxed=0.5, coefficient=coefficient()),
+        fvi.tempered(order=rng.uniform(0.2, 0.8), rate=0.3, coefficient=coefficient()),
+    )
+    return spring(
+        mass=np.diag(rng.uniform(0.5, 2.0, d)),
+        stiffness=springs,
+        damping=(
+            fvi.FractionalDamping(order=rng.uniform(0.1, 0.9), coefficient=coefficient()),
+            fvi.FractionalDamping(order=1.0, coefficient=0.05 * springs),
+        ),
+        laws=laws,
+        forcing=fvi.Forcing.from_text(*(f"{size * rng.uniform(-1, 1)}*sin(2*t)" for _ in range(d))),
+        initial_position=size * rng.normal(size=d),
+        initial_velocity=size * rng.normal(size=d),
+        final_time=4.0,
+    )
+
+
+def names_of_force(scene: fvi.Scene, place: int) -> list[str]:
+    count = dampers_of(scene)[place][0].inner.shape[0]
+    if count == 1:
+        return [f"force_{place + 1}"]
+    return [f"force_{place + 1}_{k + 1}" for k in range(count)]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_works_are_the_loss_of_energy_and_forces_balance_the_motion(seed):
+    one = drawn(seed)
+    d, names = one.dimension, coordinate_names(one.dimension)
+    forces = [names_of_force(one, place) for place in range(5)]
+    power = "+".join(f"({part.text})*v{n}" for part, n in zip(force_texts(one), names, strict=True))
+    asked = {name: name for own in forces for name in own}
+    asked |= {f"v_{n}": f"v{n}" for n in names} | {f"work_{k}": f"work_{k}" for k in range(1, 6)}
+    found = fvi.integrate(
+        one,
+        "gauss6-graded",
+        60,
+        output=np.linspace(0.0, 4.0, 641),
+        quantities={**asked, "power": power},
+    )
+    values = found.observed.quantities
+    work = sum(values[f"work_{k}"] for k in range(1, 6))
+    taken = boole(values["power"], found.time[1])
+    lost = found.energy[0] - found.energy[::4] + taken
+    scale = np.abs(found.energy).max() + np.abs(taken).max()
+    assert np.abs(work[::4] - lost).max() < 1e-9 * scale
+    # a second route: what the equation of motion leaves to the dampers, from rates of velocities
+    velocity = np.stack([values[f"v_{n}"] for n in names], axis=1)
+    acceleration = rate_of(velocity, found.time[1])
+    left = acceleration @ one.inertia.mass + found.position @ one.potential.stiffness
+    left -= one.forcing(found.time)
+    total = np.zeros_like(left)
+    for place, own in enumerate(forces):
+        (damper,) = dampers_of(one)[place]
+        columns = np.stack([values[name] for name in own], axis=1)
+        spring_part = getattr(damper, "spring", 0.0) * found.position @ damper.coefficient
+        total += columns @ (np.eye(d) if damper.factored is None else damper.factored.rows)
+        total -= spring_part
+    # near the start the motion is no polynomial
+    apart = np.abs(left + total)[64:-4]
+    assert apart.max() < 2e-7 * np.abs(total).max()
+
+
+def force_texts(one: fvi.Scene) -> tuple[Expression, ...]:
+    return one.forcing.pieces[0].components
+
+
+def rate_of(values: np.ndarray, h: float) -> np.ndarray:
+    """Central differences of order eight, inside."""
+    found = np.zeros_like(values)
+    for k, factor in enumerate((4 / 5, -1 / 5, 4 / 105, -1 / 280), start=1):
+        found[4:-4] += factor / h * (values[4 + k : len(values) - 4 + k] - values[4 - k : -4 - k])
+    return found
+
+
+def boole(values: np.ndarray, h: float) -> np.ndarray:
+    parts = [values[k : values.size - 4 + k : 4] for k in range(5)]
+    sums = (
+        2 * h / 45 * (7 * parts[0] + 32 * parts[1] + 12 * parts[2] + 32 * parts[3] + 7 * parts[4])
+    )
+    return np.concatenate([[0.0], np.cumsum(sums)])
+
+
+def test_a_springpot_of_a_harmonic_motion_has_the_force_of_its_closed_form():
+    # x = sin(w t) of an oscillator that its springpot hardly moves: D^a sin(w t) is known
+    w, order = 3.0, 0.6
+    one = spring((order, 1e-14), k=w**2, v=w, T=6.0)
+    found = fvi.integrate(
+        one, "gauss8-graded", 40, output=[0.7, 2.0, 5.5], quantities={"f": "1e14*force_1"}
+    )
+    assert found.observed.quantities["f"] == pytest.approx(
+        [derivative_of_sine(order, w, t) for t in (0.7, 2.0, 5.5)], rel=1e-10
+    )
+
+
+def derivative_of_sine(order: float, w: float, t: float) -> float:
+    """Caputo's derivative of sin(w t), term by term."""
+    with mpmath.workdps(40):
+        return float(
+            mpmath.nsum(
+                lambda k: (
+                    (-1) ** int(k)
+                    * mpmath.mpf(w) ** (2 * k + 1)
+                    * mpmath.mpf(t) ** (2 * k + 1 - order)
+                    / mpmath.gamma(2 * k + 2 - order)
+                ),
+                [0, mpmath.inf],
+            )
+        )
+
+
+def test_a_zener_damper_on_a_ramp_has_the_force_of_its_closed_form():
+    # a free mass moves like t: the law is so weak that it does not slow it down
+    order, time, low, high = 0.55, 0.4, 1.0, 7.0
+    law = fvi.fractional_zener(
+        order=order, time=time, relaxed=low, unrelaxed=high, coefficient=1e-14
+    )
+    one = spring(k=0.0, v=1.0, T=4.0, laws=(law,))
+    at = np.array([0.0, 0.01, 0.3, 1.7, 4.0])
+    found = fvi.integrate(
+        one, "gauss8-graded", 40, output=at, quantities={"f": "1e14*force_1", "u": "deformation_1"}
+    )
+    ramp = [low * t + (high - low) * t * mittag_leffler(order, 2.0, t / time) for t in at]
+    assert found.observed.quantities["f"] == pytest.approx(ramp, rel=1e-10, abs=1e-12)
+    assert found.observed.quantities["u"] == pytest.approx(at, rel=1e-12)
+
+
+def mittag_leffler(order: float, b: float, t: float) -> float:
+    """E of ``-t**order`` with two parameters, by its series."""
+    with mpmath.workdps(60):
+        z = -(mpmath.mpf(t) ** mpmath.mpf(order))
+        return float(
+            mpmath.nsum(lambda k: z**k / mpmath.gamma(mpmath.mpf(order) * k + b), [0, mpmath.inf])
+        )
+
+
+def test_a_spring_and_a_springpot_in_one_entry_are_one_damper():
+    text = (
+        "name: a\nproblem:\n  kind: frame\n  masses: [1, 2]\n  stiffnesses: [3, 2]\n"
+        "  damping: [{order: 0.5, coefficient: 0.1}]\n  dampers:\n"
+        "  - {law: kelvin-voigt, stiffness: 0.7, coefficient: 0.2, storey: 2, name: top}\n"
+        "  - {law: zener, order: 0.5, time: 1, relaxed: 1, unrelaxed: 2}\n"
+        "  initial: {position: [1, 0], velocity: 0}\n  final_time: 2\n"
+        "ladder: {steps: [40]}\nmethod: {rk: gauss, degree: 4}\n"
+        "quantities: {a: force_top - 0.7*(x2 - x1) - 0.2*(vx2 - vx1), b: force_2 - force_top,\n"
+        "  c: dx1 + force_1_1 - 0.2*(vx2 - vx1) + force_3_1 - x1 - force_3_2 + x2 - x1,\n"
+        "  d: force_3_2, e: deformation_3_2 - x2 + x1}\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    found = outcome.finished[0].trajectory.observed.extents
+    assert all(found[name].peak < 1e-9 for name in "abce")
+    assert found["d"].peak > 1e-2
+
+
+def test_numbers_and_names_of_dampers():
+    text = (
+        "name: a\nproblem:\n  kind: chain\n  masses: 2\n  damping:\n"
+        "  - {law: maxwell, order: 0.5, time: 1.0, modulus: 2.0, acts_on: [x2 - x1], name: top}\n"
+        "  - {order: 0.5, coefficient: 0.3}\n  dampers: [{order: 1, coefficient: 0.1}]\n"
+        "  initial: {position: [1, 0], velocity: 0}\n  final_time: 2\n"
+        "ladder: {steps: [40]}\nmethod: {rk: gauss, degree: 4}\n"
+        "quantities: {a: force_top - force_1, b: deformation_top - x2 + x1,\n"
+        "  c: force_2_1 + force_2_2, d: deformation_3_2 - x2 + x1, e: force_3_3 + 0.1*vx2,\n"
+        "  f: dx1 - force_1 + force_2_1 + force_3_1 - force_3_2}\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    found = outcome.finished[0].trajectory.observed.extents
+    assert all(found[name].peak < 1e-9 for name in "abdef")
+    assert found["c"].peak > 1e-2
+    for wrong, said in {"force_2": "unknown name 'force_2'", "force_end": "'force_end'"}.items():
+        with pytest.raises(ConfigError, match=said):
+            parse_config(text.replace("{a: force_top", f"{{a: {wrong}"), "a")
+    twice = text.replace("coefficient: 0.3}", "coefficient: 0.3, name: top}")
+    with pytest.raises(ConfigError, match="two dampers have the name top"):
+        parse_config(twice, "a")
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_gradients_of_forces_are_those_of_differences(seed):
+    def values(order: float, size: float) -> fvi.Scene:
+        base = drawn(seed)
+        first, *others = base.damping
+        law, *laws = base.laws
+        changed = replace(first, order=order)
+        stronger = replace(law, size=size, relaxed=law.spring, spring=0.0)
+        stiffness = base.potential.stiffness - law.spring * law.coefficient
+        return replace(
+            base,
+            damping=(changed, *others),
+            laws=(stronger, *laws),
+            potential=QuadraticPotential(stiffness=stiffness),
+        )
+
+    base = drawn(seed)
+    force, at = names_of_force(base, 2)[-1], 1.3
+    text = f"{force} + 0.5*{names_of_force(base, 0)[0]} + deformation_2_1"
+    if base.dimension == 1:
+        text = text.replace("deformation_2_1", "deformation_2")
+    point = np.array([base.damping[0].order, base.laws[0].size])
+    variations = [
+        Variation(family=lambda v: values(v, point[1]), value=point[0], name="order"),
+        Variation(family=lambda v: values(point[0], v), value=point[1], name="size"),
+    ]
+    method = fvi.method_named("gauss4")
+    found = gradient_of(base, method, 80, quantity_at(text, at), variations)
+
+    def value(parameters: np.ndarray) -> float:
+        return gradient_of(values(*parameters), method, 80, quantity_at(text, at), []).value
+
+    for index, step in enumerate(1e-4 * np.eye(2) * point):
+        difference = (value(point + step) - value(point - step)) / (2 * step[index])
+        assert found.derivatives[index] == pytest.approx(difference, rel=1e-5)
