@@ -15,6 +15,15 @@ from spread import SEED
 sys.path.append(str(Path(__file__).parents[1]))
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let answers that are kept in files be written anew."""
+    parser.addoption(
+        "--renew",
+        action="store_true",
+        help="write what commands and mistakes answer now: tests/sessions, tests/mistakes",
+    )
+
+
 def pytest_configure() -> None:
     """Choose what is drawn today; workers, which are begun later, draw the same."""
     os.environ.setdefault(SEED, str(datetime.date.today().toordinal()))

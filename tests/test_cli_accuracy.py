@@ -55,16 +55,6 @@ def test_the_usual_candidates_are_those_of_the_configuration():
     assert experiment.runs() == []
 
 
-def test_estimate_and_choice_are_told_and_stored(fvi, tmp_path):
-    said = fvi("run", "tuned.yaml")
-    (run,) = stored(tmp_path)
-    assert run["error"] <= run["estimate"] <= run["tolerance"] == 1e-7
-    assert run["choice"] in said
-    assert f"{run['estimate']:.3e}" in said
-    assert len(json.loads(run["attempts"])) >= 2
-    assert any(run["choice"] in remark for remark in json.loads(run["remarks"]))
-
-
 def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
     fvi("run", "tuned.yaml")
     (first,) = stored(tmp_path)
@@ -85,18 +75,6 @@ def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
     assert fresh["stepping_seconds"] != first["stepping_seconds"]
 
 
-def test_result_files_are_read_without_their_configuration(fvi):
-    said = fvi("run", "tuned.yaml")
-    method, n_steps = said.splitlines()[1].split()[1:3]
-    table = fvi("convergence", "results/tuned.h5", "--output", "elsewhere")
-    assert n_steps in table
-    rows = Path("elsewhere/tables/tuned.csv").read_text().splitlines()
-    assert len(rows) == 2
-    assert rows[1].startswith(f"tuned,{method.lower().replace('gauss', 'gauss-s')}-")
-    assert "for a tolerance of 1e-07" in Path("elsewhere/tables/tuned.md").read_text()
-    assert "tuned-trajectory" in fvi("plot", "results/tuned.h5", "--output", "elsewhere")
-
-
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
     said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
     assert "refused after" in said
@@ -105,20 +83,6 @@ def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, t
     assert "reuse" not in planned
     (run,) = stored(tmp_path)
     assert (run["status"], run["tolerance"]) == ("refused", 1e-15)
-
-
-def test_a_ladder_and_a_tolerance_take_each_others_place_by_set(fvi):
-    assert "valid, 1 experiment, 1 run" in fvi("check", "tuned.yaml")
-    ladder = ("--set", "ladder.steps=[4, 8]", "--set", "method={rk: gauss, degree: 2}")
-    assert "valid, 1 experiment, 2 runs" in fvi("check", "tuned.yaml", *ladder)
-    tolerance = ("--set", "accuracy.tolerance=1e-3")
-    assert "valid, 1 experiment, 1 run" in fvi("check", "damped-oscillator", *tolerance)
-
-
-def test_commands_that_need_a_ladder_say_so(fvi):
-    for command in ("cost", "stability"):
-        result = command_line.fvi(command, "tuned.yaml", code=2)
-        assert "give a ladder" in result.output
 
 
 def test_starter_files_show_the_key(fvi):
@@ -151,19 +115,6 @@ def test_steps_are_found_on_the_way(fvi, tmp_path):
     assert time[1] < 1e-3 * time[-1]
 
 
-def test_adaptive_runs_are_recalled(fvi, tmp_path):
-    fvi("run", "found.yaml")
-    (first,) = stored(tmp_path, "found")
-    assert "reuse" in fvi("run", "found.yaml", "--dry-run")
-    fvi("run", "found.yaml")
-    (again,) = stored(tmp_path, "found")
-    assert again["created"] == first["created"]
-    # control: another tolerance, another mesh, another problem
-    for change in ("accuracy.tolerance=2e-7", "accuracy.mesh=uniform", "problem.stiffness=2"):
-        assert "reuse" not in fvi("run", "found.yaml", "--dry-run", "--set", change)
-    assert str(first["n_steps"]) in fvi("convergence", "results/found.h5", "--output", "elsewhere")
-
-
 def test_relative_tolerances(fvi, tmp_path):
     config = ADAPTIVE.replace("tolerance: 1e-7", "relative: 1e-7").replace("1.0}", "1e-3}")
     (tmp_path / "small.yaml").write_text(config.replace("tuned", "small"))
@@ -173,32 +124,6 @@ def test_relative_tolerances(fvi, tmp_path):
     assert run["tolerance"] == pytest.approx(1e-10, rel=1e-6)
     assert run["error"] <= run["tolerance"]
     assert "reuse" in fvi("run", "small.yaml", "--dry-run")
-
-
-def test_what_is_out_of_reach_is_refused_with_the_best_error(fvi, tmp_path):
-    fvi("run", "found.yaml", "--set", "accuracy.tolerance=1e-18", expected=1)
-    (run,) = stored(tmp_path, "found")
-    assert (run["status"], run["outcome"]) == ("refused", "refused")
-    assert "the best error reached is" in run["message"]
-    planned = fvi("run", "found.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-18")
-    assert "reuse" not in planned
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ("{}", "accuracy.tolerance: missing"),
-        ("{tolerance: 1e-3, relative: 1e-3}", "accuracy.relative: not together"),
-        ("{relative: 1}", "between 0 and 1"),
-        ("{tolerance: 1e-3, mesh: fine}", "adaptive or uniform"),
-        ("{tolerance: 1e-3, mesh: adaptive}\nmethod: {rk: gauss}", "leave method out"),
-    ],
-)
-def test_mistakes_in_tolerances(tmp_path, given, words):
-    (tmp_path / "wrong.yaml").write_text(ADAPTIVE.replace("{tolerance: 1e-7}", given))
-    result = command_line.fvi("check", str(tmp_path / "wrong.yaml"), code=2)
-    assert words in result.output
-    assert "wrong.yaml:7:" in result.output or "wrong.yaml:8:" in result.output
 
 
 def test_adaptive_runs_are_stored_at_any_times(fvi, tmp_path):

@@ -2,10 +2,12 @@
 
 ``tests/mistakes/*.yaml`` holds them: a text, or a valid one (`text` of the file) in which `write`
 stands `in place of` something else, changes by ``--set``, and what is told. Where the words change
-on purpose, ``python tests/config/test_mistakes.py`` writes what is told now; read the difference.
+on purpose, ``pytest --renew tests/config/test_mistakes.py`` writes what is told now; read the
+difference.
 """
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ FILES = sorted((Path(__file__).parent.parent / "mistakes").glob("*.yaml"))
 NAME = "f.yaml:"
 
 
+@cache
 def content_of(file: Path) -> dict[str, Any]:
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
@@ -40,18 +43,26 @@ def told_of(text: str, overrides: list[str]) -> list[str]:
 
 def mistakes() -> Iterator[Any]:
     for file in FILES:
-        content = content_of(file)
-        for number, mistake in enumerate(content["mistakes"]):
-            text = text_of(mistake, content.get("text", ""))
-            yield pytest.param(
-                text, mistake.get("set", []), mistake.get("told"), id=f"{file.stem}-{number}"
-            )
+        for number in range(len(content_of(file)["mistakes"])):
+            yield pytest.param(file, number, id=f"{file.stem}-{number}")
 
 
-@pytest.mark.parametrize(("text", "overrides", "told"), list(mistakes()))
-def test_what_is_told_of_a_mistake(text, overrides, told, monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def _renewed(request):
+    """Write what is told now, where that is asked for."""
+    if request.config.getoption("--renew"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(experiment, "machine_bytes", lambda: 8 * 10**9)
+            renew()
+
+
+@pytest.mark.parametrize(("file", "number"), list(mistakes()))
+def test_what_is_told_of_a_mistake(file, number, monkeypatch):
     monkeypatch.setattr(experiment, "machine_bytes", lambda: 8 * 10**9)
-    assert told_of(text, overrides) == told
+    content = content_of(file)
+    mistake = content["mistakes"][number]
+    text = text_of(mistake, content.get("text", ""))
+    assert told_of(text, mistake.get("set", [])) == mistake["told"]
 
 
 def test_there_are_mistakes_in_every_file_and_the_texts_around_them_are_others():
@@ -76,8 +87,6 @@ Readable.add_representer(str, Readable.represent_str)
 
 
 def renew() -> None:
-    """Write what is told now."""
-    experiment.machine_bytes = lambda: 8 * 10**9
     for file in FILES:
         content = content_of(file)
         for one in content["mistakes"]:
@@ -86,7 +95,4 @@ def renew() -> None:
             content, Dumper=Readable, sort_keys=False, allow_unicode=True, width=999
         )
         file.write_text(written, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    renew()
+    content_of.cache_clear()
