@@ -13,6 +13,7 @@ import numpy as np
 
 from fvi_cli.config.fits.settings import fit_settings
 from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy, usual_methods
+from fvi_cli.config.keys.designs import DESIGNS
 from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.fit import Fit
 from fvi_cli.config.keys.ladder import MOST_STEPS, Ladder, check_grading, refuse_step
@@ -91,7 +92,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
             settings, described.get("parameters", {}), problem, methods, at
         )
         check_units(settings, problem, at)
-        if at.has(SWEEP):
+        if at.has(SWEEP) or at.has(DESIGNS):
             members = _make_members(described, methods, steps, grading, at)
             if members is not None and not settings.allow_unstable:
                 _warn_of_negative_members(members[0], at.under(SWEEP))
@@ -110,7 +111,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         **{key: value for key, value in values.items() if key != "fit"},
         "name": name,
         **_methods_of(methods, values.get("accuracy"), accuracy),
-        **({} if members is None else {SWEEP: members[1]}),
+        **({} if members is None else members[1]),
     }
     if problem is None or len(at.complaints) > before or not is_complete(resolved):
         return resolved, None

@@ -9,7 +9,7 @@ from typing import Any
 
 from fvi_cli.config.experiment import ReadExperiment, make_experiment
 from fvi_cli.config.keys.experiment import NAME, SEVERAL, SINGLE
-from fvi_cli.config.keys.sweep import experiment_cursors, nodes_with_sweeps
+from fvi_cli.config.member_trees import experiment_cursors, nodes_with_sweeps
 from fvi_cli.config.text.document import LARGEST_DOCUMENT, read_document
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError

@@ -8,12 +8,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from fvi_cli.config.keys.sweep import BYTES_PER_RUN, PROBLEM, SWEEP, Sweep, read_sweep, tree_of
+from fvi_cli.config.keys.designs import DESIGNS, read_members
+from fvi_cli.config.keys.sweep import (
+    BYTES_PER_RUN,
+    NAME,
+    PROBLEM,
+    SWEEP,
+    Sweep,
+    is_absent,
+)
+from fvi_cli.config.member_trees import tree_of, with_value
 from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem import make_problem, problem_keys
-from fvi_cli.keys.complaints import excerpt
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
-from fvi_cli.keys.nodes import ListNode, with_node
+from fvi_cli.keys.nodes import ListNode
 from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes import kinds
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
@@ -31,8 +40,8 @@ _logger = logging.getLogger(__name__)
 CheckMember = Callable[[kinds.Kind, AnyProblem, Cursor], None]
 
 
-ReadMembers = tuple[tuple[Member, ...], Any]
-"""Members, and the sweep with every value as it was understood."""
+ReadMembers = tuple[tuple[Member, ...], dict[str, Any]]
+"""Members, and what makes them with every value as it was understood, by keys."""
 
 
 def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
@@ -48,7 +57,7 @@ def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) ->
 
 
 def _made(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
-    sweep = read_sweep(at.under(SWEEP))
+    sweep = read_members(at)
     if sweep is None:
         return None
     values = {key: _values(key, sweep, template, at) for key in sweep.values}
@@ -67,30 +76,56 @@ def _made(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMe
             },
             template=text,
             dimension=_dimension(first),
+            name=sweep.names[number] if sweep.names else "",
+            named=sweep.named,
         )
         for number, combination in enumerate(sweep.combinations)
     )
     _check_members(members, template, first, sweep, at, check)
-    is_listed = isinstance(at.under(SWEEP).node, ListNode)
-    resolved = [dict(member.values) for member in members] if is_listed else values
-    return members, resolved
+    return members, _resolved(members, values, at)
+
+
+def _resolved(
+    members: Sequence[Member], values: Mapping[str, list[Any]], at: Cursor
+) -> dict[str, Any]:
+    """Designs and sweep with the values as they were understood."""
+    found: dict[str, Any] = {}
+    if at.has(DESIGNS):
+        found[DESIGNS] = {one.name: {key: one.values[key] for key in one.named} for one in members}
+    if isinstance(at.under(SWEEP).node, ListNode):
+        names = [{NAME: one.name} if one.name and not at.has(DESIGNS) else {} for one in members]
+        own = [one.unnamed if at.has(DESIGNS) else dict(one.values) for one in members]
+        rows = [{**name, **one} for name, one in zip(names, own, strict=True)]
+        designs = len(found.get(DESIGNS, ())) or 1
+        found[SWEEP] = rows[: len(rows) // designs]
+    elif at.has(SWEEP):
+        named = members[0].named
+        found[SWEEP] = {key: one for key, one in values.items() if key not in named}
+    return found
 
 
 def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> list[Any]:
     """The values of one key, read at their place in the problem of the first member."""
     found: list[Any] = []
-    place = sweep.key_places[key]
-    if not leads_somewhere(template, key):
+    if not leads_somewhere(template, key) and not any(map(is_absent, sweep.values[key])):
         return found
     # keys beside the outermost one are read alike for all values
     outermost = key.split(".")[1]
     kind = kinds.KINDS[template["kind"]]
-    shape = next(one.shape for one in keys_of(kind) if one.name == outermost)
-    shared = with_values({outermost: template[outermost]}, {key: None})
+    shape = next((one.shape for one in keys_of(kind) if one.name == outermost), None)
+    if shape is None:
+        known = [one.name for one in keys_of(kind)]
+        hint = suggestion(outermost, known)
+        at.under(DESIGNS).refuse(f"{excerpt(key)}: not known{hint} (known here: {listed(known)})")
+        return found
+    shared = with_values({outermost: template.get(outermost)}, {key: None})
     for value in sweep.values[key]:
+        if is_absent(value):
+            found.append(None)
+            continue
         tree = replace(
             at,
-            node=with_node(at.node, tuple(key.split(".")), value, place),
+            node=with_value(at.node, key, value, sweep),
             names=tuple(template.get("parameters", ())),
         )
         read = {outermost: shape.read(tree.under(PROBLEM, outermost))}
@@ -98,7 +133,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
             continue
         if with_values(read, {key: None}) != shared:
             outer = excerpt(key.rpartition(".")[0])
-            at.under(SWEEP).refuse_key(
+            at.under(SWEEP if at.has(SWEEP) else DESIGNS).refuse_key(
                 key,
                 "cannot be swept alone, for it changes what stands beside it; sweep "
                 f"{outer} as a whole",

@@ -138,8 +138,11 @@ def _check_neighbours(
             at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
     if not at.has("impacts"):
         return
-    if at.has("sweep") and not at.has("output"):
-        at.refuse_key("impacts", "in a sweep every member has a mesh of its own; give output too")
+    if (at.has("sweep") or at.has("designs")) and not at.has("output"):
+        at.refuse_key(
+            "impacts",
+            "in a sweep, and of designs, every member has a mesh of its own; give output too",
+        )
     if at.has("accuracy"):
         at.refuse_key("impacts", "not together with accuracy; give a ladder")
     if isinstance(settings.ladder, Ladder) and settings.ladder.grading is not None:

@@ -161,7 +161,9 @@ def with_node(node: Node, path: KeyPath, value: Node, place: SourcePosition) -> 
         elif (index := index_in(inner, part)) is not None:
             inner = inner.items[index]
         else:
-            reason = f"the list there has the entries 0 to {len(inner.items) - 1}"
+            last = len(inner.items) - 1
+            reason = f"the list there has the entries 0 to {last}"
+            reason = "the list there is empty" if last < 0 else reason
             raise NowhereError(path[: depth + 1], reason)
     for depth in reversed(range(len(passed))):
         outer, part = passed[depth]
@@ -175,6 +177,17 @@ def with_node(node: Node, path: KeyPath, value: Node, place: SourcePosition) -> 
             entry = Entry(key_place=key_place, node=value)
             value = replace(outer, entries={**outer.entries, part: entry})
     return value
+
+
+def without_node(node: Node, path: KeyPath) -> Node:
+    """The tree without the key of a mapping at the end of a path, if it is there."""
+    outer, found = node_at(node, path[:-1])
+    key = str(path[-1])
+    if found != path[:-1] or not isinstance(outer, MappingNode) or key not in outer.entries:
+        return node
+    kept = {name: entry for name, entry in outer.entries.items() if name != key}
+    changed = replace(outer, entries=kept)
+    return with_node(node, found, changed, outer.place) if found else changed
 
 
 def describe(node: Node) -> str:

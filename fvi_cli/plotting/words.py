@@ -86,21 +86,24 @@ def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str
 
 def member_label(member: Member | None) -> str:
     """What tells a member of a sweep from the others."""
-    values = {} if member is None else member.values
-    if len(values) == 1:
+    if member is None:
+        return ""
+    values = member.unnamed
+    if len(values) == 1 and not member.name:
         return value_in_words(next(iter(values.values())))
-    return ", ".join(
-        f"{key_in_words(key)} {value_in_words(value)}" for key, value in values.items()
-    )
+    words = (f"{key_in_words(key)} {value_in_words(value)}" for key, value in values.items())
+    return ", ".join(filter(None, (member.name, *words)))
 
 
 def swept_number(member: Member | None) -> float | None:
     """The value of a member where one number is swept."""
-    values = [] if member is None else list(member.values.values())
+    values = [] if member is None or member.name else list(member.values.values())
     is_number = len(values) == 1 and isinstance(values[0], int | float)
     return float(values[0]) if is_number else None
 
 
 def swept_in_words(experiment: Experiment) -> str:
-    """The keys of a sweep as words."""
-    return ", ".join(key_in_words(key) for key in experiment.swept)
+    """The keys of a sweep as words; of designs that they are."""
+    named = experiment.members[0].named if experiment.members else ()
+    words = [key_in_words(key) for key in experiment.swept if key not in named]
+    return ", ".join(["designs", *words] if named else words)

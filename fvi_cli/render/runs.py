@@ -11,9 +11,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from fvi_cli.reports.document import Grid
+from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.quantities import ERROR_TITLE
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.text import aligned as grid_as_text
+from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Entry, StoredFile
 from fvi_cli.storage.records.observed import ObservedSummary, summary_of
@@ -42,7 +44,8 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
     for outcome in outcomes:
         if outcome.experiment.members and not outcome.experiment.needs_search:
             summed_up.append(_members_as_text(outcome))
-        if outcome.experiment.members and not every_member:
+        is_named = any(member.name for member in outcome.experiment.members)
+        if outcome.experiment.members and not every_member and not is_named:
             continue
         names = method_names([one.run.method for one in outcome.finished])
         for finished in outcome.finished:
@@ -63,6 +66,8 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
     texts = [aligned(rows)] if len(rows) > 1 or not is_swept else []
     texts += _assurances_as_text(outcomes, every_member=every_member)
     texts += _observed_as_text(outcomes)
+    designs = design_sheet([one for outcome in outcomes for one in outcome.finished])
+    texts += [] if designs is None else [to_text(design_blocks(designs))]
     return "\n\n".join([*texts, *summed_up])
 
 

@@ -108,7 +108,7 @@ def _problem(run: Run) -> Mapping[str, Any]:
     values = run.member.values
     changed = _changed(tuple(values))
     found = with_values(_stowed_template(run.member.template, changed)[0], values)
-    return found | {name: stowed(found[name]) for name in changed}
+    return found | {name: stowed(found[name]) for name in changed if name in found}
 
 
 @functools.lru_cache(maxsize=64)

@@ -40,6 +40,9 @@ class Member:
     """The resolved ``problem`` mapping of any member, as JSON text; what is not swept is taken from
     it."""
     dimension: int = 1  # number of degrees of freedom, the same for all members
+    name: str = ""
+    """Of the design; it stands for the values of `named` and changes no number."""
+    named: tuple[str, ...] = ()
 
     @property
     def specification(self) -> dict[str, Any]:
@@ -53,19 +56,39 @@ class Member:
 
     @property
     def label(self) -> str:
-        """The values in words, for messages."""
-        return values_in_words(self.values)
+        """The name and the values that it does not stand for in words, for messages."""
+        return ", ".join(filter(None, (self.name, values_in_words(self.unnamed))))
 
-    def __reduce__(
-        self,
-    ) -> tuple[Callable[[int, str, str, int], Member], tuple[int, str, str, int]]:
+    @property
+    def unnamed(self) -> dict[str, Any]:
+        """The values for which no name stands."""
+        return {key: value for key, value in self.values.items() if key not in self.named}
+
+    def __reduce__(self) -> tuple[Callable[..., Member], tuple[object, ...]]:
         """Travel to another process, where the same member comes out as the same object."""
-        return _arrived, (self.number, json.dumps(dict(self.values)), self.template, self.dimension)
+        values = json.dumps(dict(self.values))
+        return _arrived, (
+            self.number,
+            values,
+            self.template,
+            self.dimension,
+            self.name,
+            self.named,
+        )
 
 
 @functools.lru_cache(maxsize=4096)
-def _arrived(number: int, values: str, template: str, dimension: int) -> Member:
-    return Member(number=number, values=json.loads(values), template=template, dimension=dimension)
+def _arrived(
+    number: int, values: str, template: str, dimension: int, name: str, named: tuple[str, ...]
+) -> Member:
+    return Member(
+        number=number,
+        values=json.loads(values),
+        template=template,
+        dimension=dimension,
+        name=name,
+        named=named,
+    )
 
 
 def _size(dimension: int) -> str:
@@ -95,14 +118,22 @@ def values_in_words(values: Mapping[str, Any]) -> str:
 
 
 def value_in_words(value: object) -> str:
-    """A swept value as people read it."""
+    """A swept value as people read it, lists and mappings as they are written in YAML."""
+    if isinstance(value, Mapping):
+        inner = (f"{key}: {value_in_words(one)}" for key, one in value.items() if key != "content")
+        return "{" + ", ".join(inner) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(value_in_words, value)) + "]"
+    if value is None or isinstance(value, bool):
+        return {None: "-", True: "true", False: "false"}[value]
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def with_values(template: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """A ``problem`` mapping with other values at some key paths that begin with ``problem.``.
 
-    Lists are entered by their indices; `template` stays as it is.
+    Lists are entered by their indices; a key with the value None is left out, and `template` stays
+    as it is.
 
     Raises
     ------
@@ -123,6 +154,8 @@ def _with(node: Any, path: list[str], value: Any) -> Any:
         entries = list(node)
         entries[index] = _with(entries[index], path[1:], value)
         return entries
+    if len(path) == 1 and value is None:
+        return {key: one for key, one in node.items() if key != path[0]}
     inner = node[path[0]] if len(path) > 1 else None
     return {**node, path[0]: _with(inner, path[1:], value)}
 

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from fvi_cli.integrator.method import AnyMethod, method_columns
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Predicted
-from fvi_cli.studies.members import Member, values_in_words, with_values
+from fvi_cli.studies.members import Member, with_values
 from fvi_cli.studies.norms import Norm
 
 WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
@@ -102,17 +102,18 @@ class OrderTable:
     norm: Norm
     final_time: float
     cases: tuple[OrderCase, ...]
-    swept: Mapping[str, Any] = field(default_factory=dict)
-    """Of a member of a sweep: its values by key path."""
+    member: Member | None = None
+    """Of a sweep."""
+
+    @property
+    def swept(self) -> Mapping[str, Any]:
+        """Of a member of a sweep: its values by key path."""
+        return {} if self.member is None else self.member.values
 
     @property
     def title(self) -> str:
         """The experiment, and the member where there is a sweep."""
-        return (
-            f"{self.experiment} ({values_in_words(self.swept)})"
-            if self.swept
-            else (self.experiment)
-        )
+        return f"{self.experiment} ({self.member.label})" if self.member else self.experiment
 
 
 def order_tables(experiment: Experiment, finished: Iterable[FinishedRun]) -> list[OrderTable]:
@@ -127,7 +128,7 @@ def order_tables(experiment: Experiment, finished: Iterable[FinishedRun]) -> lis
         replace(
             order_table(experiment, by_member[member]),
             gamma=damping_orders(member),
-            swept=member.values,
+            member=member,
         )
         for member in experiment.members
         if member in by_member

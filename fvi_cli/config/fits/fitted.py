@@ -14,7 +14,7 @@ from fvi_cli.config.text.document import LARGEST_DOCUMENT
 from fvi_cli.errors import RequestError
 from fvi_cli.studies.members import with_values
 
-LEFT_OUT = ("sweep", "claims", "expect", "exact")
+LEFT_OUT = ("designs", "sweep", "claims", "expect", "exact")
 
 
 def fitted_text(

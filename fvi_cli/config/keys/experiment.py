@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
+from fvi_cli.config.keys.designs import DesignsShape
 from fvi_cli.config.keys.fit import Fit
 from fvi_cli.config.keys.ladder import Ladder
 from fvi_cli.config.keys.methods import METHODS
@@ -44,6 +45,10 @@ _REFUSED: Final = {
     "tolerance": "not a key: write accuracy: {tolerance: 1e-8}",
     "parameters": "not a key here: write it under problem",
     **dict.fromkeys(
+        ("variants", "cases", "scenarios", "members", "design"),
+        "not a key: write designs: {bare: {problem.damping: []}, ...}",
+    ),
+    **dict.fromkeys(
         ("plot", "plots", "figure"), "not a key: write figures, such as figures: [convergence]"
     ),
 }
@@ -79,9 +84,14 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "are chosen for a tolerance, which an estimate is held against.",
         default=None,
     )
+    designs: Annotated[Any, DesignsShape()] = key(
+        "Members by name, each with what it changes of the problem (null: the key is left out): "
+        "one table and one figure compare them. With sweep: every design with every value.",
+        default=None,
+    )
     sweep: Annotated[Any, SweepShape()] = key(
         "Members: every combination of values of some keys of the problem, or a list of mappings "
-        "with the values of each member. They are computed together.",
+        "with the values of each member, and its name if it has one. They are computed together.",
         default=None,
     )
     report: Report = key("How errors are measured.", default={"norm": "max"})

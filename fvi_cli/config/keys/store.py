@@ -103,8 +103,10 @@ class Store(Setting):
         if not isinstance(problem, Problem):
             at.refuse(f"not for kind {problem.kind}, in which nothing moves", *place)
             return NO_DIAGNOSTICS
-        if at.has("sweep"):
-            at.refuse("not together with sweep; give each member its own experiment", *place)
+        if at.has("sweep") or at.has("designs"):
+            at.refuse(
+                "not together with sweep or designs; give each member its own experiment", *place
+            )
         symmetries: tuple[Symmetry, ...] = ()
         if MAPS in wanted and self.symmetries is not None:
             symmetries = _given(self.symmetries, problem.scene, at.under("store", "symmetries"))

@@ -9,16 +9,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from fvi_cli.keys.complaints import Complaints, SourcePosition, excerpt, listed
+from fvi_cli.keys.complaints import SourcePosition, excerpt, listed
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.nodes import (
     ListNode,
     MappingNode,
     Node,
-    NowhereError,
     ScalarNode,
     plain,
-    with_node,
 )
 from fvi_cli.keys.ranges import RANGE
 from fvi_cli.keys.scalars import Schema, Shape
@@ -30,11 +28,14 @@ BYTES_PER_RUN: Final = 4000
 """What is kept in memory of a finished run beside its trajectory."""
 
 SWEEP: Final = "sweep"
+NAME: Final = "name"
+LONGEST_NAME: Final = 60
 PROBLEM: Final = "problem"
 
 _EXPECTED: Final = (
     "a mapping such as {problem.stiffness: [1, 2, 4], problem.damping.0.order: {from: 0.1, "
-    "to: 0.9, number: 9}}, or a list of mappings with one value for every key"
+    "to: 0.9, number: 9}}, or a list of mappings with one value for every key and, if they have "
+    "them, their names: [{name: soft, problem.stiffness: 1}, {name: stiff, problem.stiffness: 4}]"
 )
 _NOT_SWEPT: Final = {
     "problem.kind": "members are of one kind; write several experiments",
@@ -56,12 +57,16 @@ class Sweep:
         The values of every key that occur.
     combinations
         For every member the index of its value, key by key.
+    names
+        For every member its name, which stands for the values of `named`; none: nothing is named.
     """
 
     place: SourcePosition
     key_places: Mapping[str, SourcePosition]
     values: Mapping[str, Sequence[Node]]
     combinations: Sequence[tuple[int, ...]]
+    names: Sequence[str] = ()
+    named: tuple[str, ...] = ()
 
     def nodes_of(self, combination: tuple[int, ...]) -> dict[str, Node]:
         """The value of every key of one member."""
@@ -87,19 +92,23 @@ class SweepShape(Shape):
         if isinstance(at.node, MappingNode):
             return {key: [plain(value) for value in sweep.values[key]] for key in sweep.values}
         return [
-            {key: plain(value) for key, value in sweep.nodes_of(combination).items()}
-            for combination in sweep.combinations
+            {
+                **({NAME: sweep.names[place]} if sweep.names else {}),
+                **{key: plain(value) for key, value in sweep.nodes_of(combination).items()},
+            }
+            for place, combination in enumerate(sweep.combinations)
         ]
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         key = {"propertyNames": {"pattern": r"^problem\."}, "minProperties": 1}
+        named = {**key, "propertyNames": {"pattern": r"^(problem\.|name$)"}}
         several = {"anyOf": [{"type": "array", "minItems": 1}, RANGE.schema(defs)]}
         return {
             "title": "mapping of lists or ranges, or list of mappings",
             "oneOf": [
                 {"type": "object", "additionalProperties": several, **key},
-                {"type": "array", "minItems": 1, "items": {"type": "object", **key}},
+                {"type": "array", "minItems": 1, "items": {"type": "object", **named}},
             ],
         }
 
@@ -118,7 +127,7 @@ def read_sweep(at: Cursor) -> Sweep | None:
 
 def _every_combination(node: MappingNode, at: Cursor) -> Sweep | None:
     values: dict[str, Sequence[Node]] = {}
-    for key in _swept_keys(node, at):
+    for key in swept_keys(node, at):
         under = at.under(key)
         found: Sequence[Node] = [item.node for item in under.items()]
         if isinstance(under.node, ListNode):
@@ -158,13 +167,13 @@ def too_many(count: int) -> str:
 def _refuse_repeated(found: Sequence[Node], at: Cursor) -> None:
     seen: set[str] = set()
     for index, value in enumerate(found):
-        text = _value_text(value)
+        text = value_text(value)
         if text in seen:
             at.refuse(f"{excerpt(text)} stands in the list already", index)
         seen.add(text)
 
 
-def _value_text(node: Node) -> str:
+def value_text(node: Node) -> str:
     """Equal for values that mean the same."""
     value = plain(node)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -185,7 +194,8 @@ def _listed_members(at: Cursor) -> Sweep | None:
         return None
     first = items[0]
     entries = first.node.entries if isinstance(first.node, MappingNode) else {}
-    keys = _swept_keys(first.node, first) if isinstance(first.node, MappingNode) else []
+    keys = swept_keys(first.node, first) if isinstance(first.node, MappingNode) else []
+    names: list[str] = []
     values: dict[str, list[Node]] = {key: [] for key in keys}
     indices: dict[str, dict[str, int]] = {key: {} for key in keys}
     combinations: dict[tuple[int, ...], None] = {}
@@ -194,20 +204,26 @@ def _listed_members(at: Cursor) -> Sweep | None:
             item.needs("a mapping such as {problem.stiffness: 2}")
             continue
         if set(item.node.entries) != set(entries):
-            shown = listed(excerpt(key) for key in entries)
+            shown = listed(excerpt(key) for key in entries if key != NAME)
+            shown += " (and name)" if NAME in entries else ""
             item.refuse(f"every member must have the same keys: {shown}")
             continue
         chosen = []
         for key in keys:
             value = item.node.entries[key].node
-            index = indices[key].setdefault(_value_text(value), len(values[key]))
+            index = indices[key].setdefault(value_text(value), len(values[key]))
             if index == len(values[key]):
                 values[key].append(value)
             chosen.append(index)
         if tuple(chosen) in combinations:
             item.refuse("the same values stand in the list already")
         combinations[tuple(chosen)] = None
+        if NAME in item.node.entries:
+            names.append(str(item.under(NAME).scalar))
+            check_name(names[-1], names[:-1], item.under(NAME))
     return Sweep(
+        names=names,
+        named=tuple(keys) if names else (),
         place=at.node.place,
         key_places={key: entries[key].key_place for key in keys},
         values=values,
@@ -215,21 +231,44 @@ def _listed_members(at: Cursor) -> Sweep | None:
     )
 
 
-def _swept_keys(node: MappingNode, at: Cursor) -> list[str]:
+def is_absent(node: Node) -> bool:
+    """Whether null stands there: the key is left out."""
+    return isinstance(node, ScalarNode) and node.value is None
+
+
+def check_name(name: str, others: Sequence[str], at: Cursor) -> None:
+    """Complain of a name that is none, or that others have."""
+    if not isinstance(at.scalar, str | int | float) or not name.strip() or not name.isprintable():
+        at.refuse("not a name; write a word, such as bare")
+    elif len(name) > LONGEST_NAME:
+        at.refuse(f"{len(name)} characters; at most {LONGEST_NAME} are allowed")
+    elif name in others:
+        at.refuse(f"{excerpt(name)!r} is the name of another one already")
+    elif name.casefold() in [one.casefold() for one in others]:
+        at.refuse(f"{excerpt(name)!r} differs from another name in capital letters only")
+
+
+def swept_keys(node: MappingNode, at: Cursor) -> list[str]:
     """The keys, all of which must lead to something under ``problem``, and none into another."""
     if len(node.entries) > MOST_KEYS:
         at.refuse(f"{len(node.entries)} keys are too many; at most {MOST_KEYS}")
         return []
     keys = []
     for key in node.entries:
+        if key == NAME and isinstance(at.path[-1], int):
+            continue
         parts = key.split(".")
         outer = [".".join(parts[:count]) for count in range(1, min(len(parts), DEEPEST))]
         inside = next((one for one in outer if one in node.entries), None)
         if parts[0] != PROBLEM or len(parts) == 1 or not all(parts):
             is_other = parts[0] != PROBLEM
-            hint = "; methods and numbers of steps are listed there" if is_other else ""
+            if is_other and parts[0] not in ("method", "ladder", "accuracy", "quantities"):
+                hint = f"; write problem.{excerpt(key)}" if key.strip(".") else ""
+            else:
+                hint = "; methods and numbers of steps are listed there" if is_other else ""
+            can = "differ between designs" if "designs" in at.path else "be swept"
             at.refuse_key(
-                key, f"only keys of the problem can be swept, such as problem.stiffness{hint}"
+                key, f"only keys of the problem can {can}, such as problem.stiffness{hint}"
             )
         elif len(parts) > DEEPEST:
             at.refuse_key(key, f"leads more than {DEEPEST} deep")
@@ -240,44 +279,3 @@ def _swept_keys(node: MappingNode, at: Cursor) -> list[str]:
         else:
             keys.append(key)
     return keys
-
-
-def nodes_with_sweeps(root: Node, complaints: Complaints) -> Node:
-    """The tree of a file in which every problem is that of the first member of its sweep."""
-    for at in experiment_cursors(root, complaints):
-        first = tree_of_first(at)
-        if first is not at.node:
-            root = with_node(root, at.path, first, first.place)
-    return root
-
-
-def experiment_cursors(root: Node, complaints: Complaints) -> list[Cursor]:
-    """The experiments in a file."""
-    at = Cursor(node=root, complaints=complaints)
-    return at.under("experiments").items() if at.has("experiments") else [at]
-
-
-def tree_of_first(at: Cursor) -> Node:
-    """An experiment with the values of the first member of its sweep, as far as they fit."""
-    sweep = read_sweep(at.under(SWEEP)) if at.has(SWEEP) else None
-    node = at.node
-    for key, value in ({} if sweep is None else sweep.nodes_of(sweep.combinations[0])).items():
-        place = sweep.key_places[key] if sweep else node.place
-        try:
-            node = with_node(node, tuple(key.split(".")), value, place)
-        except NowhereError as error:
-            at.under(SWEEP).refuse_key(key, str(error))
-    return node
-
-
-def tree_of(sweep: Sweep, node: Node, combination: tuple[int, ...]) -> Node:
-    """The tree of the experiment with the values of one member.
-
-    Raises
-    ------
-    NowhereError
-        If a key leads nowhere.
-    """
-    for key, value in sweep.nodes_of(combination).items():
-        node = with_node(node, tuple(key.split(".")), value, sweep.key_places[key])
-    return node

@@ -13,6 +13,7 @@ from fvi_cli.keys.nodes import ListNode, MappingNode, Node, NowhereError, node_a
 
 OPTION: Final = SourcePosition(source="--set")
 SWEEP: Final = "sweep"
+DESIGNS: Final = "designs"
 FIT: Final = "fit"
 PARAMETERS: Final = "parameters"
 ENTRIES: Final = ("start", "from", "to", "fixed", "tied", "factor", "own")
@@ -92,6 +93,8 @@ def _swept(root: Node, path: tuple[str, ...]) -> KeyPath:
 
 def _dotted_from(path: tuple[str, ...]) -> int | None:
     """Where in a path a key begins that holds dots; None: there is none."""
+    if DESIGNS in path[:-3]:
+        return path.index(DESIGNS) + 2
     if SWEEP in path[:-2]:
         return path.index(SWEEP) + 1
     if FIT in path[:-2]:

@@ -201,7 +201,9 @@ def member_curve(one: FinishedRun, x: Array, y: Array) -> Curve:
 
 
 def members_in_words(experiment: Experiment) -> str:
-    """What stands above a legend of members."""
+    """What stands above a legend of members; designs speak for themselves."""
+    if all(one.name and not one.unnamed for one in experiment.members):
+        return ""
     return f"{len(experiment.members)} members: {swept_in_words(experiment)}"
 
 

@@ -7,9 +7,10 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph, Words
+from fvi_cli.reports.kinds.members import DESIGN, members_in_words
 from fvi_cli.reports.naming import MethodName, number
 from fvi_cli.reports.table import pivot
-from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words, values_in_words
+from fvi_cli.studies.members import counts_in_words, value_in_words
 from fvi_cli.studies.order import OrderCase, OrderTable
 
 OrderEntry = Callable[[OrderCase], str]
@@ -34,27 +35,27 @@ def sweep_summary(
     tables: Sequence[OrderTable], names: Mapping[str, MethodName], entry: OrderEntry
 ) -> list[Block]:
     """What is swept, and the orders of its members."""
-    keys = list(tables[0].swept)
-    swept = "; ".join(swept_in_words(key, [table.swept[key] for table in tables]) for key in keys)
-    title: Words = (
-        Code(tables[0].experiment),
-        f": {len(tables)} members, {swept}.",
-    )
-    few = len(keys) == 1 and len(tables) <= MOST_ROWS
-    grid = _by_value(tables, keys[0], names, entry) if few else _by_method(tables, names)
+    members = [table.member for table in tables if table.member is not None]
+    title: Words = (Code(tables[0].experiment), f": {members_in_words(members)}.")
+    tells = next(iter(members[0].unnamed), "") if not members[0].name else DESIGN
+    few = len(tables) <= MOST_ROWS and (members[0].name or len(members[0].values) == 1)
+    grid = _by_value(tables, tells, names, entry) if few else _by_method(tables, names)
     return [Paragraph(words=title), grid]
 
 
 def _by_value(
     tables: Sequence[OrderTable], key: str, names: Mapping[str, MethodName], entry: OrderEntry
 ) -> Grid:
-    """Rows: values of the swept key; columns: methods."""
+    """Rows: values of the swept key, or designs; columns: methods."""
     cases = list(dict.fromkeys(case.method.case for table in tables for case in table.cases))
     rows = []
     for table in tables:
         found = {case.method.case: case for case in table.cases}
         orders = [entry(found[case]) if case in found else "not computed" for case in cases]
-        rows.append((value_in_words(table.swept[key]), *orders))
+        label = value_in_words(table.swept[key]) if key != DESIGN else ""
+        if table.member is not None and key == DESIGN:
+            label = table.member.label
+        rows.append((label, *orders))
     return Grid(header=(key, *(names[case].label for case in cases)), rows=tuple(rows))
 
 
@@ -81,7 +82,7 @@ def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) ->
                 *_spread(lasts),
                 number(statistics.median(e for e, _ in finest) if finest else math.nan, ".1e"),
                 number(worst, ".1e"),
-                "-" if member is None else values_in_words(member.swept),
+                "-" if member is None or member.member is None else member.member.label,
                 counts_in_words(row.status for _, case in found for row in case.rows),
             )
         )

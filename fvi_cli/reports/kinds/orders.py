@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +9,7 @@ from types import SimpleNamespace
 from typing import cast, get_args
 
 from fvi_cli.reports.document import Block, Heading
+from fvi_cli.reports.kinds.members import member_columns
 from fvi_cli.reports.kinds.order_details import details, setting
 from fvi_cli.reports.kinds.order_summary import legend, names_of, summary
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
@@ -101,10 +101,11 @@ class _Of:
 def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     """The orders of all experiments of the configuration `name`; a table for every one of them.
 
-    A sweep has a table for every member, and a column for every swept key behind the others.
+    A sweep has a table for every member, and columns for their names and every swept key behind
+    the others.
     """
-    swept = list(dict.fromkeys(key for table in tables for key in table.swept))
-    columns = (*COLUMNS, *map(_swept_column, swept), *EXTRA_COLUMNS)
+    swept = member_columns((table.member for table in tables), lambda of: of.table.member)
+    columns = (*COLUMNS, *swept, *EXTRA_COLUMNS)
     items = (
         _Of(table=table, case=case, row=row, described=described)
         for table in tables
@@ -116,7 +117,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         name="runs",
         columns=columns,
         rows=rows_of(columns, items),
-        keys=("experiment", "case", "n_steps", *swept),
+        keys=("experiment", "case", "n_steps", *(column.name for column in swept)),
         left_to_round_off=_left_to_round_off,
     )
     experiments = Sheet(
@@ -144,16 +145,6 @@ def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
         yield from details(table, names)
     for members in swept:
         yield from sweep_details(members, names, setting(members))
-
-
-def _swept_column(key: str) -> Column:
-    """The values of a swept key; of experiments without it none."""
-
-    def value(of: _Of) -> Value:
-        found = of.table.swept.get(key)
-        return found if found is None or isinstance(found, str | float) else json.dumps(found)
-
-    return Column(key, "swept value of the configuration", get=value)
 
 
 def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
+from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
+from fvi_cli.reports.kinds.members import member_columns
 from fvi_cli.reports.table import Column, Report, Sheet, Within, rows_of, within
 from fvi_cli.studies.experiment import FinishedRun
 
@@ -83,7 +85,10 @@ class _One:
 
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
-    """Peaks and means of every quantity, and numbers and times of every event, of every run."""
+    """Peaks and means of every quantity, and numbers and times of every event, of every run.
+
+    Designs have a table of their own, in which they stand side by side.
+    """
     seen = [(one, one.trajectory.observed) for one in finished]
     is_known = any(math.isfinite(one.error) for one in finished)
     # people see the status where there is a run that did not come to its end in order
@@ -91,8 +96,18 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     if not is_known:
         titles["error"] = ""
 
+    members = [one.run.member for one in finished]
+    tells = member_columns(members, lambda one: one.of.run.member, "design")
+    if all(one is not None and one.name and not one.unnamed for one in members):
+        # the names of designs say it all
+        titles["member"] = ""
+
     def sheet(name: str, declared: tuple[Column, ...], of: str, key: str) -> Sheet:
-        columns = tuple(replace(one, title=titles.get(one.name, one.title)) for one in declared)
+        # names stand where people begin to read, values behind everything else
+        first, *rest = declared
+        named = [one for one in tells if one.title]
+        every = (first, *named, *rest, *(one for one in tells if not one.title))
+        columns = tuple(replace(one, title=titles.get(one.name, one.title)) for one in every)
         items = (
             _One(of=one, name=name, found=found)
             for one, observed in seen
@@ -100,9 +115,10 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
             for name, found in getattr(observed, of).items()
         )
         rows = rows_of(columns, items)
-        return Sheet(name=name, columns=columns, rows=rows, keys=(*_KEYS, key))
+        keys = (*_KEYS, *(one.name for one in named), key)
+        return Sheet(name=name, columns=columns, rows=rows, keys=keys)
 
-    sheets = (
+    sheets: tuple[Sheet, ...] = (
         sheet("runs", COLUMNS, "extents", "quantity"),
         sheet("events", EVENT_COLUMNS, "events", "event"),
     )
@@ -113,6 +129,11 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
             "not of its stored points."
         ),
     ]
-    grids = [sheet.grid(text_columns=3, key_columns=4) for sheet in sheets if sheet.rows]
+    # what tells a run from the others is repeated where a grid is split
+    tell = [column.name for column in sheets[0].columns if column.title].index("n_steps") + 1
+    grids = [sheet.grid(text_columns=tell - 1, key_columns=tell) for sheet in sheets if sheet.rows]
+    if designs := design_sheet(finished):
+        sheets = (*sheets, designs)
+        blocks += design_blocks(designs)
     words = (*blocks, *grids)
     return Report(name=f"{name}-quantities", sheets=sheets, summary=words, blocks=words)

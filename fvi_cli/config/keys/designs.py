@@ -1,0 +1,233 @@
+"""``designs``: named sets of overrides, each of which makes a member of the experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from fvi_cli.config.keys.sweep import (
+    MOST_MEMBERS,
+    PROBLEM,
+    SWEEP,
+    Sweep,
+    check_name,
+    is_absent,
+    read_sweep,
+    swept_keys,
+    too_many,
+    value_text,
+)
+from fvi_cli.keys.complaints import SourcePosition, excerpt, listed, suggestion
+from fvi_cli.keys.cursor import Cursor, Missing
+from fvi_cli.keys.nodes import (
+    Entry,
+    MappingNode,
+    Node,
+    NowhereError,
+    ScalarNode,
+    node_at,
+    node_of,
+    plain,
+    with_node,
+    without_node,
+)
+from fvi_cli.keys.records import Key
+from fvi_cli.keys.scalars import Schema, Shape
+from fvi_cli.keys.settings import keys_of
+from fvi_cli.scenes.kinds import KINDS
+
+DESIGNS: Final = "designs"
+_EXPECTED: Final = (
+    "a mapping from names to what they change of the problem, such as {bare: {problem.damping: "
+    "[]}, damped: {problem.damping: [{order: 0.5, coefficient: 2.0}]}}"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignsShape(Shape):
+    """What may stand under ``designs``."""
+
+    expected: str = _EXPECTED
+
+    def read(self, at: Cursor) -> Any:
+        """Plain values; what they mean is read with the problem."""
+        if not isinstance(at.node, MappingNode) or not at.node.entries:
+            return at.needs(_EXPECTED)
+        # what is wrong is said where members are read
+        return plain(at.node)
+
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema."""
+        changes = {
+            "type": ["object", "null"],
+            "propertyNames": {"pattern": r"^problem\."},
+        }
+        return {"type": "object", "additionalProperties": changes, "minProperties": 1}
+
+
+def read_members(at: Cursor) -> Sweep | None:
+    """What makes members of the experiment at `at`: designs, a sweep, or one for every pair.
+
+    None: it has neither, or complaints were noted.
+    """
+    sweep = read_sweep(at.under(SWEEP)) if at.has(SWEEP) else None
+    if not at.has(DESIGNS):
+        return sweep
+    designs = _read_designs(at)
+    if not at.has(SWEEP) or designs is None or sweep is None:
+        return designs if not at.has(SWEEP) else None
+    return _every_pair(designs, sweep, at)
+
+
+def _every_pair(designs: Sweep, sweep: Sweep, at: Cursor) -> Sweep | None:
+    clash = next(((a, b) for a in sweep.values for b in designs.values if _meet(a, b)), None)
+    if clash is not None:
+        inner, outer = clash
+        at.under(SWEEP).refuse_key(inner, f"designs change {excerpt(outer)}; sweep other keys")
+        return None
+    if sweep.names:
+        at.under(SWEEP).refuse("designs have names already; leave out name here")
+        return None
+    count = len(designs.combinations) * len(sweep.combinations)
+    if count > MOST_MEMBERS:
+        at.under(SWEEP).refuse(too_many(count))
+        return None
+    pairs = [(d, s) for d in range(len(designs.combinations)) for s in sweep.combinations]
+    return replace(
+        designs,
+        key_places={**designs.key_places, **sweep.key_places},
+        values={**designs.values, **sweep.values},
+        combinations=[(*designs.combinations[d], *s) for d, s in pairs],
+        names=[designs.names[d] for d, _ in pairs],
+    )
+
+
+def _meet(one: str, other: str) -> bool:
+    """Whether a key is another, or lies inside of it."""
+    return one == other or one.startswith(other + ".") or other.startswith(one + ".")
+
+
+def _read_designs(at: Cursor) -> Sweep | None:
+    """The members that designs make: of each the values of all keys that any of them changes."""
+    under = at.under(DESIGNS)
+    if not isinstance(under.node, MappingNode) or not under.node.entries:
+        return None
+    before = len(at.complaints)
+    trees: dict[str, Node] = {}
+    places: dict[str, SourcePosition] = {}
+    for name, entry in under.node.entries.items():
+        here = under.under(name)
+        check_name(name, list(trees), replace(here, node=_word(name, entry.key_place)))
+        trees[name] = _changed(at.node, here, places)
+    # of keys inside of others, the outer ones say it all
+    keys = [key for key in places if not any(key.startswith(f"{one}.") for one in places)]
+    if len(at.complaints) > before:
+        return None
+    if not keys:
+        under.refuse(f"nothing is changed; it must be {_EXPECTED}")
+        return None
+    values: dict[str, list[Node]] = {key: [] for key in keys}
+    combinations: list[tuple[int, ...]] = []
+    for name, tree in trees.items():
+        chosen = []
+        for key in keys:
+            node = _node_of_key(tree, key)
+            if node is None:
+                under.under(name).refuse(
+                    f"says nothing of {excerpt(key)}, and the problem has no such key; write it "
+                    "in every design"
+                )
+                return None
+            texts = [value_text(one) for one in values[key]]
+            if value_text(node) not in texts:
+                values[key].append(node)
+                texts.append(value_text(node))
+            chosen.append(texts.index(value_text(node)))
+        if tuple(chosen) in combinations:
+            other = list(trees)[combinations.index(tuple(chosen))]
+            under.refuse_key(name, f"changes the same as the design {excerpt(other)!r}")
+        combinations.append(tuple(chosen))
+    if len(at.complaints) > before:
+        return None
+    return Sweep(
+        place=under.node.place,
+        key_places={key: places[key] for key in keys},
+        values=values,
+        combinations=combinations,
+        names=list(trees),
+        named=tuple(keys),
+    )
+
+
+def designs_in_full(members: Sweep, at: Cursor) -> Node:
+    """What stands under ``designs``, every design with the values of all keys that any changes."""
+    given = at.node.entries if isinstance(at.node, MappingNode) else {}
+    entries = {}
+    for name, combination in zip(members.names, members.combinations, strict=True):
+        own = {
+            key: Entry(key_place=members.key_places[key], node=value)
+            for key, value in members.nodes_of(combination).items()
+            if key in members.named
+        }
+        changes = MappingNode(place=given[name].node.place, entries=own)
+        entries[name] = Entry(key_place=given[name].key_place, node=changes)
+    return MappingNode(place=at.node.place, entries=entries)
+
+
+def _changed(tree: Node, here: Cursor, places: dict[str, SourcePosition]) -> Node:
+    """The tree of the experiment with the overrides of one design."""
+    if is_absent(here.node):
+        return tree
+    if not isinstance(here.node, MappingNode):
+        here.needs("a mapping of overrides, such as {problem.damping: []}")
+        return tree
+    for key in swept_keys(here.node, here):
+        entry = here.node.entries[key]
+        known = _known_keys(tree)
+        if known and (name := key.split(".")[1]) not in known:
+            hint = suggestion(name, known) or f" (known here: {listed(known)})"
+            here.refuse_key(key, f"{excerpt(name)}: not known{hint}")
+            continue
+        places.setdefault(key, entry.key_place)
+        path = tuple(key.split("."))
+        outer = _node_of_key(tree, ".".join(path[:2]))
+        if outer is not None and not is_absent(outer) and len(path) > 2:
+            # what is inside of a default, such as initial.position
+            tree = with_node(tree, path[:2], outer, entry.key_place)
+        try:
+            tree = (
+                without_node(tree, path)
+                if is_absent(entry.node)
+                else with_node(tree, path, entry.node, entry.key_place)
+            )
+        except NowhereError as error:
+            here.refuse_key(key, str(error))
+    return tree
+
+
+def _node_of_key(tree: Node, key: str) -> Node | None:
+    """What stands at a key of the problem, its default where it is absent; None: it has none."""
+    path = tuple(key.split("."))
+    node, found = node_at(tree, path)
+    if found == path:
+        return node
+    if len(found) > 1:
+        return None
+    named = _known_keys(tree).get(path[1])
+    if named is None:
+        return None
+    default = named.default
+    if isinstance(default, Missing):
+        return node_of(None) if len(path) == 2 else None
+    node, found = node_at(node_of(default), path[2:])
+    return node if found == path[2:] else None
+
+
+def _known_keys(tree: Node) -> dict[str, Key]:
+    """The keys of the kind of problem; none where that is not known."""
+    kind = plain(node_at(tree, (PROBLEM, "kind"))[0])
+    return {one.name: one for one in keys_of(KINDS[kind])} if kind in KINDS else {}
+
+
+def _word(name: str, place: SourcePosition) -> ScalarNode:
+    return ScalarNode(place=place, value=name, text=name)
