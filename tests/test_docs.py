@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -27,14 +28,22 @@ from fvi_cli.storage.export import FORMATS
 from fvi_cli.studies.price import ACCURACIES
 
 ROOT = Path(__file__).parents[1]
-PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
+DOCS = ROOT / "docs"
+PAGES = {
+    path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8")
+    for path in DOCS.rglob("*.md")
+}
 COMMANDS = typer.main.get_command(app()).commands
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def test_the_reference_of_keys_is_up_to_date():
-    # if it is not: fvi schema --markdown > docs/configuration.md
-    assert PAGES["configuration.md"] == configuration_reference()
+def test_the_generated_reference_is_up_to_date():
+    # if it is not: python docs/site/reference.py
+    generated = runpy.run_path(str(DOCS / "site" / "reference.py"))["pages"]()
+    assert len(generated) == 3
+    for path, text in generated.items():
+        assert PAGES[path.relative_to(DOCS).as_posix()] == text, path
+    assert PAGES["reference/configuration.md"] == configuration_reference()
     printed = here("schema", "--markdown")
     assert printed.stdout == configuration_reference()
 
@@ -58,7 +67,7 @@ def test_the_reference_names_every_key_of_the_schema():
 def test_what_is_linked_is_there(page):
     for link in re.findall(r"\]\((?!http)([^)]+)\)", PAGES[page]):
         path, _, place = link.partition("#")
-        target = ROOT / "docs" / path if path else ROOT / "docs" / page
+        target = (DOCS / page).parent / path if path else DOCS / page
         assert target.exists(), link
         if place:
             headings = re.findall(r"^#+ (.+)$", target.read_text(encoding="utf-8"), re.MULTILINE)
@@ -87,8 +96,8 @@ PYTHON = [
     pytest.param(page, number, id=f"{page}-{number}")
     for page, text in sorted(PAGES.items())
     for number, (kind, block) in enumerate(FENCED.findall(text))
-    # a cluster is needed for the one that begins with dask_jobqueue
-    if kind == "python" and "dask_jobqueue" not in block
+    # one needs a cluster; the tutorial's follow its steps
+    if kind == "python" and "dask_jobqueue" not in block and page != "tutorial.md"
 ]
 
 
@@ -140,7 +149,7 @@ def test_which_method_is_cheapest_follows_from_the_measured_costs():
         [f"{error:.0e}", *methods]
         for error, *methods in zip(ACCURACIES, *columns.values(), strict=True)
     ]
-    assert cells("which-method.md", f"| error | {' | '.join(columns)} |") == expected
+    assert cells("explanation/which-method.md", f"| error | {' | '.join(columns)} |") == expected
 
 
 def numbers(table: str) -> list[list[object]]:
@@ -175,7 +184,7 @@ def test_expected_orders_are_those_of_the_program():
         return spring((order, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
 
     header = "| method | degree | none, 1/2 | none, 3/2 | graded, 1/2 | graded, 3/2 |"
-    rows = cells("mathematics.md", header)
+    rows = cells("explanation/mathematics.md", header)
     assert len(rows) >= 10
     for name, degree, *orders in rows:
         cq, _, sampling = name.partition(" ")
@@ -202,7 +211,7 @@ def test_a_new_configuration_comes_with_its_schema(tmp_path, monkeypatch):
     assert made.stdout.split() == ["first.yaml"]
     assert "fvi.schema.json" in made.stderr
     modeline = (tmp_path / "first.yaml").read_text(encoding="utf-8").splitlines()[0]
-    assert modeline in dict(FENCED.findall(PAGES["editors.md"]))["yaml"]
+    assert modeline in dict(FENCED.findall(PAGES["how-to/editors.md"]))["yaml"]
     assert (tmp_path / modeline.partition("$schema=")[2]).is_file()
     schema = tmp_path / "fvi.schema.json"
     assert schema.read_text(encoding="utf-8") == here("schema").stdout

@@ -132,7 +132,14 @@ def test_the_wheel_holds_every_package_the_configurations_and_the_pages(monkeypa
     }
     for name, folder in beside.items():
         endings = SETTINGS["tool"]["setuptools"]["package-data"][name]
-        assert {f"*{path.suffix}" for path in (PROJECT / folder).iterdir()} <= set(endings)
+        files = [path for path in (PROJECT / folder).rglob("*") if path.is_file()]
+        # what makes the site is no page
+        shipped = [path for path in files if path.parent.name not in ("site", "__pycache__")]
+        assert {path.suffix for path in shipped} == {Path(one).suffix for one in endings}
+        assert all(any(path.match(one.removeprefix("**/")) for one in endings) for path in shipped)
+        assert all(
+            "**/" in one or all(p.parent == PROJECT / folder for p in shipped) for one in endings
+        )
 
 
 def test_versions_agree():

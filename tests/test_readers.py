@@ -12,9 +12,9 @@ import fvi_cli as fvi
 
 ROOT = Path(__file__).parents[1]
 SHOWN = {
-    "engineer": "frame-forces",
-    "numerical-analyst": "elastic-pendulum",
-    "physicist": "duffing-section",
+    "how-to/building": "frame-forces",
+    "how-to/analyst": "elastic-pendulum",
+    "how-to/notebook": "duffing-section",
 }
 
 
@@ -37,7 +37,7 @@ def test_the_peaks_on_the_page_are_those_of_the_building():
     ]
     (outcome,) = fvi.run(fvi.load("frame-forces", overrides=changes))
     seen = [one.trajectory.observed for one in outcome.finished]
-    text = page("engineer")
+    text = page("how-to/building")
     for order, coarse, fine in zip((0.2, 0.5, 0.8), seen[:3], seen[3:], strict=True):
         for name, one in fine.extents.items():
             assert one.peak == pytest.approx(coarse.extents[name].peak, rel=1e-6)
@@ -63,7 +63,7 @@ def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path):
     fvi.write(tables, tmp_path / "results", name="elastic-pendulum")
     if shutil.which("pdflatex") is None:
         pytest.skip("no LaTeX")
-    (paper,) = re.findall(r"```latex\n(.*?)```", page("numerical-analyst"), re.DOTALL)
+    (paper,) = re.findall(r"```latex\n(.*?)```", page("how-to/analyst"), re.DOTALL)
     (tmp_path / "paper.tex").write_text(paper, encoding="utf-8")
     made = subprocess.run(
         ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"],
@@ -82,7 +82,7 @@ def test_the_notebook_runs_and_shows_what_it_promises(monkeypatch):
     pytest.importorskip("ipykernel")
     # the kernel draws into the notebook
     monkeypatch.delenv("MPLBACKEND", raising=False)
-    notebook = nbformat.read(ROOT / "docs/physicist.ipynb", as_version=4)
+    notebook = nbformat.read(ROOT / "docs/how-to/notebook.ipynb", as_version=4)
     nbclient.NotebookClient(notebook, timeout=300).execute()
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     kinds = [{kind for output in cell.outputs for kind in output.get("data", {})} for cell in cells]
@@ -101,7 +101,7 @@ def test_the_orders_on_the_page_are_those_of_the_stored_table():
     (row,) = re.findall(r"^\| elastic-pendulum \|.*\|$", stored, re.MULTILINE)
     found = [cell.strip() for cell in row.strip("|").split("|")[3:]]
     rows = re.findall(
-        r"^\| (?:Gauss|BDF)\d \| (\S+) \| (.*) \|$", page("numerical-analyst"), re.MULTILINE
+        r"^\| (?:Gauss|BDF)\d \| (\S+) \| (.*) \|$", page("how-to/analyst"), re.MULTILINE
     )
     shown = [f"{slope}, {last}" if last[0].isdigit() else slope for slope, last in rows]
     assert shown == found

@@ -1,7 +1,5 @@
 """Everything that the README shows is run or compared."""
 
-import contextlib
-import io
 import math
 import re
 import shlex
@@ -34,11 +32,6 @@ def first_commands():
     return blocks("sh")[0].splitlines()
 
 
-def own_commands():
-    """The lines that begin with ``fvi``, in their order, below the two commands at the top."""
-    return [line for block in blocks("sh")[1:] for line in block.splitlines()]
-
-
 def test_the_two_commands_stand_at_the_top_and_start_from_nothing():
     run, test = first_commands()
     for command in (run, test):
@@ -65,82 +58,85 @@ def test_the_first_command_says_nothing_that_the_program_does_not_know(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def printed(code):
-    """What a program prints that is run here."""
-    with contextlib.redirect_stdout(io.StringIO()) as output:
-        # text of our own; a process for it would import everything once more
-        exec(compile(code, "README.md", "exec"), {"__name__": "example"})
-    return output.getvalue()
-
-
-def test_the_example_does_what_is_said_of_it(tmp_path, monkeypatch):
+@pytest.fixture
+def in_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (example,) = blocks("yaml")
-    assert "`my-oscillator.yaml`" in README
-    (tmp_path / "my-oscillator.yaml").write_text(example, encoding="utf-8")
-    commands = own_commands()
-    assert [command.split()[1] for command in commands] == ["check", "run", "convergence", "plot"]
-    for command in commands:
-        program, *arguments = shlex.split(command)
-        assert program == "fvi"
-        result = fvi(*arguments)
-        assert result.exit_code == 0, result.output
-    assert (tmp_path / "results" / "my-oscillator.h5").is_file()
-    assert (tmp_path / "results" / "tables" / "my-oscillator.md").is_file()
-    assert list((tmp_path / "results" / "figures").glob("my-oscillator*.pdf"))
-    _, reading = blocks("python")
-    lines = printed(reading).splitlines()
-    assert len(lines) == 6
-    for line in lines:
-        time, position = map(float, line.split()[-2:])
-        assert time == 1.0
-        assert position == pytest.approx(1.0, abs=0.02)
-    two_masses = [
-        "problem.mass=[[1, 0], [0, 1]]",
-        "problem.stiffness=[[2, -1], [-1, 2]]",
-        "problem.initial={position: [1, 0], velocity: 0}",
-    ]
-    in_pieces = "problem.forcing={pieces: [{until: 1.0, value: 8}, {value: 0}]}"
-    for change in (*two_masses, in_pieces):
-        key, _, value = change.removeprefix("problem.").partition("=")
-        assert f"`{key}: {value}`" in README
-    assert set(
-        re.findall(r"`([a-z-]+)`", README.split("- Kinds of problems:")[1].split(";")[0])
-    ) == (set(PROBLEM.kinds))
-    (tmp_path / "other.yaml").write_text(example.replace("  exact: t**2.5\n", ""))
-    for changes in (
-        [*two_masses, "problem.forcing=0"],
-        [in_pieces, "problem.final_time=2.0", "method=[{rk: gauss, degree: 2}]"],
-        ["figures=[trajectory, energy, error]"],
+    return tmp_path
+
+
+def carry_out(text, folder):
+    """Save configurations, call the commands, compare what is shown of their output."""
+    printed = ""
+    for before, kind, block in re.findall(
+        r"((?:[^`\n]|`[^`\n]*`|\n(?!```))*)\n```(\w+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL
     ):
-        options = [word for change in changes for word in ("--set", change)]
-        result = fvi("check", "other.yaml", *options)
-        assert result.exit_code == 0, result.output
+        if kind == "yaml":
+            name = re.findall(r"[Ss]ave (?:this )?as `([\w-]+\.yaml)`", before)[-1]
+            (folder / name).write_text(block, encoding="utf-8")
+        elif kind == "sh":
+            printed = ""
+            for command in block.splitlines():
+                program, *arguments = shlex.split(command)
+                assert program == "fvi"
+                result = fvi(*arguments)
+                assert result.exit_code == 0, result.output
+                printed += result.stdout
+        elif kind == "text":
+            first = block.split("\n")[0].split()
+            at = next(k for k, line in enumerate(printed.splitlines()) if line.split() == first)
+            shown = printed.splitlines()[at : at + len(block.splitlines())]
+            assert differences_of_texts(block, "\n".join(shown)) == []
+        elif kind == "python":
+            # text of our own; a process for it would import everything once more
+            exec(compile(block, "a page", "exec"), {"__name__": "example"})
 
 
-def test_the_python_example_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    example, _ = blocks("python")
-    time, position = map(float, printed(example).split())
-    assert time == 16.0
-    # x'' + 0.2 x' + x = 0, x(0) = 1, x'(0) = 0
-    frequency = math.sqrt(0.99)
-    phase = frequency * time
-    exact = math.exp(-0.1 * time) * (math.cos(phase) + 0.1 / frequency * math.sin(phase))
-    assert position == pytest.approx(exact, abs=1e-3)
+def test_the_readme_is_short():
+    assert len(README.splitlines()) <= 150
 
 
-NAMED_TABLES = re.findall(r"<!-- begin results/tables/(\S+)\.md -->", README)
+def test_the_problem_of_ones_own_does_what_is_said_of_it(in_a_folder):
+    section = README[
+        README.index("## A problem of your own") : README.index("## The paper's Tables")
+    ]
+    assert len(blocks("yaml")[0].splitlines()) == 10
+    carry_out(section, in_a_folder)
+    results = in_a_folder / "results"
+    assert {one.suffix for one in (results / "tables").glob("my-oscillator.*")} == (
+        {".csv", ".md", ".tex", ".json"}
+    )
+    assert list((results / "figures").glob("my-oscillator*.pdf"))
+    line = "ladder: {steps: [50, 100, 200, 400, 800]}"
+    assert "write `accuracy: {tolerance: 1e-8}` in place of `ladder`" in section
+    other = blocks("yaml")[0].replace(line, "accuracy: {tolerance: 1e-8}")
+    (in_a_folder / "other.yaml").write_text(other, encoding="utf-8")
+    assert fvi("check", "other.yaml").exit_code == 0
+
+
+def test_the_tutorial_does_what_it_shows(in_a_folder):
+    tutorial = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+    carry_out(tutorial, in_a_folder)
+    results = in_a_folder / "results"
+    assert (results / "figures" / "my-swings-quantities.pdf").is_file()
+    assert (results / "my-swing.h5").is_file()
+
+
+ORDERS = (ROOT / "docs/explanation/orders.md").read_text(encoding="utf-8")
+NAMED_TABLES = [
+    pytest.param(text, name, id=name)
+    for text in (README, ORDERS)
+    for name in re.findall(r"<!-- begin results/tables/(\S+)\.md -->", text)
+]
 
 
 def test_the_tables_of_the_paper_are_shown():
-    assert {"table-1", "table-2"} < set(NAMED_TABLES)
+    assert {"table-1", "table-2", "full-order"} < {one.id for one in NAMED_TABLES}
 
 
-@pytest.mark.parametrize("name", NAMED_TABLES)
-def test_the_tables_are_those_in_results(name):
+@pytest.mark.parametrize(("text", "name"), NAMED_TABLES)
+def test_the_tables_are_those_in_results(text, name):
     path = f"results/tables/{name}.md"
-    _, _, after = README.partition(f"<!-- begin {path} -->\n\n")
+    _, _, after = text.partition(f"<!-- begin {path} -->\n\n")
     shown, mark, _ = after.partition(f"\n\n<!-- end {path} -->\n")
     assert mark
     table = (ROOT / path).read_text(encoding="utf-8")
@@ -158,27 +154,18 @@ def test_what_is_linked_is_there():
         assert (ROOT / link).exists(), link
 
 
-def test_every_command_and_common_option_is_documented():
+def test_commands_and_options_that_are_named_exist():
     commands = typer.main.get_command(app()).commands
-    table = README[README.index("## Commands") : README.index("## Your own problem")]
-    for name, command in commands.items():
-        assert f"`fvi {name}" in table, name
-        for parameter in command.params:
-            if parameter.param_type_name == "option":
-                assert any(option in README for option in parameter.opts), (name, parameter.name)
-    # and the other way round
-    named = set(re.findall(r"`fvi ([a-z][a-z-]*)", README))
-    assert named <= set(commands)
+    assert set(re.findall(r"`fvi ([a-z][a-z-]*)", README)) <= set(commands)
     parameters = [parameter for command in commands.values() for parameter in command.params]
     known = {o for p in parameters for o in (*p.opts, *p.secondary_opts)} | {"--version", "--help"}
     assert set(re.findall(r"`[^`]*?(--[a-z][a-z-]*)", README)) <= known
 
 
-def test_what_is_said_of_the_folders_is_true():
-    listed = re.findall(r"^    (\S+/|\S+\.py) {2,}", README, re.MULTILINE)
-    assert len(listed) >= 8
-    for path in listed:
-        assert (ROOT / path).exists(), path
+def test_every_kind_of_problem_has_its_place_among_the_scenes():
+    page = (ROOT / "docs/reference/scenes.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE))
+    assert named | {"fractional-derivative"} == set(PROBLEM.kinds)
 
 
 def test_starting_weights_cost_an_order_on_the_damped_oscillator():

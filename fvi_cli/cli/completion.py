@@ -14,7 +14,8 @@ def names_of_pages(incomplete: str) -> list[str]:
     """Names of the pages of the guide."""
     from fvi_cli.config import guide_pages
 
-    return [name for name in guide_pages() if name.startswith(incomplete)]
+    names = (name for pages in guide_pages().values() for name in pages)
+    return [name for name in names if name.startswith(incomplete)]
 
 
 def kinds_of_problems(incomplete: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Annotated
 
 import typer
@@ -104,5 +105,9 @@ def guide(
     from fvi_cli.config import guide_page, guide_pages
     from fvi_cli.render.runs import titles_as_text
 
-    print(titles_as_text(guide_pages()) if page is None else guide_page(page))
+    if page is not None:
+        print(guide_page(page))
+        return DONE
+    for group, pages in guide_pages().items():
+        print(f"{group}:\n{textwrap.indent(titles_as_text(pages), '  ')}\n")
     return DONE

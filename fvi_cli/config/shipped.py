@@ -10,6 +10,9 @@ from fvi_cli.keys.complaints import excerpt, listed, suggestion
 
 SUFFIXES = (".yaml", ".yml")
 
+PAGE_GROUPS = ("tutorial", "how-to", "reference", "explanation")
+"""Groups of pages: the first is the page beside the folders, each other one a folder."""
+
 
 def shipped_configs() -> tuple[str, ...]:
     """Names of the shipped configurations, sorted."""
@@ -63,14 +66,14 @@ def find_config(name: str) -> Path:
     )
 
 
-def guide_pages() -> dict[str, str]:
-    """Names of the pages of the guide with their titles."""
-    texts = {one.stem: one.read_text(encoding="utf-8") for one in sorted(_pages().glob("*.md"))}
-    return {
-        name: text.partition("\n")[0].removeprefix("# ")
-        for name, text in texts.items()
-        if name != "index"
-    }
+def guide_pages() -> dict[str, dict[str, str]]:
+    """Names of the pages of the guide with their titles, by group."""
+    found: dict[str, dict[str, str]] = {}
+    for name, path in _page_files().items():
+        title = path.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+        group = path.parent.name if path.parent.name in PAGE_GROUPS else PAGE_GROUPS[0]
+        found.setdefault(group, {})[name] = title
+    return found
 
 
 def guide_page(name: str) -> str:
@@ -81,13 +84,14 @@ def guide_page(name: str) -> str:
     RequestError
         If there is none of that name; the message names the nearest.
     """
-    plain, known = name.removesuffix(".md"), tuple(guide_pages())
+    plain, known = name.removesuffix(".md"), _page_files()
     if plain not in known:
         raise RequestError(
-            f"{excerpt(name, 200)}: no such page{suggestion(plain, known)} (pages: {listed(known)})"
+            f"{excerpt(name, 200)}: no such page{suggestion(plain, tuple(known))} "
+            f"(pages: {listed(tuple(known))})"
         )
-    text = (_pages() / f"{plain}.md").read_text(encoding="utf-8").rstrip()
-    notebook = _pages() / f"{plain}.ipynb"
+    text = known[plain].read_text(encoding="utf-8").rstrip()
+    notebook = known[plain].with_suffix(".ipynb")
     return f"{text}\n\nThe notebook: {notebook}" if notebook.is_file() else text
 
 
@@ -95,8 +99,16 @@ def _folder() -> Path:
     return _shipped("shipped_configs", "configs")
 
 
-def _pages() -> Path:
-    return _shipped("guide", "docs")
+def _page_files() -> dict[str, Path]:
+    """The pages by name, group by group."""
+    folder = _shipped("guide", "docs")
+    places = (folder, *(folder / group for group in PAGE_GROUPS))
+    return {
+        path.stem: path
+        for place in places
+        for path in sorted(place.glob("*.md"))
+        if path != folder / "index.md"
+    }
 
 
 def _shipped(inside: str, outside: str) -> Path:

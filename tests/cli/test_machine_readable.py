@@ -10,7 +10,7 @@ from command_line import fvi as command
 import fvi_cli as fvi
 from fvi_cli.config import shipped_configs
 
-DOCS = Path(__file__).parents[2] / "docs" / "python.md"
+DOCS = Path(__file__).parents[2] / "docs" / "reference" / "python.md"
 QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
 

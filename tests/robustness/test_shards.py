@@ -219,7 +219,7 @@ def test_a_command_waits_for_another_if_it_is_told_to(waits, results, tmp_path, 
 
 # --- what the page shows, without the scheduler ---------------------------------------------------
 
-PAGE = Path(__file__).parents[2] / "docs" / "scale-out.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "million-runs.md"
 
 
 def shown(kind: str) -> str:

@@ -9,7 +9,7 @@ from fvi_cli.config import find_config, load_config, shipped_configs
 from fvi_cli.scenes.kinds import KINDS
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "scenes.md").read_text(encoding="utf-8")
 SCENES = [kind for kind in KINDS if kind != "fractional-derivative"]
 GALLERY = {
     experiment.problem.kind: experiment
@@ -27,7 +27,7 @@ def test_every_kind_is_documented_and_pictured(kind):
     (figure,) = GALLERY[kind].figures
     path = f"results/figures/gallery-{kind}-{figure}"
     assert f"\n## {kind}\n\n    {KINDS[kind].equation}\n" in PAGE
-    assert f"\n![{kind}](../{path}.png)\n" in PAGE
+    assert f"\n![{kind}](../../{path}.png)\n" in PAGE
     for suffix in (".png", ".json"):
         assert (ROOT / f"{path}{suffix}").stat().st_size > 100
     assert json.loads((ROOT / f"{path}.json").read_text(encoding="utf-8"))["panels"]

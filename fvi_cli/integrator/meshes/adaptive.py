@@ -42,7 +42,7 @@ class AdaptiveSteps:
     ----------
     tolerance
         Local tolerance, in the unit of length of the scene. The error of the whole run is
-        usually far smaller, see ``docs/mathematics.md``.
+        usually far smaller, see ``docs/explanation/mathematics.md``.
     first_step
         In the unit of time; None: 1e-7 T where the start is singular, 1e-3 T elsewhere.
     most_steps

@@ -88,7 +88,7 @@ def solve(
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
     Steps are found on the way and a second run tells the error of the whole
-    (``docs/tolerances.md``).
+    (``docs/explanation/tolerances.md``).
 
     Parameters
     ----------
