@@ -20,18 +20,18 @@ from pathlib import Path
 
 from benchmarks.measuring import table
 from fvi_cli.config import parse_config
-from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.cluster import DaskCluster
-from fvi_cli.runner.executors.executor import (
-    Batch,
-    ComputeBatch,
-    FinishedBatch,
-    compute_portable,
-    portable_batch,
-    returned_batch,
+from fvi_cli.runner.executors.execute import execute_job
+from fvi_cli.runner.executors.jobs import (
+    ComputeJob,
+    FinishedJob,
+    Job,
+    References,
+    Results,
+    jobs_of,
 )
+from fvi_cli.runner.executors.portable import compute_portable, portable_job, returned_results
 from fvi_cli.runner.executors.processes import LocalProcesses
-from fvi_cli.studies.experiment import FinishedRun
 
 CONFIG = """\
 name: quick
@@ -55,43 +55,43 @@ WORKERS = 2
 DEADLY = 8
 
 
-def dies_of_eight(batch: Batch) -> list[FinishedRun]:
+def dies_of_eight(job: Job, references: References) -> Results:
     """No worker survives N = 8."""
-    if any(run.n_steps == DEADLY for run in batch):
+    if any(run.n_steps == DEADLY for run in job.runs):
         os.kill(os.getpid(), signal.SIGKILL)
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
-def takes_minutes(batch: Batch) -> list[FinishedRun]:
+def takes_minutes(job: Job, references: References) -> Results:
     """Nobody waits for that."""
     time.sleep(120)
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
-def _by_processes(batches: Sequence[Batch], compute: ComputeBatch) -> Iterator[FinishedBatch]:
-    return LocalProcesses(workers=WORKERS).compute(batches, compute)
+def _by_processes(jobs: Sequence[Job], compute: ComputeJob) -> Iterator[FinishedJob]:
+    return LocalProcesses(workers=WORKERS).compute(jobs, compute)
 
 
-def _by_dask(batches: Sequence[Batch], compute: ComputeBatch) -> Iterator[FinishedBatch]:
+def _by_dask(jobs: Sequence[Job], compute: ComputeJob) -> Iterator[FinishedJob]:
     from distributed import LocalCluster
 
     with LocalCluster(
         n_workers=WORKERS, threads_per_worker=1, dashboard_address=":0", silence_logs=50
     ) as cluster:
-        yield from DaskCluster(address=cluster.scheduler_address).compute(batches, compute)
+        yield from DaskCluster(address=cluster.scheduler_address).compute(jobs, compute)
 
 
-def _by_loky(batches: Sequence[Batch], compute: ComputeBatch) -> Iterator[FinishedBatch]:
+def _by_loky(jobs: Sequence[Job], compute: ComputeJob) -> Iterator[FinishedJob]:
     loky = importlib.import_module("loky")
     with loky.ProcessPoolExecutor(max_workers=WORKERS) as executor:
-        waiting = [executor.submit(compute_portable, compute, portable_batch(b)) for b in batches]
-        for future, batch in zip(waiting, batches, strict=True):
+        waiting = [executor.submit(compute_portable, compute, portable_job(j, ())) for j in jobs]
+        for future, job in zip(waiting, jobs, strict=True):
             # one death breaks the whole executor
             with contextlib.suppress(RuntimeError):
-                yield returned_batch(batch, future.result())
+                yield FinishedJob(job=job, results=returned_results(job, future.result()))
 
 
-ENGINES: dict[str, Callable[[Sequence[Batch], ComputeBatch], Iterator[FinishedBatch]]] = {
+ENGINES: dict[str, Callable[[Sequence[Job], ComputeJob], Iterator[FinishedJob]]] = {
     "own processes (`--workers`)": _by_processes,
     "distributed.LocalCluster": _by_dask,
     "loky": _by_loky,
@@ -191,9 +191,9 @@ class Shared:
         return self.busiest + self.client
 
 
-def clocked(batch: Batch) -> list[FinishedRun]:
-    """Compute a batch, and say what this process has taken so far, its imports included."""
-    results = execute_batch(batch)
+def clocked(job: Job, references: References) -> Results:
+    """Compute a job, and say what this process has taken so far, its imports included."""
+    results = execute_job(job, references)
     own = Path(os.environ[CLOCKS]) / str(os.getpid())
     own.write_text(str(time.process_time()), encoding="ascii")
     return results
@@ -207,12 +207,12 @@ def run_equal(workers: int, members: int = EQUAL_MEMBERS, n_steps: int = EQUAL_S
 
 def _equal(workers: int, members: int, n_steps: int) -> dict[str, float]:
     text = EQUAL.replace("MEMBERS", str(members)).replace("STEPS", str(n_steps))
-    batches = batches_of(parse_config(text, "equal.yaml").experiments[0].runs())
+    jobs = jobs_of(parse_config(text, "equal.yaml").experiments[0].runs())
     with tempfile.TemporaryDirectory(prefix="fvi-clocks-") as folder:
         os.environ[CLOCKS] = folder
         began, own = time.monotonic(), time.process_time()
         found = sum(
-            len(one.results) for one in LocalProcesses(workers=workers).compute(batches, clocked)
+            len(one.stored) for one in LocalProcesses(workers=workers).compute(jobs, clocked)
         )
         wall, client = time.monotonic() - began, time.process_time() - own
         taken = [float(one.read_text(encoding="ascii")) for one in Path(folder).iterdir()]
@@ -318,15 +318,15 @@ def _megabytes(leader: int) -> float:
 
 def _judge(name: str, mode: str) -> dict[str, float]:
     runs = parse_config(CONFIG, "quick.yaml").experiments[0].runs()
-    batches: list[Batch] = [(run,) for run in runs]
+    jobs = [Job(runs=(run,)) for run in runs]
     if mode == "interrupt":
         print("begun", flush=True)
-        list(ENGINES[name](batches, takes_minutes))
-    compute: ComputeBatch = dies_of_eight if mode == "death" else execute_batch
+        list(ENGINES[name](jobs, takes_minutes))
+    compute: ComputeJob = dies_of_eight if mode == "death" else execute_job
     began = time.monotonic()
     finished, megabytes = 0, 0.0
-    for batch in ENGINES[name](batches, compute):
-        finished += len(batch.results)
+    for one in ENGINES[name](jobs, compute):
+        finished += len(one.stored)
         seconds = time.monotonic() - began
         megabytes = max(megabytes, _megabytes(os.getpid()))
     return {"finished": finished, "seconds": seconds if finished else 0.0, "megabytes": megabytes}

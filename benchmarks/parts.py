@@ -18,12 +18,12 @@ from benchmarks.measuring import table
 from benchmarks.robustness import Command
 from fvi_cli.__main__ import main
 from fvi_cli.config import load_config
-from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.batches import batches_of
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import Batch
+from fvi_cli.runner.executors.execute import execute_batch, execute_job
+from fvi_cli.runner.executors.jobs import Job, References, Results
 from fvi_cli.runner.parts.shard import Shard
 from fvi_cli.storage import open_results, read_configuration
-from fvi_cli.studies.experiment import FinishedRun
 
 MANY = """\
 name: many
@@ -126,12 +126,12 @@ def measured(folder: Path, command: Command, members: int) -> Spent:
 
 def _carry_out(folder: str, *command: str) -> str:
     """What the command takes in this process: seconds for batches, for the rest, and bytes."""
-    real, spent = execute_batch, [0.0]
+    real, spent = execute_job, [0.0]
 
-    def timed(batch: Batch, checkpoints: CheckpointFolder | None) -> list[FinishedRun]:
+    def timed(job: Job, references: References, checkpoints: CheckpointFolder | None) -> Results:
         began = time.process_time()
         try:
-            return real(batch, checkpoints)
+            return real(job, references, checkpoints)
         finally:
             spent[0] += time.process_time() - began
 
@@ -139,7 +139,7 @@ def _carry_out(folder: str, *command: str) -> str:
     sys.argv = ["fvi", *command]
     began = time.process_time()
     try:
-        with mock.patch("fvi_cli.runner.compute.execute_batch", timed):
+        with mock.patch("fvi_cli.runner.compute.execute_job", timed):
             main()
     except SystemExit as ended:
         if ended.code:

@@ -265,7 +265,7 @@ def test_a_check_without_tables_computes_nothing_and_writes_nothing(
     def computed(*_, **__):
         raise AssertionError
 
-    monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", computed)
+    monkeypatch.setattr("fvi_cli.runner.compute.execute_job", computed)
     monkeypatch.setattr("fvi_cli.runner.hard_cases.examine", computed)
     before = files(folder)
     result = fvi(*arguments, "--check", "--output", "nowhere", code=3)

@@ -1,6 +1,6 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
-from fvi_cli.config.load import LoadedConfig, load_config, parse_config
+from fvi_cli.config.load import LoadedConfig, load_config, load_stored, parse_config
 from fvi_cli.config.method_names import method_named
 from fvi_cli.config.reference.page import configuration_reference
 from fvi_cli.config.reference.schema import SCHEMA_FILE, SCHEMA_TITLE, json_schema, schema_text
@@ -23,6 +23,7 @@ __all__ = [
     "guide_pages",
     "json_schema",
     "load_config",
+    "load_stored",
     "method_named",
     "parse_config",
     "schema_text",

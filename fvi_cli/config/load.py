@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError
 from fvi_cli.keys.complaints import ChecksMember, Complaints, SourcePosition, every_member, excerpt
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.nodes import MappingNode, Node, ScalarNode, describe
+from fvi_cli.keys.nodes import MappingNode, Node, ScalarNode, describe, node_of
 from fvi_cli.studies.experiment import Experiment
 
 
@@ -124,6 +125,34 @@ def parse_config(
     complaints = Complaints(folder=base, checks_member=checks_member)
     start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
     root = read_document(text, start, complaints)
+    return _loaded(root, text, source_name, start, complaints, overrides)
+
+
+def load_stored(
+    values: Mapping[str, Any],
+    source_name: str,
+    *,
+    overrides: Sequence[str] = (),
+    checks_member: ChecksMember = every_member,
+) -> LoadedConfig:
+    """Build the experiments of a resolved configuration, as :func:`parse_config` does of a text.
+
+    The program itself has written it, however large it is.
+    """
+    complaints = Complaints(checks_member=checks_member)
+    start = SourcePosition(source=excerpt(source_name, 1000))
+    text = json.dumps(values)
+    return _loaded(node_of(values, start), text, source_name, start, complaints, overrides)
+
+
+def _loaded(
+    root: Node | None,
+    text: str,
+    source_name: str,
+    start: SourcePosition,
+    complaints: Complaints,
+    overrides: Sequence[str],
+) -> LoadedConfig:
     if isinstance(root, ScalarNode) and root.value is None:
         complaints.add(start, (), "nothing is written here")
         root = None

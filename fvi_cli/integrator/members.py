@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from functools import partial
 
 from fvi_cli.effects.lagrangian import Lagrangian
@@ -15,7 +15,7 @@ from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.frame import longest_in_batch, sampling_of
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
@@ -41,7 +41,7 @@ def integrate_members(
     *,
     every: int = 1,
     with_steps: bool = False,
-    checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
+    checkpoints: RunKeeper | None = None,
 ) -> list[Trajectory]:
     """Integrate every scene, those of one kind (:func:`kind_of`) as one batch.
 
@@ -52,7 +52,7 @@ def integrate_members(
     method, n_steps, every, with_steps
         As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
     checkpoints
-        Where a scene that is integrated individually keeps its checkpoint.
+        Where all of them keep a checkpoint; each batch has a part of it.
 
     Returns
     -------
@@ -71,19 +71,17 @@ def integrate_members(
     found: dict[int, Trajectory] = {}
     for indices in _groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
+        own = checkpoints if len(scenes) == 1 else part_of(checkpoints, f"from {indices[0]}")
         if len(indices) > 1 and isinstance(method, Method):
-            batch = integrate_batch(together, method, n_steps, every=every, with_steps=with_steps)
+            batch = integrate_batch(
+                together, method, n_steps, every=every, with_steps=with_steps, checkpoints=own
+            )
         else:
+            (scene,) = together
             batch = [
                 integrate(
-                    scene,
-                    method,
-                    n_steps,
-                    every=every,
-                    with_steps=with_steps,
-                    checkpoints=checkpoints(scene),
+                    scene, method, n_steps, every=every, with_steps=with_steps, checkpoints=own
                 )
-                for scene in together
             ]
         found.update(zip(indices, batch, strict=True))
     return [found[index] for index in range(len(scenes))]
@@ -96,6 +94,7 @@ def integrate_batch(
     *,
     every: int = 1,
     with_steps: bool = False,
+    checkpoints: RunKeeper | None = None,
 ) -> list[Trajectory]:
     """Integrate scenes of one kind, so many at a time as stay in the cache.
 
@@ -108,7 +107,8 @@ def integrate_batch(
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
         integrate_part = partial(integrate_scenes, every=every, with_steps=with_steps)
-        runs = integrate_part(part, method, mesh, most=block)
+        own = checkpoints if len(scenes) <= together else part_of(checkpoints, str(first))
+        runs = integrate_part(part, method, mesh, most=block, checkpoints=own)
         found += [
             integrate_part([scene], method, mesh)[0] if _overflows(one) else one
             for scene, one in zip(part, runs, strict=True)

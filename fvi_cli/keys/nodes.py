@@ -100,15 +100,16 @@ def plain(node: Node) -> Any:
     return node.value
 
 
-def node_of(value: Any) -> Node:
-    """JSON values as a tree that stands nowhere."""
+def node_of(value: Any, place: SourcePosition = NOWHERE) -> Node:
+    """JSON values as a tree, all of which stands at one place."""
     if isinstance(value, Mapping):
-        entries = {str(k): Entry(key_place=NOWHERE, node=node_of(v)) for k, v in value.items()}
-        return MappingNode(place=NOWHERE, entries=entries)
+        items = value.items()
+        entries = {str(k): Entry(key_place=place, node=node_of(v, place)) for k, v in items}
+        return MappingNode(place=place, entries=entries)
     if isinstance(value, list | tuple):
-        return ListNode(place=NOWHERE, items=tuple(map(node_of, value)))
+        return ListNode(place=place, items=tuple(node_of(one, place) for one in value))
     text = value if isinstance(value, str) else str(value).lower()
-    return ScalarNode(place=NOWHERE, value=value, text=text)
+    return ScalarNode(place=place, value=value, text=text)
 
 
 def node_at(node: Node, path: KeyPath) -> tuple[Node, KeyPath]:

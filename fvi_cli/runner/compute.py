@@ -5,27 +5,24 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
-from collections.abc import Callable, Hashable, Sequence
+from collections import Counter
+from collections.abc import Hashable, Sequence
 
-from fvi_cli.runner.executors.batches import (
-    batches_of,
-    execute_batch,
-    one_by_one_words,
-    search_title,
-)
+from fvi_cli.runner.executors.batches import one_by_one_words, search_title
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import Batch, Watch
+from fvi_cli.runner.executors.execute import execute_job
+from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, Watch, jobs_of
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import FRESH, Known, Why, resumed_at, reusable
-from fvi_cli.storage import NEW
+from fvi_cli.runner.stored import FRESH, Why, resumed_at, reusable
+from fvi_cli.storage import NEW, Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.members import Member
+from fvi_cli.studies.reference import Reference
+from fvi_cli.studies.study import needs_refined_run
 
 _logger = logging.getLogger(__name__)
-
-Keep = Callable[[Sequence[FinishedRun]], object]
-"""Is given runs that are finished, before anybody is told of them."""
 
 
 def compute_runs(
@@ -33,22 +30,23 @@ def compute_runs(
     settings: Settings,
     *,
     title: str,
-    known: Known = lambda run: None,
-    keep: Keep | None = None,
+    store: Store,
+    is_kept: bool,
     why: Why | None = None,
     checkpoints: CheckpointFolder | None = None,
 ) -> list[Outcome]:
     """Recall or compute every run of `experiments`.
 
-    `title` stands beside the progress bar, `known` gives back what was finished before, `keep` is
-    given what is computed, `why` says for the log why it is.
+    `title` stands beside the progress bar, `store` gives back what was finished before and, where
+    that `is_kept`, is given what is computed; `why` says for the log why it is.
     """
     done: dict[Run, FinishedRun] = {}
     kept = (lambda one: one) if settings.keeps_motions else without_motion
     waiting: list[Run] = []
     listed = settings.shard.runs_of(experiments)
     for run in (run for runs in listed.values() for run in runs):
-        earlier = reusable(known(run)) if run.is_search else known(run)
+        found = store.finished(run)
+        earlier = reusable(found) if run.is_search else found
         if earlier is None:
             waiting.append(run)
         else:
@@ -61,6 +59,8 @@ def compute_runs(
     begun: dict[Hashable, int] = {} if checkpoints is None else _resumed(waiting, checkpoints)
     # a single search says how far it is in lines of its own
     is_single_run = len(waiting) == 1 and waiting[0].is_search
+    jobs = jobs_of(waiting, store.has_reference)
+    references = _References(store=store, jobs=jobs, is_kept=is_kept)
     with (
         run_bar(
             title,
@@ -71,25 +71,64 @@ def compute_runs(
         ) as bar,
         contextlib.closing(
             settings.executor(_watch(bar, title)).compute(
-                batches_of(waiting), functools.partial(execute_batch, checkpoints=checkpoints)
+                jobs, functools.partial(execute_job, checkpoints=checkpoints), references.of
             )
         ) as computed,
     ):
-        for batch in computed:
+        for one in computed:
+            if one.job.is_reference:
+                references.learn(one)
+                continue
             # what a dead worker did not tell is no result: the next time it is computed again
-            if keep is not None and batch.results:
-                keep(batch.results)
-            for run, finished in zip(batch.runs, batch.finished, strict=True):
+            if is_kept and one.stored:
+                store.add(one.stored)
+            for run, finished in zip(one.job.runs, one.finished, strict=True):
                 done[run] = kept(finished)
-                bar.finished(_named(finished.run, title), batch.runs[0], run.n_steps)
+                bar.finished(_named(finished.run, title), one.job.runs[0], run.n_steps)
                 _report(finished)
-            if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
+            references.forget(one.job)
+            if settings.fail_fast and any(map(is_unexpected_failure, one.finished)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
                 break
     return [
         _outcome(experiment, [done[run] for run in runs if run in done])
         for experiment, runs in listed.items()
     ]
+
+
+class _References:
+    """What errors are measured against: stored, or in memory until the last run that needs it."""
+
+    def __init__(self, *, store: Store, jobs: Sequence[Job], is_kept: bool) -> None:
+        self._store, self._is_kept = store, is_kept
+        self._waiting = Counter(job.needs for job in jobs if job.needs is not None)
+        self._found: dict[tuple[Experiment, Member | None], Reference | Crash | None] = {}
+
+    def of(self, run: Run) -> Reference | Crash | None:
+        """The reference of a run, or why there is none; None where it is to be found yet."""
+        key = run.experiment, run.member
+        if key in self._found:
+            return self._found[key]
+        return self._store.reference(run) if needs_refined_run(run) else None
+
+    def learn(self, one: FinishedJob) -> None:
+        """Take in what a job has found."""
+        pairs = list(zip(one.job.runs, one.results, strict=True))
+        for run, result in pairs:
+            if not isinstance(result, FinishedRun):
+                self._found[run.experiment, run.member] = result
+        if self._is_kept:
+            found = [(run, result) for run, result in pairs if isinstance(result, Reference)]
+            self._store.add_references(found)
+
+    def forget(self, job: Job) -> None:
+        """Let go of references that no further job needs."""
+        needs = job.needs
+        if needs is not None:
+            self._waiting[needs] -= 1
+            if not self._waiting[needs]:
+                for run in needs.runs:
+                    self._found.pop((run.experiment, run.member), None)
 
 
 def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome:
@@ -105,27 +144,28 @@ def _resumed(waiting: Sequence[Run], checkpoints: CheckpointFolder) -> dict[Hash
         if words := checkpoints.resumed(search):
             _logger.info("%s: %s", search_title(search), words)
     begun: dict[Hashable, int] = {}
-    for run, reached in checkpoints.unfinished(one for one in waiting if not one.is_search).items():
+    runs = [one for one in waiting if not one.is_search]
+    for run, reached in checkpoints.unfinished(runs).items():
         _logger.info("%s: %s", run.title, resumed_at(run, reached))
         begun[run] = reached
     return begun
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:
-    """Tell the bar how far a batch is; the steps of what its errors are measured against apart."""
+    """Tell the bar how far a job is; the steps of what its errors are measured against apart."""
     within = bar.within
     if within is None:
         return None
 
-    def watch(batch: Batch, done: int, n_steps: int) -> None:
-        first = batch[0]
+    def watch(job: Job, done: int, n_steps: int) -> None:
+        first = job.runs[0]
         if first.is_search:
             # how many steps it takes is not known
             return
         name = _named(first, title)
         share = f"{100 * done // n_steps} %"
-        if n_steps == first.n_steps:
-            within(f"{name}: {share}", first, done * len(batch))
+        if n_steps == first.n_steps and not job.is_reference:
+            within(f"{name}: {share}", first, done * len(job.runs))
         else:
             within(f"{name}: {share} of a reference", first, None)
 

@@ -13,7 +13,7 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
 from fvi_cli.integrator.baselines.run import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.run.objections import law_objection
-from fvi_cli.runner.executors.executor import crash, describe_crash
+from fvi_cli.runner.executors.jobs import crash, describe_crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
 from fvi_cli.scenes.problem import Problem

@@ -17,11 +17,12 @@ from fvi_cli.planning.plan import Plan, plan_run
 from fvi_cli.planning.seconds import Timing, short_job, time_runs
 from fvi_cli.runner.executors.batches import batches_of, pack_size
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import crash
+from fvi_cli.runner.executors.jobs import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Known, Why, resumed_at, reusable, stored_runs
+from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
+from fvi_cli.storage import Store
 from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
@@ -75,18 +76,18 @@ def plan_request(request: Request, settings: Settings) -> list[PlannedRun]:
     with stored_runs(request, settings) as (store, why):
         for experiment, runs in settings.shard.runs_of(request.loaded.experiments).items():
             if experiment.needs_search:
-                plans += [_search(one, request, store.finished, checkpoints) for one in runs]
+                plans += [_search(one, request, store, checkpoints) for one in runs]
             else:
                 begun = {} if checkpoints is None else checkpoints.unfinished(runs)
-                plans += [_planned(run, store.finished, why, request, begun) for run in runs]
+                plans += [_planned(run, store, why, request, begun) for run in runs]
     return plans
 
 
 def _search(
-    search: Run, request: Request, known: Known, checkpoints: CheckpointFolder | None
+    search: Run, request: Request, store: Store, checkpoints: CheckpointFolder | None
 ) -> PlannedRun:
     """The run that would be found for a tolerance, or the one that was."""
-    earlier = reusable(known(search))
+    earlier = reusable(store.finished(search))
     if earlier is not None:
         run, predicted = earlier.run, earlier.predicted
         return PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)
@@ -100,9 +101,9 @@ def _search(
 
 
 def _planned(
-    run: Run, known: Known, why: Why, request: Request, begun: Mapping[Run, int]
+    run: Run, store: Store, why: Why, request: Request, begun: Mapping[Run, int]
 ) -> PlannedRun:
-    earlier = known(run)
+    earlier = store.finished(run)
     if earlier is not None:
         return PlannedRun(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
     try:

@@ -8,9 +8,9 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
+from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored
 from fvi_cli.errors import FviError, RequestError
 from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
 
@@ -154,7 +154,7 @@ def _request(
         from fvi_cli.storage import read_configuration
 
         # the file's own configuration, or with changes that of other runs in it
-        loaded = parse_config(
+        loaded = load_stored(
             _as_written(read_configuration(path)),
             source,
             overrides=overrides,
@@ -183,12 +183,12 @@ def _known(
     return None
 
 
-def _as_written(configuration: StoredConfiguration) -> str:
+def _as_written(configuration: StoredConfiguration) -> dict[str, Any]:
     """A stored configuration in full, a single experiment without a list, as people write it."""
-    resolved = json.loads(configuration.resolved)
+    resolved: dict[str, Any] = json.loads(configuration.resolved)
     experiments = resolved["experiments"]
     is_single = len(experiments) == 1 and experiments[0]["name"] == resolved["name"]
-    return json.dumps(experiments[0]) if is_single else configuration.resolved
+    return dict(experiments[0]) if is_single else resolved
 
 
 def allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:

@@ -35,9 +35,9 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
                 experiments,
                 settings,
                 title=request.name,
-                known=store.finished,
+                store=store,
+                is_kept=is_kept,
                 why=why,
-                keep=store.add if is_kept else None,
                 checkpoints=checkpoints,
             )
         finally:

@@ -10,7 +10,8 @@ from fvi_cli.errors import RequestError
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
-from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
+from fvi_cli.runner.executors.executor import Executor, InProcess
+from fvi_cli.runner.executors.jobs import Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.parts.shard import WHOLE, Shard

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.executors.executor import describe_crash
+from fvi_cli.runner.executors.jobs import describe_crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment

@@ -17,8 +17,6 @@ _logger = logging.getLogger(__name__)
 
 FRESH = "--fresh"
 
-Known = Callable[[Run], FinishedRun | None]
-"""Gives back a run that was finished before, or that a search came to, or None."""
 Why = Callable[[Run], str]
 """Says why a run is computed that was not found."""
 

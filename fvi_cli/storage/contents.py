@@ -19,7 +19,7 @@ from fvi_cli.storage.files import printable
 from fvi_cli.storage.groups.writing import WrittenGroup
 from fvi_cli.storage.identity import Inputs, canonical_json, restored, sha256, stowed
 from fvi_cli.storage.records.observed import NOTHING_OBSERVED, ObservedSummary, observed_summary
-from fvi_cli.storage.records.record import RUN_KEYS
+from fvi_cli.storage.records.record import REFERENCES, RUN_KEYS
 from fvi_cli.storage.result_file import ResultFile
 from fvi_cli.studies.members import swept_in_words
 
@@ -156,7 +156,12 @@ def list_runs(path: Path) -> StoredFile:
             if name not in CONFIGURATION[:3]
         }
         return StoredFile(
-            provenance=provenance, runs=tuple(_listed(one["line"]) for one in file.groups)
+            provenance=provenance,
+            runs=tuple(
+                _listed(one["line"])
+                for one in file.groups
+                if one["kind"]["experiment"] != REFERENCES
+            ),
         )
 
 

@@ -60,7 +60,8 @@ class StoredArrays:
 def stored_arrays(path: Path) -> Iterator[StoredArrays]:
     """Every run of a result file, or batch of runs, one at a time in the order of the file."""
     with contextlib.closing(ResultFile(path)) as file, explain_damage(path):
-        for place, entries in itertools.groupby(file.entries(), key=lambda entry: entry.path):
+        runs = (entry for entry in file.entries() if not entry.is_reference)
+        for place, entries in itertools.groupby(runs, key=lambda entry: entry.path):
             for entry in entries:
                 entry.record()
             group = file.group(place)

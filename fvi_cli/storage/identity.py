@@ -62,7 +62,7 @@ def answered_by_own_code(request: str) -> str:
 def request_of(run: Run) -> str:
     """SHA-256 of what is asked for, by whatever code it is answered."""
     settings = _settings_text(run.experiment, run.method, run.n_steps)
-    return sha256(settings + canonical_json(_problem(run)))
+    return sha256(settings + canonical_json(problem_of(run)))
 
 
 def refusal_of(request: str) -> str:
@@ -86,12 +86,25 @@ def _specification(
     experiment: Experiment, method: Any, n_steps: int, template: str, keys: tuple[str, ...]
 ) -> tuple[str, Inputs]:
     settings = Run(experiment=experiment, method=method, n_steps=n_steps).settings()
-    if keys:
-        problem, inputs = _stowed_template(template, _changed(keys))
-        problem = without_values(problem, keys)
-    else:
-        problem, inputs = _stowed_problem(experiment)
+    problem, inputs = _problem_template(experiment, template, keys)
     return canonical_json({"problem": problem, **settings}), inputs
+
+
+def problem_template_of(run: Run) -> tuple[Mapping[str, Any], Inputs]:
+    """The problem, of a member with ``swept`` in the place of values, and the lists it names."""
+    if run.member is None:
+        return _problem_template(run.experiment, "", ())
+    return _problem_template(run.experiment, run.member.template, tuple(run.member.values))
+
+
+@functools.lru_cache(maxsize=64)
+def _problem_template(
+    experiment: Experiment, template: str, keys: tuple[str, ...]
+) -> tuple[Mapping[str, Any], Inputs]:
+    if not keys:
+        return _stowed_problem(experiment)
+    problem, inputs = _stowed_template(template, _changed(keys))
+    return without_values(problem, keys), inputs
 
 
 @functools.lru_cache(maxsize=1024)
@@ -102,7 +115,8 @@ def _settings_text(experiment: Experiment, method: Any, n_steps: int) -> str:
     return canonical_json(settings)
 
 
-def _problem(run: Run) -> Mapping[str, Any]:
+def problem_of(run: Run) -> Mapping[str, Any]:
+    """The problem of a run, its long lists by their digests."""
     if run.member is None:
         return _stowed_problem(run.experiment)[0]
     values = run.member.values

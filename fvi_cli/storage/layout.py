@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 
-from fvi_cli.storage.identity import sha256
+from fvi_cli.storage.identity import answered_by_own_code, sha256
 from fvi_cli.storage.records.placed import Placed
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
@@ -55,9 +55,15 @@ def layout_of(
         if identity in taken or entry.request in answered or latest[entry.request] is not entry:
             continue
         kind = entry.kind
+        if entry.is_reference:
+            continue
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
         put(Placed(entry, None), _from(kind.path, kind) if is_own else _neighbours(kind))
+    # in one order, whoever has found them first
+    for entry in sorted(entries.values(), key=lambda one: one.request):
+        if entry.is_reference and entry.identity == answered_by_own_code(entry.request):
+            put(Placed(entry, None), _numbered(entry.kind.path))
     return found
 
 

@@ -256,6 +256,8 @@ def write_file(
             written.append((place, group))
             for name in ("specification", *group.keys):
                 named |= _named_in(group.column(name))
+            if rows[0].entry.is_reference:
+                continue
             case = ladders.setdefault(place.rpartition("/")[0], {})
             case.setdefault(int(group.attributes["n_steps"]), []).append(group)
         for place, ladder in ladders.items():

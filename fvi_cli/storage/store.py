@@ -48,9 +48,15 @@ from fvi_cli.storage.records.record import (
     stored_place,
     swept_by,
 )
+from fvi_cli.storage.records.references import (
+    reference_of_record,
+    reference_record_of,
+    reference_request_of,
+)
 from fvi_cli.storage.records.runs import finished_of, record_of, run_of
 from fvi_cli.storage.result_file import ResultFile, write_file
 from fvi_cli.studies.experiment import FinishedRun, Run
+from fvi_cli.studies.reference import Reference
 
 _logger = logging.getLogger(__name__)
 
@@ -165,7 +171,7 @@ class Store:
 
     def entries(self) -> list[Entry]:
         """Where every run lies."""
-        return list(self._entries.values())
+        return [one for one in self._entries.values() if not one.is_reference]
 
     def read(self, identity: str) -> Record | None:
         """The record of this identity, verified; None if there is none."""
@@ -205,6 +211,27 @@ class Store:
         for finished, record in zip(batch, records, strict=True):
             self._mark(finished.run, self._entries[record.identity])
 
+    def has_reference(self, run: Run) -> bool:
+        """Whether what the error of a run is measured against is here."""
+        return not self.is_fresh and self._reference_of(run) is not None
+
+    def _reference_of(self, run: Run) -> Entry | None:
+        return self._entries.get(answered_by_own_code(reference_request_of(run)))
+
+    def reference(self, run: Run) -> Reference | None:
+        """What the error of a run is measured against, read back; None where it is not here."""
+        entry = self._reference_of(run)
+        if entry is None:
+            return None
+        record = entry.record()
+        with explain_damage(self.path):
+            return reference_of_record(record)
+
+    def add_references(self, found: Sequence[tuple[Run, Reference]]) -> None:
+        """Keep what the errors of runs are measured against."""
+        if found:
+            self._learn(self._journal.append([reference_record_of(*one) for one in found]))
+
     def _mark(self, run: Run, entry: Entry) -> None:
         """What is requested belongs where the file's configuration points to."""
         kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
@@ -236,10 +263,12 @@ class Store:
     def merge(self, other: Store) -> None:
         """Learn the runs of another file of the configuration, for :meth:`consolidate`."""
         self._merged.append(other)
-        for entry in other.entries():
+        for entry in other._entries.values():
             held = self._by_request.get(entry.request)
             if held is None:
                 self._learn([entry])
+            elif entry.is_reference:
+                continue
             elif held.identity != entry.identity or (
                 held.checksum != entry.checksum and not _has_same_numbers(held, entry)
             ):
@@ -250,7 +279,7 @@ class Store:
 
     def places(self) -> Mapping[Place, Entry]:
         """The runs by where they belong, those of the configuration before others."""
-        listed = sorted(self._entries.values(), key=lambda one: one.is_of_configuration)
+        listed = sorted(self.entries(), key=lambda one: one.is_of_configuration)
         return {stored_place(one): one for one in listed}
 
     def consolidate(
@@ -266,7 +295,7 @@ class Store:
         Path or None
             The file; None when there is no finished run, unless it is written `even_empty`.
         """
-        if not self._entries and not even_empty:
+        if not self.entries() and not even_empty:
             return None
         # nothing that is requested is finished: the file keeps the configuration that it has
         is_described = self._file is not None and not self._requested
@@ -275,7 +304,11 @@ class Store:
         )
         layout = layout_of(self._entries, self._by_request, self._requested)
         if not self._is_current(layout, attributes):
-            others = sum(len(rows) for path, rows in layout.items() if VARIANT_MARK in path)
+            others = sum(
+                VARIANT_MARK in path and not one.entry.is_reference
+                for path, rows in layout.items()
+                for one in rows
+            )
             if others:
                 _logger.info(
                     "%s: holds %d runs of other values as well; `fvi show` lists them, "
@@ -299,7 +332,7 @@ class Store:
         own = {(one.kind.path, one.identity): (k, None) for k, one in enumerate(remaining)
                if one.is_of_configuration}  # fmt: skip
         self._entries = {one.identity: one for one in remaining}
-        if remaining:
+        if self.entries():
             self._write(layout_of(self._entries, self._by_request, own), self._root_attributes())
         elif self.path.exists():
             self.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,12 +28,17 @@ TOLERANCES = (1e-13, 1e-11, 1e-9)
 """Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
 
 
+TIMES_DIFFER = 1e-12
+"""Times of runs may differ by round-off, relative to the last."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference:
     """Values to compare with on the grids of a ladder."""
 
     values: Callable[[Array], Array]
-    """Function of the times of a grid, shape ``(n,)`` to ``(n, d)``; nan where nothing is known."""
+    """Function of times, shape ``(n,)`` to ``(n, d)``: an exact solution, polynomials of a run, or
+    :class:`Tabulated`; nan where nothing is known."""
     error: float
     """Estimated error of the values in the maximum norm; 0 for an exact solution, nan where nothing
     is known."""
@@ -43,6 +48,27 @@ class Reference:
     def is_known(self) -> bool:
         """Whether there is anything to compare with."""
         return not math.isnan(self.error)
+
+    def tabulated(self, times: Array) -> Reference:
+        """The same at `times` alone, such that it can be stored and sent to another process."""
+        return replace(self, values=Tabulated(time=times, position=self.values(times)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tabulated:
+    """Values at increasing times, shapes ``(n,)`` and ``(n, d)``."""
+
+    time: Array
+    position: Array
+
+    def __call__(self, times: Array) -> Array:
+        """The values at some of the times; ValueError at others."""
+        after = np.clip(np.searchsorted(self.time, times), 1, self.time.size - 1)
+        nearest = after - (times - self.time[after - 1] < self.time[after] - times)
+        off = np.abs(self.time[nearest] - times) > TIMES_DIFFER * self.time[-1]
+        if off.any():
+            raise ValueError(f"reference: it has no value at t = {times[off][0]:.17g}")
+        return np.asarray(self.position[nearest])
 
 
 def find_reference(

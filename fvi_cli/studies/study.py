@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -73,18 +73,24 @@ def study(
         yield finished(run) or execute(run)
 
 
-def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
-    """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
+def execute(
+    run: Run, checkpoints: RunKeeper | None = None, reference: Reference | None = None
+) -> FinishedRun:
+    """Compute one run and its error, unless it is predicted to blow up and that is not wanted.
+
+    A `reference` that is not given is found here.
+    """
     problem, prediction = run.problem, prediction_of(run)
+    reference = reference or reference_of(run)
     if is_refused(run, prediction):
-        return refused(run, prediction, reference_of(run))
+        return refused(run, prediction, reference)
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     elif not run.observations.is_empty:
-        return _observed_and_assessed(run, problem, prediction, checkpoints)
+        return _observed_and_assessed(run, problem, prediction, checkpoints, reference)
     else:
         trajectory = _integrated(problem, run, checkpoints)
-    return assessed(run, trajectory, prediction, reference_of(run))
+    return assessed(run, trajectory, prediction, reference)
 
 
 def _observed_and_assessed(
@@ -92,6 +98,7 @@ def _observed_and_assessed(
     problem: Problem,
     prediction: StabilityPrediction,
     checkpoints: RunKeeper | None,
+    reference: Reference,
 ) -> FinishedRun:
     """The run with its error on the mesh, reported at the times that are asked for."""
     request = run.observations
@@ -103,10 +110,6 @@ def _observed_and_assessed(
         diagnostics=run.experiment.diagnostics,
         checkpoints=checkpoints,
     )
-    if request.impacts:
-        reference = unknown_reference(problem.scene, "none (a motion with impacts)")
-    else:
-        reference = reference_of(run)
     return assessed_pair(run, pair, prediction, reference)
 
 
@@ -290,25 +293,39 @@ def refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> 
     )
 
 
+def needs_refined_run(run: Run) -> bool:
+    """Whether the error may be measured against a refined run, which is looked for."""
+    problem = run.experiment.problem
+    if run.is_search or run.experiment.observations.impacts or problem.exact_source == "none":
+        return False
+    return run.member is not None or problem.exact is None
+
+
+def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
+    """Refined runs of the scenes of runs of one experiment, at the times of its whole ladder.
+
+    None for a scene with an exact solution.
+    """
+    experiment, problems = runs[0].experiment, [run.problem for run in runs]
+    wanted = [one for one in problems if one.exact is None]
+    times = np.unique(
+        np.concatenate([dataclasses.replace(runs[0], n_steps=n).times for n in experiment.steps])
+    )
+    found = iter(find_references(wanted, experiment.steps, grading=experiment.grading))
+    return [next(found).tabulated(times) if one.exact is None else None for one in problems]
+
+
 def reference_of(run: Run) -> Reference:
     """What the error of `run` is measured against; made once for all runs of its problem."""
-    if run.member is not None:
-        return references_of((run.member,), run.experiment.steps, run.experiment.grading)[0]
-    return _reference_of(run.experiment)
+    return _reference_of(run.experiment, run.member)
 
 
 @functools.lru_cache(maxsize=8)
-def references_of(
-    members: tuple[Member, ...], steps: tuple[int, ...], grading: float
-) -> tuple[Reference, ...]:
-    """What the errors of members are measured against; made once for all of their runs."""
-    problems = [member.problem for member in members]
-    return tuple(find_references(problems, steps, grading=grading))
-
-
-@functools.lru_cache(maxsize=8)
-def _reference_of(experiment: Experiment) -> Reference:
-    return find_reference(experiment.problem, experiment.steps, grading=experiment.grading)
+def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
+    problem = experiment.problem if member is None else member.problem
+    if isinstance(problem, Problem) and experiment.observations.impacts:
+        return unknown_reference(problem.scene, "none (a motion with impacts)")
+    return find_reference(problem, experiment.steps, grading=experiment.grading)
 
 
 def _observed(status: Status, error: float, floor: float, scale: float) -> Observed:

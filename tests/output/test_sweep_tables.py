@@ -17,7 +17,8 @@ from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.text import to_text
-from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.batches import batches_of
+from fvi_cli.runner.executors.execute import execute_batch
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.studies.order import order_tables
 

@@ -181,7 +181,7 @@ def test_a_checkpoint_is_kept_while_it_is_not_due(monkeypatch, folder):
     (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
     clock = [0.0]
     monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    one = CheckpointFolder(folder=folder, seconds=60.0).of(last)
+    one = CheckpointFolder(folder=folder, seconds=60.0).of((last,))
     assert not one.is_due()
     clock[0] = 59.0
     assert not one.is_due()
@@ -198,7 +198,7 @@ def test_checkpoints_that_are_long_to_write_are_rare(monkeypatch, folder):
         clock[0] += 10.0
 
     monkeypatch.setattr(UnfinishedRun, "write", write)
-    one = CheckpointFolder(folder=folder, seconds=60.0).of(last)
+    one = CheckpointFolder(folder=folder, seconds=60.0).of((last,))
     one.save(UnfinishedRun.__new__(UnfinishedRun))
     clock[0] += 199.0
     assert not one.is_due()
@@ -247,7 +247,18 @@ quantities: {force: dx}
 )
 SEARCH = ALONE.partition("method")[0] + "accuracy: {tolerance: 1e-6}\n"
 UNIFORM = SEARCH.replace("tolerance: 1e-6", "mesh: uniform, tolerance: 1e-3")
-KINDS = {"members": ALONE, "impacts": WALL, "search": SEARCH, "uniform": UNIFORM}
+TOGETHER = (
+    ALONE.replace("kind: pendulum", "kind: damped-oscillator")
+    .replace("{steps: [12], grading: 2}", "{steps: [9000]}")
+    .replace("problem.omega: [0.5, 1]", "problem.stiffness: [1, 2, 3, 4, 5]")
+)
+KINDS = {
+    "members": ALONE,
+    "together": TOGETHER,
+    "impacts": WALL,
+    "search": SEARCH,
+    "uniform": UNIFORM,
+}
 
 
 def stored(path=FILE):
@@ -296,8 +307,11 @@ def test_what_was_kept_of_a_search_is_forgotten_by_fresh(monkeypatch, folder):
 def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
     (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
     checkpoints = CheckpointFolder(folder=folder, seconds=60.0)
-    assert not checkpoints.of(last).is_kept_whole(1e6)
-    for one in (checkpoints.of(last, is_single_run=False), checkpoints.of(last).part("second")):
+    assert not checkpoints.of((last,)).is_kept_whole(1e6)
+    for one in (
+        checkpoints.of((last,), is_single_run=False),
+        checkpoints.of((last,)).part("second"),
+    ):
         assert not one.is_kept_whole(0.9)
         assert one.is_kept_whole(1.1)
 

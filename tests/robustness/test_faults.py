@@ -31,7 +31,7 @@ from spread import spread
 from fvi_cli.cli import app as app_module
 from fvi_cli.config import load_config
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.storage.atomic import replace_file
 
 fcntl = pytest.importorskip("fcntl", reason="limits and locks of Unix")
@@ -185,15 +185,15 @@ def test_a_process_killed_in_the_midst_changes_nothing(folder, victim):
     assert table.splitlines()[:-1] == expected.stdout.splitlines()[:-1]
 
 
-def dies_of_64(batch, checkpoints):
+def dies_of_64(job, references, checkpoints):
     """No process survives BDF2 with N = 64."""
-    if any(run.n_steps == 64 and run.method.cq == "bdf2" for run in batch):
+    if any(run.n_steps == 64 and run.method.cq == "bdf2" for run in job.runs):
         os.kill(os.getpid(), signal.SIGKILL)
-    return execute_batch(batch, checkpoints)
+    return execute_job(job, references, checkpoints)
 
 
 def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):
-    monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", dies_of_64)
+    monkeypatch.setattr("fvi_cli.runner.compute.execute_job", dies_of_64)
     result = here("run", "quick.yaml", "--workers", "2", code=1)
     failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
     assert [row[1:3] for row in failed] == [["BDF2", "64"]]

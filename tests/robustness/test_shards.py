@@ -16,8 +16,7 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors import batches
-from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import Batch
+from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.parts.shard import Shard
 from fvi_cli.storage.atomic import file_lock
 from fvi_cli.studies.experiment import FinishedRun
@@ -175,14 +174,15 @@ def test_what_is_damaged_or_differs_is_not_joined(results, tmp_path):
     assert f"{own[1]}: is damaged" in told
     assert not (tmp_path / "new" / "all.h5").exists()
 
-    def other_numbers(batch: Batch, checkpoints: CheckpointFolder) -> list[FinishedRun]:
-        finished = batches.execute_batch(batch, checkpoints)
+    def other_numbers(job, references, checkpoints):
+        finished = execute_job(job, references, checkpoints)
         for one in finished:
-            one.trajectory.position[:] *= 1.001
+            if isinstance(one, FinishedRun):
+                one.trajectory.position[:] *= 1.001
         return finished
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fvi_cli.runner.compute.execute_batch", other_numbers)
+        patch.setattr("fvi_cli.runner.compute.execute_job", other_numbers)
         again = ("run", results / "all.yaml", "-q", "-o", tmp_path, "--shard", "1/3", "--fresh")
         assert fvi(*again)[0] == 0
     code, told = fvi("merge", own[0], parts[0], "-o", tmp_path / "new")

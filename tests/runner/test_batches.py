@@ -8,8 +8,10 @@ import pytest
 from command_line import MANY, configuration
 
 from fvi_cli.config import parse_config
-from fvi_cli.runner.executors.batches import batches_of, execute_batch
-from fvi_cli.runner.executors.executor import InProcess, packs_longest_first
+from fvi_cli.runner.executors.batches import batches_of
+from fvi_cli.runner.executors.execute import execute_batch, execute_job
+from fvi_cli.runner.executors.executor import InProcess
+from fvi_cli.runner.executors.jobs import JobQueue, jobs_of
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
@@ -92,9 +94,9 @@ def test_two_workers_share_a_thousand_equal_members():
     override = "sweep.problem.omega={from: 1, to: 2, number: 1000}"
     one = ("sweep.problem.initial.position=[1.0]", "ladder.steps=[16]", override)
     loads = [0, 0]
-    packs = packs_longest_first(batches_of(experiment(PENDULUMS, *one).runs()))
-    for batch in itertools.chain.from_iterable(packs.values()):
-        loads[loads.index(min(loads))] += len(batch)
+    queue = JobQueue.longest_first(jobs_of(experiment(PENDULUMS, *one).runs()))
+    for job in itertools.chain.from_iterable(queue.packs.values()):
+        loads[loads.index(min(loads))] += 0 if job.is_reference else len(job.runs)
     assert sum(loads) == 1000
     assert 1000 / max(loads) > 1.95
 
@@ -135,10 +137,10 @@ def test_a_member_travels_to_another_process_and_is_one_object_there():
 
 @pytest.mark.slow
 def test_processes_give_the_same_members():
-    batches = batches_of(experiment(OSCILLATORS).runs())
+    jobs = jobs_of(experiment(OSCILLATORS).runs())
     found = {}
     for executor in (InProcess(), LocalProcesses(workers=2)):
-        for batch in executor.compute(batches, execute_batch):
+        for batch in executor.compute(jobs, execute_job):
             for one in batch.finished:
                 place = (one.run.method.case, one.run.n_steps, one.run.member.number)
                 found.setdefault(place, []).append(one.trajectory.position)

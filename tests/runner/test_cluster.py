@@ -22,10 +22,11 @@ from distributed import LocalCluster
 import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors import cluster as cluster_module
-from fvi_cli.runner.executors import executor as executor_module
-from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors import portable as portable_module
 from fvi_cli.runner.executors.cluster import DaskCluster
-from fvi_cli.runner.executors.executor import Crash, InProcess
+from fvi_cli.runner.executors.execute import execute_job
+from fvi_cli.runner.executors.executor import InProcess, run_jobs
+from fvi_cli.runner.executors.jobs import Crash
 from fvi_cli.storage.code import own_code
 
 # the workers have the package, but not the tests
@@ -58,10 +59,10 @@ def cluster():
 
 def test_a_cluster_gives_the_same_numbers_to_the_last_bit(cluster):
     runs = local.experiment().runs()
-    batches = local.batches_by_method(runs)
-    here = list(InProcess().compute(batches, execute_batch))
+    jobs = local.jobs_by_method(runs)
+    here = list(InProcess().compute(jobs, execute_job))
     executor = DaskCluster(address=cluster.scheduler_address)
-    there = list(executor.compute(batches, execute_batch))
+    there = list(executor.compute(jobs, execute_job))
     assert local.numbers(here) == local.numbers(there)
     assert {f.run for batch in there for f in batch.finished} == set(runs)
     assert not any(batch.lost for batch in there)
@@ -81,19 +82,19 @@ def test_the_command_computes_there_what_it_computes_here(cluster, tmp_path):
 
 def test_a_worker_killed_in_the_midst_is_replaced(cluster, tmp_path):
     dies_once = functools.partial(local.dies_once_of_sixteen, folder=str(tmp_path))
-    batches = local.singles(local.experiment().runs())
+    jobs = local.singles(local.experiment().runs())
     executor = DaskCluster(address=cluster.scheduler_address)
-    answers = list(executor.compute(batches, dies_once))
+    answers = list(executor.compute(jobs, dies_once))
     assert len(list(tmp_path.iterdir())) == 2  # each killed its worker once
     assert not any(batch.lost for batch in answers)
-    here = InProcess().compute(batches, execute_batch)
+    here = InProcess().compute(jobs, execute_job)
     assert local.numbers(answers) == local.numbers(here)
 
 
 def test_a_batch_that_no_worker_survives_is_reported_and_the_others_go_on(cluster):
-    batches = local.singles(local.experiment().runs()[:3])
+    jobs = local.singles(local.experiment().runs()[:3])
     executor = DaskCluster(address=cluster.scheduler_address)
-    answers = list(executor.compute(batches, local.dies_of_sixteen))
+    answers = list(executor.compute(jobs, local.dies_of_sixteen))
     assert sorted((f.run.n_steps, f.status) for b in answers for f in b.finished) == [
         (4, "ok"),
         (8, "ok"),
@@ -108,22 +109,22 @@ def test_a_batch_that_no_worker_survives_is_reported_and_the_others_go_on(cluste
 
 def test_where_the_scheduler_forgives_nothing_a_batch_is_sent_once_more_all_the_same(tmp_path):
     dies_once = functools.partial(local.dies_once_of_sixteen, folder=str(tmp_path))
-    batches = local.singles(local.experiment().runs()[2:3])
+    jobs = local.singles(local.experiment().runs()[2:3])
     with start_cluster(1, 0) as strict:
         executor = DaskCluster(address=strict.scheduler_address)
-        (answer,) = executor.compute(batches, dies_once)
+        (answer,) = executor.compute(jobs, dies_once)
         assert not answer.lost
-        (answer,) = executor.compute(batches, local.dies_of_sixteen)
+        (answer,) = executor.compute(jobs, local.dies_of_sixteen)
         assert answer.lost
 
 
 def test_an_exception_on_a_worker_is_the_result_of_its_run(cluster):
-    batches = local.singles(local.experiment().runs())
+    jobs = local.singles(local.experiment().runs())
     executor = DaskCluster(address=cluster.scheduler_address)
-    answers = list(executor.compute(batches, local.awkward_at_sixteen))
+    answers = list(executor.compute(jobs, local.awkward_at_sixteen))
     lost = [run for batch in answers for run in batch.lost]
     assert [run.n_steps for run in lost] == [16, 16]
-    assert len(answers) == len(batches)
+    assert len(answers) == len(jobs)
 
 
 def unused_address():
@@ -134,40 +135,40 @@ def unused_address():
 
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
     monkeypatch.setattr("fvi_cli.runner.executors.cluster.CONNECTION_SECONDS", 0.5)
-    batches = local.singles(local.experiment().runs())
+    jobs = local.singles(local.experiment().runs())
     for address in (unused_address(), "nonsense://1", "tcp://256.0.0.1:1"):
         with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
-            list(DaskCluster(address=address).compute(batches, execute_batch))
+            list(DaskCluster(address=address).compute(jobs, execute_job))
 
 
 def test_a_port_that_stays_silent_is_told(monkeypatch):
     monkeypatch.setattr("fvi_cli.runner.executors.cluster.CONNECTION_SECONDS", 0.5)
-    batches = local.singles(local.experiment().runs())
+    jobs = local.singles(local.experiment().runs())
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         began = time.monotonic()
         with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
-            list(DaskCluster(address=address).compute(batches, execute_batch))
+            list(DaskCluster(address=address).compute(jobs, execute_job))
         assert time.monotonic() - began < 10
 
 
 def test_a_worker_with_other_code_is_refused_by_name(cluster, monkeypatch):
     executor = DaskCluster(address=cluster.scheduler_address)
-    batches = local.singles(local.experiment().runs()[:2])
+    jobs = local.singles(local.experiment().runs()[:2])
     for change, said in (
         ({"sources": "0" * 64}, "other source files"),
         ({"numpy": "0.1"}, "in place of 0.1"),
     ):
         # what this process says of itself; the workers look at their own
         code = dataclasses.replace(own_code(), **change)
-        monkeypatch.setattr(executor_module, "own_code", lambda code=code: code)
+        monkeypatch.setattr(portable_module, "own_code", lambda code=code: code)
         with pytest.raises(ExecutorError, match=rf"worker .* at tcp://.*{said}.*install the same"):
-            list(executor.compute(batches, execute_batch))
+            list(executor.compute(jobs, execute_job))
         monkeypatch.undo()
     # control: the same code is believed
-    assert len(list(executor.compute(batches, execute_batch))) == 2
+    assert len(list(executor.compute(jobs, execute_job))) == 2
 
 
 SCHEDULER = """
@@ -196,8 +197,8 @@ def test_a_scheduler_that_is_killed_is_told(tmp_path):
     )
     with scheduler:
         executor = DaskCluster(address=scheduler.stdout.readline().strip())
-        batches = local.singles(local.experiment().runs()[:2])
-        stream = executor.compute(batches, local.sleeps_at_four)
+        jobs = local.singles(local.experiment().runs()[:2])
+        stream = executor.compute(jobs, local.sleeps_at_four)
         assert [f.run.n_steps for f in next(stream).finished] == [8]
         scheduler.kill()
         with pytest.raises(ExecutorError, match="scheduler is gone"):
@@ -206,9 +207,9 @@ def test_a_scheduler_that_is_killed_is_told(tmp_path):
 
 def test_a_missing_package_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    batches = local.singles(local.experiment().runs())
+    jobs = local.singles(local.experiment().runs())
     with pytest.raises(ExecutorError, match=r"--dask needs the package distributed: install fvi"):
-        list(DaskCluster(address="tcp://x:1").compute(batches, execute_batch))
+        list(DaskCluster(address="tcp://x:1").compute(jobs, execute_job))
 
 
 class SlowClient:
@@ -255,9 +256,9 @@ def test_time_outs_send_no_batch_beyond_the_limit(monkeypatch):
     monkeypatch.setattr(cluster_module, "_SECONDS_BETWEEN_LOOKS", 0.002)
     steps = tuple(range(2, 42))
     runs = dataclasses.replace(local.experiment(), steps=steps).runs()
-    batches = local.singles(runs)
-    crashes = [[Crash(message="never computed", trace="")] for _ in batches]
+    jobs = local.singles(runs)
+    crashes = [[Crash(message="never computed")] for _ in jobs]
     client = SlowClient(crashes)
-    jobs = cluster_module._Jobs(client=client, address="tcp://made-up", compute=execute_batch)
-    assert len(list(jobs.finished(iter(batches)))) == len(batches) >= 40
+    workers = cluster_module._Cluster(client=client, address="tcp://made-up", compute=execute_job)
+    assert len(list(run_jobs(jobs, workers, lambda run: None))) == len(jobs) >= 40
     assert client.most <= 8

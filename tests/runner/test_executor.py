@@ -19,9 +19,12 @@ from fvi_cli.config import parse_config
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.runner.executors import executor as executor_module
-from fvi_cli.runner.executors.batches import batches_of, execute_batch, pack_of
+from fvi_cli.runner.executors import portable as portable_module
+from fvi_cli.runner.executors.batches import pack_of
+from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.executor import InProcess
+from fvi_cli.runner.executors.jobs import Job, jobs_of
+from fvi_cli.runner.executors.portable import portable_job
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.code import own_code
@@ -56,12 +59,12 @@ def numbers(batches):
     }
 
 
-def batches_by_method(runs):
-    return [tuple(run for run in runs if run.method.cq == f"bdf{p}") for p in (1, 2)]
+def jobs_by_method(runs):
+    return [Job(runs=tuple(run for run in runs if run.method.cq == f"bdf{p}")) for p in (1, 2)]
 
 
 def singles(runs):
-    return [(run,) for run in runs]
+    return [Job(runs=(run,)) for run in runs]
 
 
 TWO = LocalProcesses(workers=2)
@@ -71,28 +74,29 @@ TWO = LocalProcesses(workers=2)
 def test_several_processes_give_the_same_numbers_to_the_last_bit(monkeypatch, forked_on):
     monkeypatch.setattr("fvi_cli.runner.executors.processes._FORKED_ON", forked_on)
     runs = experiment().runs()
-    batches = batches_by_method(runs)
-    here = list(InProcess().compute(batches, execute_batch))
-    there = list(TWO.compute(batches, execute_batch))
+    jobs = jobs_by_method(runs)
+    here = list(InProcess().compute(jobs, execute_job))
+    there = list(TWO.compute(jobs, execute_job))
     assert numbers(here) == numbers(there)
     assert len(numbers(here)) == 6
     # a batch comes back whole, in its order, with the very runs that were handed in
     for answers in (here, there):
         assert {tuple(id(f.run) for f in batch.finished) for batch in answers} == {
-            tuple(id(run) for run in batch) for batch in batches
+            tuple(id(run) for run in job.runs) for job in jobs
         }
         assert not any(batch.lost for batch in answers)
     # control: another problem gives other numbers
     other = singles(experiment(stiffness=2.0, exact="auto").runs())
-    assert numbers(InProcess().compute(other, execute_batch)) != numbers(here)
+    assert numbers(InProcess().compute(other, execute_job)) != numbers(here)
 
 
-def computed_by(folder, batch):
-    """Computes a batch and notes in which process."""
-    first = batch[0]
+def computed_by(folder, job, references):
+    """Computes a job and notes in which process."""
+    first = job.runs[0]
     number = pack_of(first)[-1]
-    (folder / f"{number}-{first.n_steps}").write_text(str(os.getpid()))
-    return execute_batch(batch)
+    name = "reference" if job.is_reference else first.n_steps
+    (folder / f"{number}-{name}").write_text(str(os.getpid()))
+    return execute_job(job, references)
 
 
 @pytest.mark.parametrize("members", [40, 90])
@@ -103,37 +107,37 @@ def test_batches_that_share_references_are_computed_by_one_process(tmp_path, mem
         "method: {rk: gauss, degree: 1}\nladder: {steps: [4, 8, 16, 32]}\n"
         f"sweep: {{problem.stiffness: {{from: 1, to: 2, number: {members}}}}}\n"
     )
-    batches = batches_of(parse_config(text, "many.yaml").experiments[0].runs())
-    packs = len(batches) // 4
+    jobs = jobs_of(parse_config(text, "many.yaml").experiments[0].runs())
+    packs = len(jobs) // 5
     assert packs >= 5
-    list(TWO.compute(batches, functools.partial(computed_by, tmp_path)))
+    list(TWO.compute(jobs, functools.partial(computed_by, tmp_path)))
     pairs = {(path.name.partition("-")[0], path.read_text()) for path in tmp_path.iterdir()}
-    assert len(list(tmp_path.iterdir())) == len(batches)
+    assert len(list(tmp_path.iterdir())) == len(jobs)
     assert len({process for _, process in pairs}) == 2
     # at the end the one that is free may help with the last pack of the other
     assert packs <= len(pairs) <= packs + 1
 
 
 def test_one_process_computes_when_asked_and_in_order():
-    batches = batches_by_method(experiment().runs())
+    jobs = jobs_by_method(experiment().runs())
     computed = []
 
-    def compute(batch):
-        computed.append(batch)
-        return execute_batch(batch)
+    def compute(job, references):
+        computed.append(job)
+        return execute_job(job, references)
 
-    stream = InProcess().compute(batches, compute)
+    stream = InProcess().compute(jobs, compute)
     assert computed == []
     first = next(stream)
-    assert computed == batches[:1]
-    assert [f.run for f in first.finished] == list(batches[0])
+    assert computed == jobs[:1]
+    assert [f.run for f in first.finished] == list(jobs[0].runs)
     stream.close()
-    assert computed == batches[:1]
+    assert computed == jobs[:1]
 
 
 def test_leaving_early_ends_the_processes():
     before = set(multiprocessing.active_children())
-    stream = TWO.compute(singles(experiment().runs()), execute_batch)
+    stream = TWO.compute(singles(experiment().runs()), execute_job)
     first = next(stream)
     assert np.isfinite(first.finished[0].error)
     assert set(multiprocessing.active_children()) > before
@@ -148,25 +152,25 @@ class AwkwardError(Exception):
         super().__init__(f"{one} and {two}")
 
 
-def awkward_at_sixteen(batch):
-    if any(run.n_steps == 16 for run in batch):
+def awkward_at_sixteen(job, references):
+    if any(run.n_steps == 16 for run in job.runs):
         raise AwkwardError("this", "that")
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
 @pytest.mark.parametrize("executor", [InProcess(), TWO])
 def test_an_exception_is_the_result_of_the_run_that_raises_it(executor, caplog):
     """Be it alone or together with others; what does not travel is told in words."""
     runs = experiment().runs()
-    batches = [tuple(runs[:3]), *singles(runs[3:])]
-    assert 16 in {run.n_steps for run in batches[0]}
-    answers = list(executor.compute(batches, awkward_at_sixteen))
+    jobs = [Job(runs=tuple(runs[:3])), *singles(runs[3:])]
+    assert 16 in {run.n_steps for run in jobs[0].runs}
+    answers = list(executor.compute(jobs, awkward_at_sixteen))
     # processes do not write into the log of this one
     assert ("3 runs are computed one by one" in caplog.text) == isinstance(executor, InProcess)
     finished = [f for batch in answers for f in batch.finished]
     assert len(finished) == len(runs)
     assert {f.run.n_steps for f in finished if f.status == "failed"} == {16}
-    kept = [f for batch in answers for f in batch.results]
+    kept = [f for batch in answers for f in batch.stored]
     assert {f.status for f in kept} == {"ok"}
     assert len(kept) == len(runs) - 2
     (message,) = {f.trajectory.message for f in finished if f.status == "failed"}
@@ -175,12 +179,12 @@ def test_an_exception_is_the_result_of_the_run_that_raises_it(executor, caplog):
 
 
 def test_the_place_of_a_mistake_is_told_without_the_folder_of_the_installation(caplog):
-    def mistaken(batch):
-        return [predict_stability(batch[0].problem.scene, batch[0].method, 0)]
+    def mistaken(job, references):
+        return [predict_stability(job.runs[0].problem.scene, job.runs[0].method, 0)]
 
-    batches = singles(experiment().runs()[:1])
+    jobs = singles(experiment().runs()[:1])
     with caplog.at_level("DEBUG", logger="fvi_cli"):
-        (batch,) = InProcess().compute(batches, mistaken)
+        (batch,) = InProcess().compute(jobs, mistaken)
     (finished,) = batch.finished
     assert re.search(r"in fvi_cli(/\w+)+\.py:\d+: ", finished.trajectory.message)
     assert "Traceback" in caplog.text
@@ -196,10 +200,10 @@ def held_signals():
     return signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def fails_where_it_sees_interrupts(batch):
+def fails_where_it_sees_interrupts(job, references):
     if signal.SIGINT not in held_signals():
         raise AwkwardError("this", "that")
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be held here")
@@ -211,47 +215,47 @@ def test_no_process_sees_an_interrupt_while_it_begins(monkeypatch, forked_on):
 
     # whoever loads the others, and what it begins with, is to be new as well
     forkserver._forkserver._stop()
-    batches = singles(experiment().runs()[:2])
-    answers = list(TWO.compute(batches, fails_where_it_sees_interrupts))
+    jobs = singles(experiment().runs()[:2])
+    answers = list(TWO.compute(jobs, fails_where_it_sees_interrupts))
     assert not any(batch.lost for batch in answers)
     assert signal.SIGINT not in held_signals()
     # control: here it is seen
-    assert all(b.lost for b in InProcess().compute(batches, fails_where_it_sees_interrupts))
+    assert all(b.lost for b in InProcess().compute(jobs, fails_where_it_sees_interrupts))
 
 
 # --- processes that die ---------------------------------------------------------------------------
 
 
-def dies_of_sixteen(batch):
+def dies_of_sixteen(job, references):
     """No process survives N = 16."""
-    if any(run.n_steps == 16 for run in batch):
+    if any(run.n_steps == 16 for run in job.runs):
         os.kill(os.getpid(), signal.SIGKILL)
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
-def dies_once_of_sixteen(batch, folder):
+def dies_once_of_sixteen(job, references, folder):
     """The first process that meets N = 16 of a method dies, the next one does not."""
-    for run in batch:
+    for run in job.runs:
         mark = Path(folder) / f"{run.method.case}-{run.n_steps}"
         if run.n_steps == 16 and not mark.exists():
             mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
 def test_a_batch_whose_process_died_is_computed_once_more(tmp_path):
     compute = functools.partial(dies_once_of_sixteen, folder=str(tmp_path))
-    batches = singles(experiment().runs())
-    answers = list(TWO.compute(batches, compute))
+    jobs = singles(experiment().runs())
+    answers = list(TWO.compute(jobs, compute))
     assert len(list(tmp_path.iterdir())) == 2  # both have died once
     assert not any(batch.lost for batch in answers)
-    here = InProcess().compute(batches, execute_batch)
+    here = InProcess().compute(jobs, execute_job)
     assert numbers(answers) == numbers(here)
 
 
 def test_a_batch_of_which_every_process_dies_is_reported_and_the_others_go_on():
-    batches = singles(experiment().runs())
-    answers = list(TWO.compute(batches, dies_of_sixteen))
+    jobs = singles(experiment().runs())
+    answers = list(TWO.compute(jobs, dies_of_sixteen))
     assert len(answers) == 6
     lost = [batch for batch in answers if batch.lost]
     assert [f.run.n_steps for batch in lost for f in batch.finished] == [16, 16]
@@ -276,16 +280,16 @@ if __name__ == "__main__":
 """
 
 
-def sleeps(batch):
+def sleeps(job, references):
     os.write(1, f"{os.getpid()}\n".encode())
     time.sleep(600)
     return []
 
 
-def sleeps_at_four(batch):
-    if batch[0].n_steps == 4:
+def sleeps_at_four(job, references):
+    if job.runs[0].n_steps == 4:
         time.sleep(600)
-    return execute_batch(batch)
+    return execute_job(job, references)
 
 
 def is_alive(process_id):
@@ -315,15 +319,15 @@ def test_processes_end_with_a_parent_that_was_killed(tmp_path):
 
 
 def test_workers_of_another_version_are_refused(monkeypatch):
-    (portable,) = map(executor_module.portable_batch, singles(experiment().runs()[:1]))
-    assert len(executor_module.compute_portable(execute_batch, portable)) == 1
+    (portable,) = (portable_job(job, ()) for job in singles(experiment().runs()[:1]))
+    assert len(portable_module.compute_portable(execute_job, portable)) == 1
     for change, said in (
         ({"fvi": "0.0.1"}, r"it has fvi 0\.0\.1 in place of"),
         ({"scipy": "9.9"}, r"it has scipy 9\.9 in place of"),
         ({"sources": ""}, "it has other source files"),
     ):
         other = dataclasses.replace(own_code(), **change)
-        monkeypatch.setattr(executor_module, "own_code", lambda other=other: other)
+        monkeypatch.setattr(portable_module, "own_code", lambda other=other: other)
         with pytest.raises(ExecutorError, match=said):
-            executor_module.compute_portable(execute_batch, portable)
+            portable_module.compute_portable(execute_job, portable)
         monkeypatch.undo()

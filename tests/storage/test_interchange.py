@@ -56,7 +56,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     loaded = parse_config(CONFIG, "everything.yaml")
     settings = Settings(output=folder, show_progress=False)
     with open_results(folder, loaded.name) as results:
-        compute_runs(loaded.experiments, settings, title="all", keep=results.add)
+        compute_runs(loaded.experiments, settings, title="all", store=results, is_kept=True)
         results.consolidate(loaded)
     return [folder / "everything.h5"]
 

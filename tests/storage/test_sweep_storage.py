@@ -11,7 +11,8 @@ from command_line import MANY
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
-from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.batches import batches_of
+from fvi_cli.runner.executors.execute import execute_batch
 from fvi_cli.storage import list_runs, open_results, read_results
 from fvi_cli.storage.groups import reading
 from fvi_cli.storage.groups.columns import Columns, add_row

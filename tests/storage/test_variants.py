@@ -145,15 +145,15 @@ def test_a_mistake_forgets_nothing():
 def test_fresh_replaces_run_by_run(monkeypatch):
     """What is interrupted has lost nothing that was finished before."""
     told()
-    real, calls = compute.execute_batch, []
+    real, calls = compute.execute_job, []
 
-    def interrupted(batch, checkpoints):
-        calls.append(batch)
+    def interrupted(job, references, checkpoints):
+        calls.append(job)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return [dataclasses.replace(one, error=0.5) for one in real(batch, checkpoints)]
+        return [dataclasses.replace(one, error=0.5) for one in real(job, references, checkpoints)]
 
-    monkeypatch.setattr(compute, "execute_batch", interrupted)
+    monkeypatch.setattr(compute, "execute_job", interrupted)
     fvi("run", "quick.yaml", "--fresh", code=130)
     found = [run.error == 0.5 for run in list_runs(Path(FILE)).runs]
     assert sorted(found) == [False, False, True, True]

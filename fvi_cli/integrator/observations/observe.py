@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
@@ -74,7 +74,7 @@ def integrate_observed_members(
     requests: Sequence[Observations],
     *,
     every: int = 1,
-    checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
+    checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
     """Integrate many scenes and observe them, without impacts, those of one kind as one batch.
 
@@ -84,7 +84,7 @@ def integrate_observed_members(
     runs = integrate_members(
         scenes, method, n_steps, every=every, with_steps=True, checkpoints=checkpoints
     )
-    return observe_members(scenes, method, runs, requests)
+    return observe_members(scenes, method, runs, requests, checkpoints=checkpoints)
 
 
 def observe(

@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along
 from fvi_cli.integrator.damping.directions import pattern_of
-from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.dampers import damper_alone
@@ -117,7 +117,7 @@ def _second_runs(
             method,
             steps[places[0]].mesh(shorter[places[0]].break_points),
             with_steps=True,
-            checkpoints=lambda _: checkpoints,
+            checkpoints=checkpoints if len(scenes) == 1 else part_of(checkpoints, f"{places[0]}"),
         )
         for index, run in zip(places, runs, strict=True):
             whole = run.steps if run.status == "ok" else None

@@ -2,37 +2,14 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from fvi_cli.config.memory import machine_bytes
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper
-from fvi_cli.integrator.members import integrate_members
-from fvi_cli.integrator.observations.observe import integrate_observed_members
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import members_at_a_time
-from fvi_cli.studies.study import (
-    assessed,
-    assessed_pair,
-    execute,
-    is_refused,
-    kept_on_the_way,
-    prediction_of,
-    references_of,
-    refused,
-    with_remark_on_thinning,
-)
-from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
-
-if TYPE_CHECKING:
-    from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-
-_logger = logging.getLogger(__name__)
 
 Pack = tuple[object, ...]
+Batch = tuple[Run, ...]
 
 LEAST_PACK, LARGEST_PACK, PACKS = 8, 64, 16
 """Members side by side gain little beyond the largest pack, which is what a worker takes, and what
@@ -99,80 +76,3 @@ def one_by_one_words(experiment: Experiment) -> str:
 def search_title(search: Run) -> str:
     """A search, or the run that it came to, in one line."""
     return search.experiment.name + (f" ({search.member.label})" if search.member else "")
-
-
-def _searched(search: Run, checkpoints: CheckpointFolder | None) -> FinishedRun:
-    """The run that a search comes to."""
-    return run_for_tolerance(
-        search,
-        available_bytes=machine_bytes(),
-        log=lambda line: _logger.info("%s: %s", search_title(search), line),
-        checkpoints=None if checkpoints is None else checkpoints.of(search),
-    )
-
-
-def execute_batch(
-    batch: tuple[Run, ...], checkpoints: CheckpointFolder | None = None
-) -> list[FinishedRun]:
-    """Compute every run of a batch and its error, in the order of the batch.
-
-    Members of a sweep are integrated together; one that diverges or is refused does not disturb
-    the others.
-    """
-    first = batch[0]
-    if first.is_search:
-        return [_searched(run, checkpoints) for run in batch]
-    observations = first.experiment.observations
-
-    def keeper(run: Run) -> RunKeeper | None:
-        is_single_run = len(batch) == 1 and observations.is_empty
-        return None if checkpoints is None else checkpoints.of(run, is_single_run=is_single_run)
-
-    is_single = len(batch) == 1 or first.experiment.grading != 1.0
-    if (
-        first.member is None
-        or not isinstance(first.problem, Problem)
-        or (not observations.is_empty and (is_single or observations.impacts))
-    ):
-        return [execute(run, keeper(run)) for run in batch]
-    members = tuple(run.member for run in batch if run.member is not None)
-    references = references_of(members, first.experiment.steps, first.experiment.grading)
-    predictions = [prediction_of(run) for run in batch]
-    going = {
-        run.problem.scene: run
-        for run, prediction in zip(batch, predictions, strict=True)
-        if isinstance(run.problem, Problem) and not is_refused(run, prediction)
-    }
-    if not observations.is_empty:
-        requests = [run.observations for run in going.values()]
-        pairs = iter(integrate_observed_members(list(going), first.method, first.n_steps, requests))
-        return [
-            refused(run, prediction, reference)
-            if is_refused(run, prediction)
-            else assessed_pair(run, next(pairs), prediction, reference)
-            for run, prediction, reference in zip(batch, predictions, references, strict=True)
-        ]
-    every = kept_on_the_way(first)
-    if first.experiment.grading == 1.0:
-        computed = iter(
-            integrate_members(
-                list(going),
-                first.method,
-                first.n_steps,
-                every=every,
-                checkpoints=lambda scene: keeper(going[scene]),
-            )
-        )
-    else:
-        computed = iter(
-            [
-                integrate(scene, run.method, run.steps, every=every, checkpoints=keeper(run))
-                for scene, run in going.items()
-            ]
-        )
-    return [
-        refused(run, prediction, reference)
-        if is_refused(run, prediction)
-        else assessed(run, with_remark_on_thinning(next(computed)), prediction, reference)
-        for run, prediction, reference in zip(batch, predictions, references, strict=True)
-    ]

@@ -6,14 +6,15 @@ import hashlib
 import logging
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
+from fvi_cli.runner.executors.batches import Batch, batches_of
 from fvi_cli.storage.atomic import reason, replacement
 from fvi_cli.storage.files import CHECKPOINT_SUFFIX, checkpoint_paths, remove_checkpoints
-from fvi_cli.storage.identity import identity_of
+from fvi_cli.storage.identity import canonical_json, identity_of, sha256
 from fvi_cli.studies.experiment import Run
 
 _logger = logging.getLogger(__name__)
@@ -40,22 +41,36 @@ class CheckpointFolder:
     folder: Path
     seconds: float
 
-    def of(self, run: Run, *, is_single_run: bool = True) -> CheckpointFile:
-        """The checkpoint of a run or search; one among others is kept whole until it is stored."""
+    def of(self, batch: Batch, *, is_single_run: bool = True) -> CheckpointFile:
+        """The checkpoint of a run, a search, or runs that are computed together.
+
+        Where something follows, such as observations, a run is kept whole until it is stored.
+        """
+        first = batch[0]
+        label, title = identity_of(first), first.title
+        if len(batch) > 1:
+            values = [dict(run.member.values) for run in batch if run.member is not None]
+            label += f" {sha256(canonical_json(values))}"
+            title += f" and {len(batch) - 1} more"
         return CheckpointFile(
             folder=self.folder,
-            title=run.title,
-            label=identity_of(run),
+            title=title,
+            label=label,
             seconds=self.seconds,
-            is_single_run=is_single_run,
+            is_single_run=is_single_run and len(batch) == 1,
         )
 
-    def unfinished(self, runs: Iterable[Run]) -> dict[Run, int]:
-        """How many steps are done of those runs that have a checkpoint to be believed."""
+    def unfinished(self, runs: Sequence[Run]) -> dict[Run, int]:
+        """How many steps are done of those runs whose batch has a checkpoint to be believed."""
         if not checkpoint_paths(self.folder):
             return {}
-        found = {run: self.of(run).steps_done() for run in runs}
-        return {run: done for run, done in found.items() if done is not None}
+        found: dict[Run, int] = {}
+        for batch in batches_of(runs):
+            kept = self.of(batch)
+            done = (kept if len(batch) == 1 else kept.part("from 0")).steps_done()
+            if done is not None:
+                found |= dict.fromkeys(batch, done)
+        return found
 
     def resumed(self, search: Run) -> str:
         """In words what is kept of the runs of a search; empty: nothing."""

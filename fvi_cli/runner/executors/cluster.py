@@ -1,31 +1,34 @@
-"""Batches computed by the workers of a Dask scheduler."""
+"""Jobs computed by the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
-import itertools
 import logging
 import queue
 import threading
-from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from fvi_cli.errors import ExecutorError
-from fvi_cli.runner.executors.executor import (
-    Batch,
-    ComputeBatch,
-    FinishedBatch,
-    PortableBatch,
+from fvi_cli.runner.executors.batches import Pack
+from fvi_cli.runner.executors.executor import Answer, Died, run_jobs
+from fvi_cli.runner.executors.jobs import (
+    ComputeJob,
+    FinishedJob,
+    Job,
+    JobQueue,
+    Lookup,
+    References,
+    no_memory,
+)
+from fvi_cli.runner.executors.portable import (
+    PortableJob,
     PortableResults,
     compute_portable,
-    lost_batch,
-    no_memory,
-    packs_longest_first,
-    portable_batch,
-    returned_batch,
+    portable_job,
+    returned_results,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +40,7 @@ CONNECTION_SECONDS = 20.0
 """For an answer of the scheduler: a machine with much to do leaves it waiting for long."""
 _CLOSING_SECONDS = 2.0
 _SECONDS_BETWEEN_LOOKS = 5.0
-_BATCHES_AHEAD = 2
+_JOBS_AHEAD = 2
 _LEAST_AHEAD = 8
 _UNREADABLE = "deserialization of the task graph"
 
@@ -49,10 +52,10 @@ _ONE_AT_A_TIME = threading.Lock()
 class DaskCluster:
     """Computes on the workers of an existing Dask scheduler.
 
-    No more batches are sent ahead than keep the workers busy, so that neither this process nor
+    No more jobs are sent ahead than keep the workers busy, so that neither this process nor
     the scheduler has to hold them all. A worker that dies is answered by the scheduler: it gives
-    its batches to other workers as often as its setting ``distributed.scheduler.allowed-failures``
-    says (3 unless it was changed). It cannot tell which of the batches that waited at that worker
+    its jobs to other workers as often as its setting ``distributed.scheduler.allowed-failures``
+    says (3 unless it was changed). It cannot tell which of the jobs that waited at that worker
     was the reason; so one that is given up is sent once more from here, alone, after all others.
     When its workers die again, it is lost.
 
@@ -65,9 +68,9 @@ class DaskCluster:
     address: str
 
     def compute(
-        self, batches: Sequence[Batch], compute: ComputeBatch
-    ) -> Generator[FinishedBatch, None, None]:
-        """As :meth:`Executor.compute`; the longest batches first.
+        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
+    ) -> Generator[FinishedJob, None, None]:
+        """As :meth:`Executor.compute`; the longest packs first.
 
         Raises
         ------
@@ -75,73 +78,65 @@ class DaskCluster:
             If `distributed` is not installed, the scheduler does not answer or ends, or its
             workers cannot use what is sent to them.
         """
-        if not batches:
+        if not jobs:
             return
         with _connected(self.address) as client:
-            jobs = _Jobs(client=client, address=self.address, compute=compute)
-            packs = packs_longest_first(batches)
-            waiting = itertools.chain.from_iterable(packs.values())
-            try:
-                yield from jobs.finished(waiting)
-            finally:
-                jobs.leave()
+            workers = _Cluster(client=client, address=self.address, compute=compute)
+            yield from run_jobs(jobs, workers, lookup)
 
 
 @dataclass(kw_only=True, eq=False)
-class _Jobs:
-    """The batches that are under way, by the future that stands for each."""
+class _Cluster:
+    """The jobs that are under way, by the future that stands for each."""
 
     client: Client
     address: str
-    compute: ComputeBatch
-    under_way: dict[Future[Any], Batch] = field(default_factory=dict)
-    suspects: deque[Batch] = field(default_factory=deque)
-    is_last_chance: bool = False
+    compute: ComputeJob
+    under_way: dict[Future[Any], Job] = field(default_factory=dict)
     done: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
+    ahead: int | None = None
     has_warned_idle: bool = False
 
-    def finished(self, waiting: Iterator[Batch]) -> Iterator[FinishedBatch]:
-        """Every batch of `waiting` as soon as it is finished."""
-        ahead = self._ahead()
-        while True:
-            for batch in itertools.islice(waiting, max(0, ahead - len(self.under_way))):
-                self._send(batch)
-            if not self.under_way:
-                if not self.suspects:
-                    return
-                self.is_last_chance = True
-                self._send(self.suspects.popleft())
-            try:
-                future = self.done.get(timeout=_SECONDS_BETWEEN_LOOKS)
-            except queue.Empty:
-                ahead = self._ahead()
-                continue
-            # of a batch that was given up meanwhile
-            if future not in self.under_way:
-                continue
-            answer = self._answer(future, self.under_way.pop(future))
-            if answer is not None:
-                yield answer
+    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
+        return JobQueue.longest_first(jobs)
+
+    def room(self) -> tuple[bool, Pack | None]:
+        if self.ahead is None:
+            self.ahead = self._ahead()
+        return len(self.under_way) < self.ahead, None
+
+    def send(self, job: Job, references: References) -> None:
+        future: Future[Any] = self.client.submit(
+            compute_one_at_a_time, self.compute, portable_job(job, references), pure=False
+        )
+        self.under_way[future] = job
+        future.add_done_callback(self.done.put)
+
+    def answers(self) -> Iterable[tuple[Job, Answer]]:
+        """Wait for an answer; none if the scheduler is to be asked how many workers it has."""
+        try:
+            future = self.done.get(timeout=_SECONDS_BETWEEN_LOOKS)
+        except queue.Empty:
+            self.ahead = None
+            return []
+        # of a job that was given up meanwhile
+        if future not in self.under_way:
+            return []
+        job = self.under_way.pop(future)
+        return [(job, self._answer(future, job))]
 
     def _ahead(self) -> int:
-        """How many batches may be under way; says so when nobody is there to compute them."""
+        """How many jobs may be under way; says so when nobody is there to compute them."""
         if self.client.status != "running":
             raise ExecutorError(_lost_scheduler(self.address))
         threads = self.client.nthreads()
         if not threads and not self.has_warned_idle:
             _logger.warning("%s: the scheduler has no workers; waiting for them", self.address)
         self.has_warned_idle = not threads
-        return max(_LEAST_AHEAD, _BATCHES_AHEAD * len(threads))
+        return max(_LEAST_AHEAD, _JOBS_AHEAD * len(threads))
 
-    def _send(self, batch: Batch) -> None:
-        future: Future[Any] = self.client.submit(
-            compute_one_at_a_time, self.compute, portable_batch(batch), pure=False
-        )
-        self.under_way[future] = batch
-        future.add_done_callback(self.done.put)
-
-    def _answer(self, future: Future[Any], batch: Batch) -> FinishedBatch | None:
-        """What became of a batch; None if it is to be sent once more.
+    def _answer(self, future: Future[Any], job: Job) -> Answer:
+        """What became of a job.
 
         Raises
         ------
@@ -152,17 +147,12 @@ class _Jobs:
         from distributed.comm.core import CommClosedError
 
         try:
-            return returned_batch(batch, future.result())
+            return returned_results(job, future.result())
         except KilledWorker as error:
-            if not self.is_last_chance:
-                self.suspects.append(batch)
-                return None
-            deaths = 2 * (error.allowed_failures + 1)
-            return lost_batch(
-                batch, f"the worker that computed it died (out of memory?), {deaths} times"
-            )
+            message = "the worker that computed it died (out of memory?)"
+            return Died(message=message, times=error.allowed_failures + 1)
         except MemoryError as error:
-            return lost_batch(batch, no_memory(error))
+            return no_memory(error)
         except (CancelledError, CommClosedError):
             raise ExecutorError(_lost_scheduler(self.address)) from None
         except (ModuleNotFoundError, RuntimeError) as error:
@@ -173,19 +163,22 @@ class _Jobs:
                 f"installed as this process: {' '.join(str(error).split())}"
             ) from None
 
-    def leave(self) -> None:
+    def dismiss(self) -> None:
+        """The workers are not ours."""
+
+    def stop(self) -> None:
         """Call back what is still under way."""
         if self.under_way and self.client.status == "running":
             self.client.cancel(list(self.under_way), force=True)
 
 
-def compute_one_at_a_time(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
-    """Compute a batch on a worker, one at a time in each process.
+def compute_one_at_a_time(compute: ComputeJob, portable: PortableJob) -> PortableResults:
+    """Compute a job on a worker, one at a time in each process.
 
     Raises
     ------
     ExecutorError
-        If the worker has other code than who sent the batch; says which worker.
+        If the worker has other code than who sent the job; says which worker.
     """
     from distributed import get_worker
 

@@ -1,128 +1,161 @@
-"""Batches of runs, computed wherever an executor does it: here, in processes, on a cluster."""
+"""One loop for all jobs, wherever they are computed: here, in processes, on a cluster."""
 
 from __future__ import annotations
 
-import functools
 import logging
-import pickle
-import traceback
-from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
 
-import numpy as np
-
-import fvi_cli
-from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.advance import on_progress
-from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.runner.executors.batches import Pack, pack_of
-from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.registry import build_problem
-from fvi_cli.storage.code import Code, own_code
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.runner.executors.batches import Pack
+from fvi_cli.runner.executors.jobs import (
+    ComputeJob,
+    Crash,
+    FinishedJob,
+    Job,
+    JobQueue,
+    Lookup,
+    References,
+    Results,
+    Watch,
+    crash,
+    no_memory,
+)
+from fvi_cli.studies.reference import Reference
 
 _logger = logging.getLogger(__name__)
 
-Batch = tuple[Run, ...]
-Watch = Callable[[Batch, int, int], None]
-"""Told now and then which batch is being computed, how many steps are done, and of how many."""
-ComputeBatch = Callable[[Batch], Sequence[FinishedRun]]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FinishedBatch:
-    """What became of one batch.
-
-    Parameters
-    ----------
-    runs, finished
-        Its runs, and what became of each, or what a search came to.
-    lost
-        Those of which nothing was computed: whoever computed them died every time or had not
-        enough memory, or the program made a mistake. They are ``failed`` and say why, tell nothing
-        about the method, and are not to be stored.
-    """
-
-    runs: Batch
-    finished: tuple[FinishedRun, ...]
-    lost: frozenset[Run] = frozenset()
-
-    @property
-    def results(self) -> tuple[FinishedRun, ...]:
-        """What is to be stored."""
-        return tuple(one for one in self.finished if one.run not in self.lost)
+ATTEMPTS = 2
+"""How often a job is computed whose process dies, before it is given up."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Crash:
-    """An exception that nobody expected while one run was computed.
-
-    Parameters
-    ----------
-    message
-        What it says, where it happened, and what to do about it.
-    trace
-        Its traceback.
-    """
+class Died:
+    """Who computed a job has died, so many times."""
 
     message: str
-    trace: str
+    times: int = 1
+
+
+Answer = Results | Crash | Died
+"""What became of a job; a crash is that of all its runs."""
+
+
+class Workers(Protocol):
+    """Those who compute jobs."""
+
+    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
+        """The jobs in the order in which they are computed best."""
+
+    def room(self) -> tuple[bool, Pack | None]:
+        """Whether a job can be sent, and the pack that who takes it has computed last."""
+
+    def send(self, job: Job, references: References) -> None:
+        """Have a job computed."""
+
+    def answers(self) -> Iterable[tuple[Job, Answer]]:
+        """Wait, and give what has become of jobs, if of any."""
+
+    def dismiss(self) -> None:
+        """End, when no job is left."""
+
+    def stop(self) -> None:
+        """End at once what is under way."""
 
 
 class Executor(Protocol):
-    """Computes batches somewhere."""
+    """Computes jobs somewhere."""
 
     def compute(
-        self, batches: Sequence[Batch], compute: ComputeBatch
-    ) -> Generator[FinishedBatch, None, None]:
-        """Compute every batch and yield each as soon as it is finished.
+        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
+    ) -> Generator[FinishedJob, None, None]:
+        """Compute every job and yield each as soon as it is finished.
 
         Closing the generator, or an exception in the loop that reads it, ends what was begun.
         What `compute` raises is the result of the run that is to blame, and of no other.
 
         Parameters
         ----------
-        batches
-            What to compute; the runs of a batch, at least one, share their experiment.
+        jobs
+            What to compute.
         compute
-            Function of one batch, which gives its finished runs in the same order; to be computed
-            in another process it must be importable by name.
+            Function of one job and its references.
+        lookup
+            Gives the references of runs once the jobs that they need have been yielded.
         """
 
 
-@dataclass(frozen=True, kw_only=True)
-class InProcess:
-    """Computes in this process, one batch after the other, in their order.
+def run_jobs(
+    jobs: Sequence[Job], workers: Workers, lookup: Lookup
+) -> Generator[FinishedJob, None, None]:
+    """As :meth:`Executor.compute`: the one loop over jobs.
 
-    Parameters
-    ----------
-    watch
-        Told how far a batch is; None: nobody wants to know.
+    A job whose process has died is computed once more after all others, alone; when that dies as
+    well, the job is lost.
     """
+    queue, under_way = workers.ordered(jobs), set[Job]()
+    suspects, deaths = deque[Job](), Counter[Job]()
+    try:
+        while True:
+            while (room := workers.room())[0]:
+                job = queue.take(room[1])
+                if job is None and not under_way and suspects:
+                    job = suspects.popleft()
+                if job is None:
+                    break
+                whole, references, lost = _with_references(job, lookup)
+                if lost is not None:
+                    yield lost
+                if whole is not None:
+                    under_way.add(whole)
+                    workers.send(whole, references)
+            if not under_way:
+                break
+            for job, answer in workers.answers():
+                under_way.discard(job)
+                found = answer
+                if isinstance(found, Died):
+                    is_suspect = job not in deaths
+                    deaths[job] += found.times
+                    if is_suspect:
+                        suspects.append(job)
+                        continue
+                    found = Crash(message=f"{found.message}, {deaths[job]} times")
+                queue.open.discard(job)
+                yield _finished(job, found)
+        workers.dismiss()
+    finally:
+        workers.stop()
 
-    watch: Watch | None = None
 
-    def compute(
-        self, batches: Sequence[Batch], compute: ComputeBatch
-    ) -> Generator[FinishedBatch, None, None]:
-        """As :meth:`Executor.compute`."""
-        for batch in batches:
-            try:
-                watcher = functools.partial(self.watch, batch) if self.watch else None
-                with on_progress(watcher) if watcher else nullcontext():
-                    results = attempt(batch, compute)
-            except MemoryError as error:
-                yield lost_batch(batch, no_memory(error))
-            else:
-                yield finished_batch(batch, results)
+def _with_references(job: Job, lookup: Lookup) -> tuple[Job | None, References, FinishedJob | None]:
+    """The runs of a job whose references are there, these, and the runs whose are lost."""
+    if job.is_reference:
+        return job, (), None
+    pairs = [(run, lookup(run)) for run in job.runs]
+    whole = [(run, one) for run, one in pairs if not isinstance(one, Crash)]
+    if len(whole) == len(pairs):
+        return job, [one for _, one in whole], None
+    lost = [(run, one) for run, one in pairs if isinstance(one, Crash)]
+    broken = Job(runs=tuple(run for run, _ in lost))
+    rest = Job(runs=tuple(run for run, _ in whole)) if whole else None
+    return rest, [one for _, one in whole], _finished(broken, [one for _, one in lost])
 
 
-def attempt(batch: Batch, compute: ComputeBatch) -> list[FinishedRun | Crash]:
-    """Compute a batch; where that raises an exception, every run by itself.
+def _finished(job: Job, answer: Results | Crash) -> FinishedJob:
+    results = [answer] * len(job.runs) if isinstance(answer, Crash) else answer
+    for run, one in zip(job.runs, results, strict=True):
+        if isinstance(one, Crash) and one.trace:
+            _logger.debug("%s: %s", run.title, one.trace)
+    return FinishedJob(job=job, results=results)
+
+
+def attempt(job: Job, references: References, compute: ComputeJob) -> Results:
+    """Compute a job; where that raises an exception, every run by itself.
 
     Raises
     ------
@@ -130,195 +163,71 @@ def attempt(batch: Batch, compute: ComputeBatch) -> list[FinishedRun | Crash]:
         If there is not enough memory: that is the fault of none of the runs.
     """
     try:
-        return list(compute(batch))
+        return compute(job, references)
     except MemoryError:
         raise
     except Exception as error:
-        if len(batch) == 1:
+        if len(job.runs) == 1:
             return [crash(error)]
-        _logger.debug("%d runs together: %s", len(batch), crash(error).trace)
-        _logger.warning("%d runs are computed one by one: %s", len(batch), crash(error).message)
-        return [one for run in batch for one in attempt((run,), compute)]
+        _logger.debug("%d runs together: %s", len(job.runs), crash(error).trace)
+        _logger.warning("%d runs are computed one by one: %s", len(job.runs), crash(error).message)
+        given: Sequence[Sequence[Reference | None]] = [[one] for one in references]
+        return [
+            one
+            for run, own in zip(job.runs, given or [()] * len(job.runs), strict=True)
+            for one in attempt(Job(runs=(run,), is_reference=job.is_reference), own, compute)
+        ]
 
 
-def crash(error: Exception) -> Crash:
-    """What is told of an exception: its words, and the last line of this package on the way."""
-    package = Path(fvi_cli.__file__).parent
-    place = "".join(
-        f" in {Path(frame.filename).relative_to(package.parent).as_posix()}:{frame.lineno}"
-        for frame in traceback.extract_tb(error.__traceback__)
-        if package in Path(frame.filename).parents
-    ).rpartition(" in ")[2]
-    return Crash(
-        message=f"unexpected {type(error).__name__}{f' in {place}' if place else ''}: {error}; "
-        "this is a mistake of the program, please report it with the configuration",
-        trace="".join(traceback.format_exception(error)),
-    )
-
-
-def describe_crash(run: Run, error: Exception) -> str:
-    """What is said of an exception in the midst of a run; where it was is said to those who ask."""
-    found = crash(error)
-    _logger.debug("%s: %s", run.title, found.trace)
-    return found.message
-
-
-def finished_batch(batch: Batch, results: Sequence[FinishedRun | Crash]) -> FinishedBatch:
-    """The batch with what became of each of its runs."""
-    finished, lost = [], []
-    for run, result in zip(batch, results, strict=True):
-        if isinstance(result, Crash):
-            _logger.debug("%s: %s", run.title, result.trace)
-            finished.append(lost_run(run, result.message))
-            lost.append(run)
-        else:
-            finished.append(result)
-    return FinishedBatch(runs=batch, finished=tuple(finished), lost=frozenset(lost))
-
-
-# --- how batches travel ---------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PortableBatch:
-    """A batch as it travels to another process: plain values, no functions.
+@dataclass(frozen=True, kw_only=True)
+class InProcess:
+    """Computes in this process, one job after the other, in their order.
 
     Parameters
     ----------
-    experiment
-        The experiment without its problem, pickled; the same text for all of its batches.
-    runs
-        The fields of every run, without the experiment.
-    code
-        Of the program that sends it.
+    watch
+        Told how far a job is; None: nobody wants to know.
     """
 
-    experiment: bytes
-    runs: tuple[Mapping[str, Any], ...]
-    code: Code
+    watch: Watch | None = None
+
+    def compute(
+        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
+    ) -> Generator[FinishedJob, None, None]:
+        """As :meth:`Executor.compute`."""
+        return run_jobs(jobs, _Here(compute=compute, watch=self.watch), lookup)
 
 
-PortableResults = list[dict[str, Any] | Crash]
-"""The fields of finished runs, without the runs."""
+@dataclass(kw_only=True, eq=False)
+class _Here:
+    """The process itself, which takes one job at a time."""
 
+    compute: ComputeJob
+    watch: Watch | None
+    given: list[tuple[Job, References]] = field(default_factory=list)
+    latest: Pack | None = None
 
-def packs_longest_first(batches: Sequence[Batch]) -> dict[Pack, deque[Batch]]:
-    """The batches by their packs, those with the most steps in front.
+    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
+        return JobQueue.in_order(jobs)
 
-    The batches of a pack share what errors are measured against: who computes one of them should
-    compute all.
-    """
-    packs: dict[Pack, list[Batch]] = {}
-    for batch in batches:
-        packs.setdefault(pack_of(batch[0]), []).append(batch)
-    ordered = sorted(packs.items(), key=lambda item: -sum(map(_steps, item[1])))
-    return {pack: deque(sorted(own, key=_steps, reverse=True)) for pack, own in ordered}
+    def room(self) -> tuple[bool, Pack | None]:
+        return not self.given, self.latest
 
+    def send(self, job: Job, references: References) -> None:
+        self.given, self.latest = [(job, references)], job.pack
 
-def _steps(batch: Batch) -> int:
-    return sum(run.n_steps for run in batch)
+    def answers(self) -> Iterable[tuple[Job, Answer]]:
+        ((job, references),) = self.given
+        try:
+            with on_progress(partial(self.watch, job)) if self.watch else nullcontext():
+                answer: Answer = attempt(job, references, self.compute)
+        except MemoryError as error:
+            answer = no_memory(error)
+        self.given = []
+        return [(job, answer)]
 
+    def dismiss(self) -> None:
+        """Nothing is to be ended."""
 
-def portable_batch(batch: Batch) -> PortableBatch:
-    """The batch for another process, where its problem is built anew from the specification."""
-    return PortableBatch(
-        experiment=_portable_experiment(batch[0].experiment),
-        runs=tuple(_fields_of(run, "experiment") for run in batch),
-        code=own_code(),
-    )
-
-
-@functools.lru_cache(maxsize=8)
-def _portable_experiment(experiment: Experiment) -> bytes:
-    return pickle.dumps(
-        {
-            name: dict(value) if isinstance(value, Mapping) else value
-            for name, value in _fields_of(experiment, "problem").items()
-            if name != "members"
-        }
-    )
-
-
-def _fields_of(value: Any, left_out: str) -> dict[str, Any]:
-    names = (field.name for field in fields(value))
-    return {name: getattr(value, name) for name in names if name != left_out}
-
-
-@functools.lru_cache(maxsize=8)
-def _revived(portable: bytes) -> Experiment:
-    """The experiment again, its problem built anew."""
-    description = pickle.loads(portable)  # noqa: S301 - made by the parent process
-    problem = build_problem(description["problem_specification"])
-    return Experiment(problem=problem, **description)
-
-
-def compute_portable(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
-    """Compute a batch that has travelled.
-
-    Raises
-    ------
-    ExecutorError
-        If it was sent by other code, whose numbers may be others.
-    """
-    differences = portable.code.differences(own_code())
-    if differences:
-        raise ExecutorError(f"it has {differences}; install the same on both sides")
-    experiment = _revived(portable.experiment)
-    batch = tuple(Run(experiment=experiment, **run) for run in portable.runs)
-    return [
-        result if isinstance(result, Crash) else _fields_of(result, "run") | _choice(result.run)
-        for result in attempt(batch, compute)
-    ]
-
-
-def _choice(run: Run) -> dict[str, Any]:
-    return {"method": run.method, "n_steps": run.n_steps}
-
-
-def returned_batch(batch: Batch, results: PortableResults) -> FinishedBatch:
-    """The finished batch, its runs being those that were sent out, or were chosen for them."""
-    return finished_batch(
-        batch,
-        [
-            result if isinstance(result, Crash) else _returned(run, dict(result))
-            for run, result in zip(batch, results, strict=True)
-        ],
-    )
-
-
-def _returned(run: Run, result: dict[str, Any]) -> FinishedRun:
-    choice = {name: result.pop(name) for name in _choice(run)}
-    if choice != _choice(run):
-        run = run.experiment.chosen_run(**choice, member=run.member)
-    return FinishedRun(run=run, **result)
-
-
-def lost_batch(batch: Batch, message: str) -> FinishedBatch:
-    """The batch as ``failed`` where nobody lived to tell its results."""
-    finished = tuple(lost_run(run, message) for run in batch)
-    return FinishedBatch(runs=batch, finished=finished, lost=frozenset(batch))
-
-
-def no_memory(error: MemoryError) -> str:
-    """Why a batch is lost for which there was no memory."""
-    return "not enough memory" + (f": {error}" if str(error) else "")
-
-
-def lost_run(run: Run, message: str) -> FinishedRun:
-    """The run as ``failed``: of it there is nothing but its start, and why."""
-    problem = run.problem
-    start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
-    return FinishedRun(
-        run=run,
-        trajectory=Trajectory(
-            time=np.zeros(1),
-            position=start[None],
-            n_steps=run.n_steps,
-            step_size=run.step_size,
-            status="failed",
-            message=message,
-        ),
-        error=float("nan"),
-        floor=0.0,
-        status="failed",
-    )
+    def stop(self) -> None:
+        """Nothing is under way."""

@@ -1,4 +1,4 @@
-"""Batches computed by processes of this machine, any of which may die."""
+"""Jobs computed by processes of this machine, any of which may die."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections import deque
-from collections.abc import Collection, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -19,26 +18,22 @@ from typing import TYPE_CHECKING, Any
 
 from fvi_cli.integrator.advance import on_progress
 from fvi_cli.runner.executors.batches import Pack
-from fvi_cli.runner.executors.executor import (
-    Batch,
-    ComputeBatch,
-    FinishedBatch,
-    PortableResults,
+from fvi_cli.runner.executors.executor import Answer, Died, run_jobs
+from fvi_cli.runner.executors.jobs import (
+    ComputeJob,
+    FinishedJob,
+    Job,
+    JobQueue,
+    Lookup,
+    References,
     Watch,
-    compute_portable,
-    lost_batch,
     no_memory,
-    packs_longest_first,
-    portable_batch,
-    returned_batch,
 )
+from fvi_cli.runner.executors.portable import compute_portable, portable_job, returned_results
 
 if TYPE_CHECKING:
     # Windows has only one of them
     from multiprocessing.context import ForkServerContext, SpawnContext
-
-ATTEMPTS = 2
-"""How often a batch is computed before it is given up."""
 
 _SECONDS_TO_LEAVE = 5.0
 _FORKED_ON = ("linux",)
@@ -46,20 +41,12 @@ _PRELOADED = ["fvi_cli.runner.executors.processes", "fvi_cli.runner.executors.ba
 
 
 @dataclass(kw_only=True, eq=False)
-class _Task:
-    """A batch, and how often a process has died of it."""
-
-    batch: Batch
-    deaths: int = 0
-
-
-@dataclass(kw_only=True, eq=False)
 class _Worker:
-    """A process, our end of the pipe to it, what it computes, and the pack of that."""
+    """A process, our end of the pipe to it, what it computes, and the pack of the latest job."""
 
     process: BaseProcess
     connection: Connection
-    task: _Task | None = None
+    job: Job | None = None
     pack: Pack | None = None
 
     def exit_reason(self) -> str:
@@ -77,15 +64,12 @@ class _Worker:
 class LocalProcesses:
     """Computes in several processes of this machine.
 
-    A process holds one batch at a time. When it dies, another one takes its place and the batch
-    is computed once more, after all others; when that dies as well, the batch is lost.
-
     Parameters
     ----------
     workers
         Number of processes.
     watch
-        Told how far a batch is; None: nobody wants to know.
+        Told how far a job is; None: nobody wants to know.
 
     Raises
     ------
@@ -101,72 +85,37 @@ class LocalProcesses:
             raise ValueError(f"workers: {self.workers} is not allowed; it must be at least 1")
 
     def compute(
-        self, batches: Sequence[Batch], compute: ComputeBatch
-    ) -> Generator[FinishedBatch, None, None]:
+        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
+    ) -> Generator[FinishedJob, None, None]:
         """As :meth:`Executor.compute`; the longest packs first, each by one process if it can."""
-        waiting = {
-            pack: deque(_Task(batch=batch) for batch in own)
-            for pack, own in packs_longest_first(batches).items()
-        }
-        size = min(self.workers, len(batches))
-        pool = _Pool(compute=compute, size=size, watch=self.watch)
-        try:
-            while waiting or pool.busy:
-                while waiting and pool.has_room:
-                    pool.give(waiting)
-                for worker in pool.ready():
-                    received = pool.receive(worker)
-                    if received is None:
-                        continue
-                    task, answer = received
-                    if isinstance(answer, str):
-                        yield lost_batch(task.batch, answer)
-                    elif answer is not None:
-                        yield returned_batch(task.batch, answer)
-                    elif task.deaths < ATTEMPTS:
-                        # behind all others
-                        waiting[(task,)] = deque([task])
-                    else:
-                        message = f"{worker.exit_reason()}, {task.deaths} times"
-                        yield lost_batch(task.batch, message)
-            pool.dismiss()
-        finally:
-            pool.kill()
+        pool = _Pool(compute=compute, size=min(self.workers, len(jobs)), watch=self.watch)
+        return run_jobs(jobs, pool, lookup)
 
 
 @dataclass(kw_only=True, eq=False)
 class _Pool:
-    """The processes that are alive, at most `size`."""
+    """The processes that are alive, at most `size`; one that dies is replaced."""
 
-    compute: ComputeBatch
+    compute: ComputeJob
     size: int
     watch: Watch | None = None
     busy: dict[Connection, _Worker] = field(default_factory=dict)
     idle: list[_Worker] = field(default_factory=list)
 
-    @property
-    def has_room(self) -> bool:
-        return len(self.busy) < self.size
+    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
+        return JobQueue.longest_first(jobs)
 
-    def give(self, waiting: dict[Pack, deque[_Task]]) -> None:
-        """Hand a task to a process that is idle, or to a new one."""
+    def room(self) -> tuple[bool, Pack | None]:
+        return len(self.busy) < self.size, self.idle[-1].pack if self.idle else None
+
+    def send(self, job: Job, references: References) -> None:
+        """Hand a job to a process that is idle, or to a new one."""
         worker = self.idle.pop() if self.idle else self._started()
-        worker.pack = self._pack_for(worker, waiting)
-        worker.task = waiting[worker.pack].popleft()
-        if not waiting[worker.pack]:
-            del waiting[worker.pack]
+        worker.job, worker.pack = job, job.pack
         self.busy[worker.connection] = worker
         # a process that has just died is noticed when its answer is read
         with contextlib.suppress(OSError):
-            worker.connection.send(portable_batch(worker.task.batch))
-
-    def _pack_for(self, worker: _Worker, waiting: Collection[Pack]) -> Pack:
-        """The pack of its last task, else the first that no other process has begun, else any."""
-        if worker.pack is not None and worker.pack in waiting:
-            return worker.pack
-        begun = {other.pack for other in (*self.busy.values(), *self.idle)}
-        free = (pack for pack in waiting if pack not in begun)
-        return next(free, None) or next(iter(waiting))
+            worker.connection.send(portable_job(job, references))
 
     def _started(self) -> _Worker:
         context = _context()
@@ -181,33 +130,28 @@ class _Pool:
             theirs.close()
         return _Worker(process=process, connection=ours)
 
-    def ready(self) -> list[_Worker]:
-        """Wait for processes that have answered or died."""
-        return [self.busy[connection] for connection in wait(list(self.busy))]  # type: ignore[index]
-
-    def receive(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None] | None:
-        """The task of a process with its results, with why there are none, or None if it died.
-
-        None in place of both if the process has only said how far it is.
-        """
-        task = worker.task
-        if task is None:  # pragma: no cover - only busy processes are asked
-            raise ValueError("worker: it computes nothing")
-        try:
-            kind, answer = worker.connection.recv()
-        except (EOFError, OSError):
-            task.deaths += 1
+    def answers(self) -> Iterator[tuple[Job, Answer]]:
+        """Wait for processes that have answered, died, or said how far they are."""
+        for connection in wait(list(self.busy)):
+            worker = self.busy[connection]  # type: ignore[index]
+            job = worker.job
+            if job is None:  # pragma: no cover - only busy processes are asked
+                raise ValueError("worker: it computes nothing")
+            try:
+                kind, answer = worker.connection.recv()
+            except (EOFError, OSError):
+                del self.busy[worker.connection]
+                worker.connection.close()
+                yield job, Died(message=worker.exit_reason())
+                continue
+            if kind == "progress":
+                if self.watch is not None:
+                    self.watch(job, *answer)
+                continue
             del self.busy[worker.connection]
-            worker.connection.close()
-            return task, None
-        if kind == "progress":
-            if self.watch is not None:
-                self.watch(task.batch, *answer)
-            return None
-        del self.busy[worker.connection]
-        worker.task = None
-        self.idle.append(worker)
-        return task, answer
+            worker.job = None
+            self.idle.append(worker)
+            yield job, returned_results(job, answer) if kind == "results" else answer
 
     def dismiss(self) -> None:
         """Let idle processes end by themselves."""
@@ -216,7 +160,7 @@ class _Pool:
         for worker in self.idle:
             worker.process.join(_SECONDS_TO_LEAVE)
 
-    def kill(self) -> None:
+    def stop(self) -> None:
         """End every process, whatever it does."""
         pool = [*self.idle, *self.busy.values()]
         for worker in pool:
@@ -261,7 +205,7 @@ def _interruptions_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(connection: Connection, compute: ComputeBatch, reports_progress: object) -> None:
+def _serve(connection: Connection, compute: ComputeJob, reports_progress: object) -> None:
     """Compute what comes through the pipe until its other end is closed."""
 
     def report(done: int, n_steps: int) -> None:
@@ -281,7 +225,7 @@ def _serve(connection: Connection, compute: ComputeBatch, reports_progress: obje
             connection.send_bytes(answer)
 
 
-def _answer_to(portable: Any, compute: ComputeBatch) -> bytes:
+def _answer_to(portable: Any, compute: ComputeJob) -> bytes:
     try:
         return pickle.dumps(("results", compute_portable(compute, portable)))
     except MemoryError as error:
@@ -289,7 +233,7 @@ def _answer_to(portable: Any, compute: ComputeBatch) -> bytes:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent has, be it in the midst of a long batch."""
+    """End this process when its parent has, be it in the midst of a long job."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -23,6 +23,9 @@ SWEPT: Final = "swept"
 VARIANT_MARK: Final = "@"
 """Behind the name of an experiment in a group that holds runs of other values."""
 
+REFERENCES: Final = "@references"
+"""In place of an experiment: what errors are measured against, which every reader may skip."""
+
 RUN_KEYS: Final = ("method", "n_steps")
 """Keys of a run's specification in which runs of one variant of an experiment may differ."""
 
@@ -222,6 +225,11 @@ class Entry:
                 "written); it is left as it is: move it away, and its runs are computed again"
             )
         return record
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether it is no run, but what errors of runs are measured against."""
+        return self.kind.experiment == REFERENCES
 
     @property
     def is_of_configuration(self) -> bool:

@@ -1,0 +1,220 @@
+"""What a command computes, piece by piece, and what becomes of a piece."""
+
+from __future__ import annotations
+
+import logging
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import fvi_cli
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.runner.executors.batches import Batch, Pack, batches_of, pack_of
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import FinishedRun, Run
+from fvi_cli.studies.reference import Reference
+from fvi_cli.studies.study import needs_refined_run
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Job:
+    """Runs or searches of one batch, or the references of all scenes of a pack."""
+
+    runs: Batch
+    is_reference: bool = False
+    """Whether the errors of `runs`, of which there is one for each scene, need their references."""
+    needs: Job | None = None
+    """What must have ended before."""
+
+    @property
+    def n_steps(self) -> int:
+        """Steps of all runs."""
+        return sum(run.n_steps for run in self.runs)
+
+    @property
+    def pack(self) -> Pack:
+        """Jobs of one pack are best computed by one process, which keeps their problems."""
+        first = self.runs[0]
+        return (self,) if self.is_reference and first.member is None else pack_of(first)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crash:
+    """Why there is no result: an exception that nobody expected, or the end of a process."""
+
+    message: str
+    """What it says, where it happened, and what to do about it."""
+    trace: str = ""
+
+
+Results = Sequence[FinishedRun | Reference | Crash | None]
+"""One for each run of a job; None: the scene has an exact solution."""
+References = Sequence[Reference | None]
+"""What the errors of runs are measured against; None: it is found where they are computed."""
+ComputeJob = Callable[[Job, References], Results]
+"""To be computed in another process it must be importable by name."""
+Watch = Callable[[Job, int, int], None]
+"""Told now and then which job is being computed, how many steps are done, and of how many."""
+Lookup = Callable[[Run], Reference | Crash | None]
+"""The reference of a run that has been found by now."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedJob:
+    """What became of a job."""
+
+    job: Job
+    results: Results
+
+    @property
+    def finished(self) -> tuple[FinishedRun, ...]:
+        """Its runs; those that were not computed are ``failed`` and say why."""
+        return tuple(
+            lost_run(run, one.message) if isinstance(one, Crash) else one
+            for run, one in zip(self.job.runs, self.results, strict=True)
+            if isinstance(one, FinishedRun | Crash)
+        )
+
+    @property
+    def stored(self) -> tuple[FinishedRun, ...]:
+        """Its runs that are to be stored: what a crash says is no result of the method."""
+        return tuple(one for one in self.results if isinstance(one, FinishedRun))
+
+    @property
+    def lost(self) -> frozenset[Run]:
+        """Runs of which nothing was computed."""
+        pairs = zip(self.job.runs, self.results, strict=True)
+        return frozenset(run for run, one in pairs if isinstance(one, Crash))
+
+
+def jobs_of(runs: Sequence[Run], known: Callable[[Run], bool] = lambda run: False) -> list[Job]:
+    """Jobs for runs, in the order of their batches; `known` says whether a reference is stored.
+
+    The reference of a scene is one job, whatever methods and steps; of members of a sweep, those
+    of a pack are.
+    """
+    found: list[Job] = []
+    scenes: dict[tuple[object, ...], dict[object, Run]] = {}
+    for run in filter(needs_refined_run, runs):
+        scenes.setdefault(_shared(run), {}).setdefault(run.member, run)
+    references: dict[tuple[object, ...], Job | None] = {}
+    for batch in batches_of(runs):
+        needs, key = None, _shared(batch[0])
+        if key in scenes and key not in references:
+            own = tuple(run for run in scenes.pop(key).values() if not known(run))
+            references[key] = Job(runs=own, is_reference=True) if own else None
+            found += [one for one in [references[key]] if one is not None]
+        needs = references.get(key)
+        found.append(Job(runs=batch, needs=needs))
+    return found
+
+
+def _shared(run: Run) -> tuple[object, ...]:
+    """What runs have in common that need one reference job."""
+    return (run.experiment,) if run.member is None else pack_of(run)
+
+
+@dataclass(kw_only=True, eq=False)
+class JobQueue:
+    """Jobs that wait, by their packs; a job is ready when what it needs has ended."""
+
+    packs: dict[Pack, deque[Job]]
+    open: set[Job]
+    """Jobs that have not ended."""
+    begun: set[Pack] = field(default_factory=set)
+
+    @classmethod
+    def in_order(cls, jobs: Iterable[Job]) -> JobQueue:
+        """For one process: as they are given."""
+        packs: dict[Pack, deque[Job]] = {}
+        for job in jobs:
+            packs.setdefault(job.pack, deque()).append(job)
+        return cls(packs=packs, open={job for own in packs.values() for job in own})
+
+    @classmethod
+    def longest_first(cls, jobs: Iterable[Job]) -> JobQueue:
+        """For several: references, then packs with the most steps, so that all end together."""
+        queue = cls.in_order(jobs)
+
+        def steps(job: Job) -> tuple[bool, int]:
+            return not job.is_reference, -job.n_steps
+
+        def all_steps(own: Iterable[Job]) -> tuple[bool, int]:
+            firsts, counts = zip(*map(steps, own), strict=True)
+            return min(firsts), sum(counts)
+
+        ordered = sorted(queue.packs.items(), key=lambda one: all_steps(one[1]))
+        queue.packs = {pack: deque(sorted(own, key=steps)) for pack, own in ordered}
+        return queue
+
+    def take(self, latest: Pack | None) -> Job | None:
+        """A job that is ready: of the pack `latest`, else of one not begun, else any; or None."""
+        pack = latest if latest is not None and self._is_ready(latest) else None
+        if pack is None:
+            ready = filter(self._is_ready, self.packs)
+            pack = any_ready = next(ready, None)
+            if any_ready in self.begun:
+                pack = next((one for one in ready if one not in self.begun), any_ready)
+        if pack is None:
+            return None
+        self.begun.add(pack)
+        job = self.packs[pack].popleft()
+        if not self.packs[pack]:
+            del self.packs[pack]
+        return job
+
+    def _is_ready(self, pack: Pack) -> bool:
+        return pack in self.packs and self.packs[pack][0].needs not in self.open
+
+
+def crash(error: Exception) -> Crash:
+    """What is told of an exception: its words, and the last line of this package on the way."""
+    package = Path(fvi_cli.__file__).parent
+    place = "".join(
+        f" in {Path(frame.filename).relative_to(package.parent).as_posix()}:{frame.lineno}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if package in Path(frame.filename).parents
+    ).rpartition(" in ")[2]
+    return Crash(
+        message=f"unexpected {type(error).__name__}{f' in {place}' if place else ''}: {error}; "
+        "this is a mistake of the program, please report it with the configuration",
+        trace="".join(traceback.format_exception(error)),
+    )
+
+
+def describe_crash(run: Run, error: Exception) -> str:
+    """What is said of an exception in the midst of a run; where it was is said to those who ask."""
+    found = crash(error)
+    _logger.debug("%s: %s", run.title, found.trace)
+    return found.message
+
+
+def no_memory(error: MemoryError) -> Crash:
+    """Why a job is lost for which there was no memory."""
+    return Crash(message="not enough memory" + (f": {error}" if str(error) else ""))
+
+
+def lost_run(run: Run, message: str) -> FinishedRun:
+    """The run as ``failed``: of it there is nothing but its start, and why."""
+    problem = run.problem
+    start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
+    return FinishedRun(
+        run=run,
+        trajectory=Trajectory(
+            time=np.zeros(1),
+            position=start[None],
+            n_steps=run.n_steps,
+            step_size=run.step_size,
+            status="failed",
+            message=message,
+        ),
+        error=float("nan"),
+        floor=0.0,
+        status="failed",
+    )

@@ -1,0 +1,121 @@
+"""What errors are measured against is found once for every scene, and stored."""
+
+import dataclasses
+import functools
+import os
+
+import numpy as np
+import pytest
+from command_line import fvi
+
+from fvi_cli.config import parse_config
+from fvi_cli.runner.executors.execute import execute_job
+from fvi_cli.runner.executors.executor import InProcess
+from fvi_cli.runner.executors.jobs import jobs_of
+from fvi_cli.runner.executors.processes import LocalProcesses
+from fvi_cli.runner.parts.shard import Shard
+from fvi_cli.storage import list_runs, read_results
+from fvi_cli.studies.reference import Tabulated
+from fvi_cli.studies.study import reference_of
+
+MEMBERS, PACKS = 130, 15
+SWEPT = f"""\
+name: swept
+problem:
+  kind: pendulum
+  damping: [{{order: 0.5, coefficient: 0.1}}]
+  initial: {{position: 1.0}}
+  final_time: 0.25
+method: {{rk: gauss, degree: 1}}
+ladder: {{steps: [2, 4, 8, 16]}}
+sweep: {{problem.omega: {{from: 0.5, to: 1, number: {MEMBERS}}}}}
+"""
+FEW = SWEPT.replace(f"number: {MEMBERS}", "number: 5")
+
+
+def experiment(text):
+    return parse_config(text, "swept.yaml").experiments[0]
+
+
+def noted(folder, job, references):
+    """Computes a job, and notes references that are found, by whoever it is."""
+    if job.is_reference:
+        name = "-".join(str(run.member.number) for run in job.runs)
+        with (folder / name).open("a", encoding="ascii") as file:
+            file.write(f"{os.getpid()}\n")
+    elif not job.runs[0].problem.exact:
+        assert all(one is not None for one in references)
+    return execute_job(job, references)
+
+
+def found_references(jobs):
+    return [job for job in jobs if job.is_reference]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7])
+def test_references_are_few_however_members_are_dealt_out(count):
+    one = experiment(SWEPT)
+    parts = [Shard(number=k, count=count).runs_of([one])[one] for k in range(1, count + 1)]
+    jobs = [job for part in parts for job in found_references(jobs_of(part))]
+    assert len(jobs) == PACKS
+    assert sorted(run.member.number for job in jobs for run in job.runs) == list(range(MEMBERS))
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("executor", [InProcess(), LocalProcesses(workers=2)])
+def test_every_reference_is_found_once(tmp_path, executor):
+    jobs = jobs_of(experiment(SWEPT).runs())
+    held = {}
+
+    def lookup(run):
+        return held[run.member]
+
+    finished = []
+    for one in executor.compute(jobs, functools.partial(noted, tmp_path), lookup):
+        if one.job.is_reference:
+            members = (run.member for run in one.job.runs)
+            held.update(zip(members, one.results, strict=True))
+        else:
+            finished += one.finished
+    assert len(finished) == 4 * MEMBERS
+    assert {one.status for one in finished} == {"ok"}
+    marks = list(tmp_path.iterdir())
+    assert len(marks) == PACKS
+    assert all(len(mark.read_text().split()) == 1 for mark in marks)
+
+
+@pytest.mark.parametrize("more", ["", "ladder: {steps: [2, 4], grading: 2}"])
+def test_a_stored_reference_serves_further_methods(tmp_path, monkeypatch, more):
+    monkeypatch.chdir(tmp_path)
+    text = FEW if not more else FEW.replace("ladder: {steps: [2, 4, 8, 16]}", more)
+    (tmp_path / "swept.yaml").write_text(text)
+    fvi("run", "swept.yaml", code=0)
+    one = experiment(text)
+    with read_results(tmp_path / "results" / "swept.h5") as store:
+        for run in one.runs()[:5]:
+            kept, own = store.reference(run), reference_of(run)
+            assert (kept.error, kept.source) == (own.error, own.source)
+            for n in one.steps:
+                times = dataclasses.replace(run, n_steps=n).times
+                np.testing.assert_allclose(kept.values(times), own.values(times), atol=1e-12)
+        assert len(store.entries()) == len(one.runs())
+    # no run of the listing is one
+    assert len(list_runs(tmp_path / "results" / "swept.h5").runs) == len(one.steps)
+
+    def found_anew(runs):
+        raise AssertionError(f"{runs[0]} needs a reference")
+
+    monkeypatch.setattr("fvi_cli.runner.executors.execute.refined_references", found_anew)
+    further = fvi("run", "swept.yaml", "--set", "method.degree=[1, 2]", code=0)
+    assert "failed" not in further.stdout
+    # control: other scenes have others
+    other = fvi("run", "swept.yaml", "--set", "problem.final_time=0.5", code=1)
+    assert "needs a reference" in other.stderr
+
+
+def test_a_table_has_no_value_between_its_times():
+    table = Tabulated(time=np.array([0.0, 1.0, 2.0]), position=np.array([[0.0], [3.0], [5.0]]))
+    np.testing.assert_array_equal(table(np.array([2.0, 0.0])), [[5.0], [0.0]])
+    np.testing.assert_array_equal(table(np.array([1.0 + 1e-14])), [[3.0]])
+    with pytest.raises(ValueError, match=r"no value at t = 0\.5"):
+        table(np.array([0.5]))
