@@ -2,6 +2,7 @@
 
 import functools
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -113,6 +114,23 @@ def test_a_starter_file_is_valid_and_shows_every_key_of_the_problem(kind):
         assert f"\n  {key.name}: " in text
         assert key.name in resolved["problem"]
     assert max(map(len, text.splitlines())) <= 100
+
+
+@pytest.mark.parametrize("kind", [one for one in PROBLEM.kinds if one != "fractional-derivative"])
+def test_what_a_starter_file_has_as_comments_is_valid_when_it_is_switched_on(kind, tmp_path):
+    text = starter_config(kind)
+    assert not any(f"\n{key}:" in text for key in ("claims", "expect", "allow_unstable"))
+    text = re.sub(r"\nmethod: .*", "\nmethod: {rk: gauss, degree: 3}", text)
+    for key in ("output", "quantities", "events"):
+        text = text.replace(f"\n# {key}: {{", f"\n{key}: {{")
+    head, _, fit = text.partition("\n# fit:\n#   data")
+    fit = "\nfit:\n  data" + fit.replace("\n#   param", "\n  param")
+    lines = "\n".join(f"{1e-3 * k},{0.01 * k}" for k in range(9))
+    (tmp_path / "measured.csv").write_text(f"t,displacement\n{lines}\n", encoding="utf-8")
+    (experiment,) = parse(head + fit, "starter.yaml", base=tmp_path).experiments
+    assert set(experiment.observations.quantities) == {"speed", "acceleration"}
+    assert set(experiment.observations.events) == {"turn"}
+    assert experiment.fit is not None
 
 
 def test_a_starter_file_of_an_unknown_kind_is_refused():

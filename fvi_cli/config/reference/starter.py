@@ -7,12 +7,15 @@ from typing import Any, Final
 
 from fvi_cli.config.keys.accuracy import EXAMPLE
 from fvi_cli.config.keys.experiment import EXPERIMENT
+from fvi_cli.config.load import parse_config
 from fvi_cli.config.reference.schema import SCHEMA_FILE
 from fvi_cli.errors import RequestError
+from fvi_cli.integrator.observations.request import names_of
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import Missing
 from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes.kinds import KINDS, SceneKind
+from fvi_cli.scenes.problem import Problem
 
 WIDTH: Final = 98
 MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
@@ -51,25 +54,37 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     ]
     for key in keys_of(described):
         default = "{}" if isinstance(key.default, Missing) else plain(key.default)
-        shown = described.example.get(key.name) or default
-        lines += [*_comment(key.description, "  "), f"  {key.name}: {shown}"]
-    examples = {
-        "method": described.methods,
-        "ladder": "{steps: [16, 32, 64, 128, 256]}",
-        "figures": "[convergence]",
+        value = described.example.get(key.name) or default
+        lines += [*_comment(key.description, "  "), f"  {key.name}: {value}"]
+    shown = {
+        "method": f"method: {described.methods}",
+        "ladder": "ladder: {steps: [16, 32, 64, 128, 256]}",
+        "sweep": f"# sweep: {{{described.sweep}}}",
+        "figures": "figures: [convergence]",
     }
-    # what not everybody wants, and what takes the place of something else
-    switched_off = {"sweep": f"# sweep: {{{described.sweep}}}"}
     if issubclass(described, SceneKind):
-        switched_off |= {"accuracy": f"# {EXAMPLE}", "output": "# output: {count: 1000}"}
+        core = "\n".join([*lines, shown["ladder"]])
+        problem = parse_config(core, "starter").experiments[0].problem
+        shown |= _switched_off(described, problem) if isinstance(problem, Problem) else {}
     for key in EXPERIMENT.keys:
-        shown = examples.get(
-            key.name, "" if isinstance(key.default, Missing) else plain(key.default)
-        )
-        line = switched_off.get(key.name) or (shown and f"{key.name}: {shown}")
-        if line and key.name != "name":
-            lines += ["", *_comment(key.description, ""), line]
+        if key.name in shown:
+            lines += ["", *_comment(key.description, ""), shown[key.name]]
     return "\n".join(lines) + "\n"
+
+
+def _switched_off(kind: type[SceneKind], problem: Problem) -> dict[str, str]:
+    """Keys that not every study needs, or that take the place of others, as comments."""
+    name = (problem.coordinates or names_of(problem.scene))[0]
+    fitted = kind.sweep.partition(":")[0]
+    return {
+        "accuracy": f"# {EXAMPLE}",
+        "output": "# output: {count: 1000}",
+        "quantities": f"# quantities: {{speed: v{name}, acceleration: a{name}}}",
+        "events": f"# events: {{turn: {{when: v{name}, direction: falling}}}}",
+        "fit": "# fit:\n"
+        f"#   data: {{file: measured.csv, time: t, columns: {{{name}: displacement}}}}\n"
+        f"#   parameters: {{{fitted}: {{}}}}",
+    }
 
 
 def _comment(text: str, indent: str) -> list[str]:
