@@ -104,8 +104,6 @@ def _in_pieces(
     """The same in halves; the state learns how they went and stays where it is."""
     half = count // 2 if count // 2 >= LEAST else 1
     own, parts, done = state.copy(), [], 0
-    # what single steps before have left would depend on other members
-    own.single = state.single = None
     while done < count:
         k = min(half, count - done)
         ahead = None if loads is None else loads[:, done : done + k]

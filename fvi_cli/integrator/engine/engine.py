@@ -139,7 +139,6 @@ class Engine:
             wait=np.zeros(q, dtype=np.int64),
             excess=np.zeros(q, dtype=np.int64),
             stale=np.zeros(q, dtype=bool),
-            taken=np.zeros(q, dtype=np.int64),
         )
 
     def start_at(self, position: Array, momentum: Array) -> State:
@@ -319,7 +318,6 @@ class Engine:
             state.column = self.pushed_column(state.column, steps.h, steps.count)
         state.z = steps.z
         state.unknowns, state.h, state.t = steps.unknowns[:, -1], steps.h, end
-        state.taken = steps.iterations
         if steps.rest is not None:
             state.rest = steps.rest[:, -1]
         if steps.has_failed:

@@ -21,7 +21,7 @@ from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import Mask, State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Places
-from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, UNIT
+from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, SMALLEST, UNIT
 
 
 @dataclass(eq=False, kw_only=True)
@@ -173,7 +173,9 @@ class Newton:
                 floor = NOISE * self._floor(rest, points)
                 done |= stuck & (good | (change <= floor)).all(axis=1)
                 stuck &= ~done
-                hopeless = stuck & (slow & ~(change < before)).any(axis=1)
+                share = 1.0 / np.maximum(size, SMALLEST)
+                falls = (share * change).max(axis=1) < (share * before).max(axis=1)
+                hopeless = stuck & ~falls
                 # equations of a block contract the better the longer they are iterated
                 if self.guess is not None:
                     for place in np.flatnonzero(hopeless & ~followed).tolist():

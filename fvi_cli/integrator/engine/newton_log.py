@@ -33,6 +33,11 @@ class Attempt(NamedTuple):
         """The same where the members have other numbers, `places` of theirs."""
         return self._replace(members=places[self.members])
 
+    @property
+    def sizes(self) -> Array:
+        """Largest changes of each of them, ``(iterations, members)``."""
+        return np.array([one.max(axis=1) for one in self.changes])
+
     def of_member(self, place: int) -> tuple[float, ...]:
         """Largest changes of one of them."""
         count = int(self.iterations[place])
@@ -47,7 +52,7 @@ class NewtonLog:
         self._largest = np.zeros(members, dtype=np.int64)
         self._step = np.full(members, -1, dtype=np.int64)
         self._changes: dict[int, tuple[float, ...]] = {}
-        self._longest: dict[int, tuple[Attempt, int]] = {}
+        self._longest: dict[int, Array] = {}
 
     def add(self, first: int, attempts: Sequence[Attempt]) -> None:
         """Count iterations for steps behind the first `first` ones of the run."""
@@ -63,8 +68,7 @@ class NewtonLog:
             members = one.members[places]
             self._largest[members] = one.iterations[places]
             self._step[members] = first + one.first
-            for member, place in zip(members.tolist(), places.tolist(), strict=True):
-                self._longest[member] = one, place
+            self._longest |= zip(members.tolist(), one.sizes.T[places], strict=True)
 
     def of(self, member: int) -> NewtonRecord:
         """The record of a member."""
@@ -78,8 +82,7 @@ class NewtonLog:
     def _changes_of(self, member: int) -> tuple[float, ...]:
         if member not in self._longest:
             return self._changes.get(member, ())
-        attempt, place = self._longest[member]
-        return attempt.of_member(place)
+        return tuple(self._longest[member][: self._largest[member]].tolist())
 
     def arrays(self) -> dict[str, Array]:
         """All of it by name, for a checkpoint."""

@@ -18,8 +18,6 @@ from fvi_cli.mathematics.arrays import Array, Places
 
 KEPT_TABLES = 128
 """Step sizes whose tables are kept."""
-OFTEN = 5
-"""After a single step of more iterations its second derivatives are made anew."""
 
 
 class Operators:
@@ -36,7 +34,6 @@ class Operators:
         self._tables, self._sampling = step_tables(method), sampling_of(method)
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
         self._linear: OrderedDict[tuple[float, int], Operator] = OrderedDict()
-        self._of_step: Operator | None = None
         self._of_block: Operator | None = None
         self._whole: tuple[Operators, Places] | None = None
 
@@ -68,31 +65,18 @@ class Operators:
                 if len(self._linear) > KEPT_TABLES:
                     self._linear.popitem(last=False)
             return self._linear[key]
-        return self._single(state, h, guess) if count == 1 else self._block(state, key)
-
-    def _single(self, state: State, h: float, guess: Array | None) -> Operator:
-        slow = state.taken > OFTEN
-        if state.single is None or state.single_h != h or slow.all():
-            state.single, state.single_h = self._at_guess(state, h, guess), h
-        elif guess is not None and slow.any():
-            places = np.flatnonzero(slow)
-            state.single = state.single.copy()
-            fresh = self.of(places)._at_guess(state.of(places), h, guess[places])
-            state.single.put(places, fresh)
-        known = self._of_step
-        if known is None or known.frame.h != h or known.at is not state.single:
-            known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
-            self._of_step = known
-        return known
-
-    def _at_guess(self, state: State, h: float, guess: Array | None) -> Linearisation:
         if guess is None:
-            raise ValueError("guess: it is needed for single steps")
-        points = self.frame(h, 1).points_of(guess[:, None])
-        points = points.reshape(len(guess), self._tables.points.size, -1)
+            return self._block(state, key)
+        frame = self.frame(h, 1)
+        points = frame.points_of(guess[:, None]).reshape(len(guess), self._tables.points.size, -1)
         v = points[..., self._e :] if self.law.has_rates else None
         x, t = state.x[:, None] + points[..., : self._e], state.t + h * self._tables.points
-        return self.law.linearise(x, v, t, per_point=True)
+        return Operator(
+            frame,
+            self.law.linearise(x, v, t, per_point=True),
+            self.damping,
+            is_linear=False,
+        )
 
     def _block(self, state: State, key: tuple[float, int]) -> Operator:
         if state.block is None or state.stale.any():
@@ -129,6 +113,6 @@ class Operators:
             part.damping = self.damping.of(places)
             if not self.damping.is_shared:
                 part._frames = OrderedDict()
-        part._linear, part._of_step = OrderedDict(), None
+        part._linear = OrderedDict()
         part._of_block, part._whole = None, (self, places)
         return part

@@ -30,14 +30,12 @@ class State:
         States of the memory, ``(q, J, e)``, and those of a start velocity of 1, ``(1, J, 1)``.
     unknowns, h, rest
         Of the last step, for a guess: U ``(q, s, e)``, its length, its last remainder ``(q, w)``.
-    single, single_h, block
-        Second derivatives in use, of single steps of that length and of blocks.
+    block
+        Second derivatives in use, of blocks.
     longest, wait, excess, stale
         Of every member: steps of the longest block that may contract; blocks until a longer one is
         tried; iterations beyond the usual number; whether its second derivatives are to be made
         anew.
-    taken
-        Iterations of the last steps.
     live
         Members that have not failed.
     """
@@ -54,12 +52,9 @@ class State:
     wait: Integers
     excess: Integers
     stale: Mask
-    taken: Integers
     unknowns: Array | None = None
     h: float = 0.0
     rest: Array | None = None
-    single: Linearisation | None = None
-    single_h: float = 0.0
     block: Linearisation | None = None
 
     def of(self, places: Places) -> State:
@@ -95,12 +90,11 @@ class State:
         """The state that :meth:`arrays` wrote."""
         plain = {name: value.copy() for name, value in arrays.items() if "." not in name}
         found: dict[str, object] = dict(plain)
-        for name in ("t", "h", "single_h"):
+        for name in ("t", "h"):
             found[name] = float(plain[name])
-        for name in ("single", "block"):
-            if f"{name}.mass" in arrays:
-                parts = (arrays.get(f"{name}.{one}") for one in Linearisation._fields)
-                found[name] = Linearisation(*parts).copy()  # type: ignore[arg-type]
+        if "block.mass" in arrays:
+            parts = (arrays.get(f"block.{one}") for one in Linearisation._fields)
+            found["block"] = Linearisation(*parts).copy()  # type: ignore[arg-type]
         return cls(**found)  # type: ignore[arg-type]
 
 
