@@ -1,20 +1,22 @@
-"""Constants that steer runs: which of them decide results, which only time, and how well.
+"""Constants of the rooms that integrate: what each is, and what those that were chosen steer.
 
-A constant is a number with a name in capital letters at the level of a module of the rooms that
-integrate. Those that the runs below read are doubled and halved, one at a time: what happens to
-positions and to processor time says what they steer. Those that steer time are then swept.
+A constant is a number with a name in capital letters at the level of a module. ``constants.csv``
+says of each of what kind it is and where it comes from; a test holds it to the code. Those that the
+runs below read are doubled and halved, one at a time: what happens to positions, and to processor
+time, says what they steer.
 """
 
 from __future__ import annotations
 
 import ast
 import contextlib
+import csv
 import math
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Final
@@ -38,15 +40,21 @@ from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.studies.cost import forget
 
-ROOMS: Final = ("integrator", "mathematics")
-FACTORS: Final = (0.25, 0.5, 2.0, 4.0)
-LAST_DIGITS: Final = 1e-9
-"""Changes of positions up to this, relative to the largest, are those of another rounding."""
+ROOMS: Final = ("integrator", "mathematics", "effects")
+LISTED: Final = Path(__file__).parent / "constants.csv"
+KINDS: Final = {
+    "knob": "chosen: another value is another compromise, of results or of time",
+    "bound": "how much is tried, kept or accepted at most, or where a search that is refined "
+    "begins: what is beyond is refused, reported or done in parts",
+    "round-off": "tells numbers from their rounding",
+    "derived": "follows from an error bound or from other numbers",
+    "definition": "mathematics, arithmetic, a format, or what a word means to users",
+}
+MOST_KNOBS: Final = 40
+"""As many may be chosen."""
 CERTAIN: Final = 1.15
 """Ratio of times from which on a constant steers time."""
 REPEATS: Final = 3
-MOST_WANTED: Final = 40
-"""As many constants may steer runs."""
 
 Run = Callable[[], NDArray[np.float64]]
 
@@ -61,17 +69,20 @@ class Constant:
         Where it stands, and what it is.
     readers
         Modules that import it, its own among them.
+    words
+        What the code says of it.
     """
 
     module: str
     name: str
     value: float
     readers: tuple[str, ...]
+    words: str = ""
 
     @property
-    def title(self) -> str:
+    def place(self) -> str:
         """Where it stands in the package."""
-        return f"`{self.module.removeprefix('fvi_cli.')}.{self.name}`"
+        return f"{self.module.removeprefix('fvi_cli.')}.{self.name}"
 
     def times(self, factor: float) -> float:
         """The value times a factor, whole where it is whole."""
@@ -79,64 +90,41 @@ class Constant:
         return max(1, round(changed)) if isinstance(self.value, int) else changed
 
 
-@dataclass(frozen=True, kw_only=True)
-class Felt:
-    """What doubling and halving a constant does.
-
-    Parameters
-    ----------
-    constant
-        Which.
-    change
-        Largest change of a position, relative to the largest; infinite where a run fails.
-    slower, quicker
-        Largest and least ratio of processor times.
-    run
-        The run in which a ratio is farthest from 1.
-    """
-
-    constant: Constant
-    change: float
-    slower: float
-    quicker: float
-    run: str
-
-    @property
-    def steers_time(self) -> bool:
-        """Whether runs take another time."""
-        return self.slower > CERTAIN or self.quicker < 1 / CERTAIN
-
-    @property
-    def steers(self) -> str:
-        """In a word."""
-        if self.change > LAST_DIGITS:
-            return "results"
-        last = " and last digits" if self.change else ""
-        return f"time{last}" if self.steers_time else "last digits" if last else "nothing here"
-
-
 def constants() -> list[Constant]:
     """All numbers in capital letters of the rooms."""
     package = Path(fvi_cli.__file__).parent
     readers: dict[tuple[str, str], list[str]] = {}
-    found: list[tuple[str, str]] = []
+    found: list[tuple[str, str, str]] = []
     for path in sorted(package.rglob("*.py")):
         module = ".".join(("fvi_cli", *path.relative_to(package).with_suffix("").parts))
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        text = path.read_text(encoding="utf-8")
+        body = ast.parse(text).body
+        for node, behind in zip(body, [*body[1:], None], strict=True):
             if isinstance(node, ast.ImportFrom):
                 for alias in node.names:
                     readers.setdefault((str(node.module), alias.name), []).append(module)
             elif path.relative_to(package).parts[0] in ROOMS:
                 targets = node.targets if isinstance(node, ast.Assign) else [node]
                 names = [one for target in targets for one in _names(target)]
-                found += [(module, name) for name in names if name.lstrip("_").isupper()]
+                words = _words(text.splitlines(), node, behind)
+                found += [(module, name, words) for name in names if name.lstrip("_").isupper()]
     kept = []
-    for module, name in found:
+    for module, name, words in found:
         value = getattr(sys.modules.get(module), name, None)
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
             others = readers.get((module, name), [])
-            kept.append(Constant(module, name, value, (module, *others)))
+            kept.append(Constant(module, name, value, (module, *others), words))
     return kept
+
+
+def _words(lines: Sequence[str], node: ast.stmt, behind: ast.stmt | None) -> str:
+    """The text behind an assignment, or else the comment before it."""
+    if isinstance(behind, ast.Expr) and isinstance(behind.value, ast.Constant):
+        return " ".join(str(behind.value.value).split())
+    begin = node.lineno - 1
+    while begin and lines[begin - 1].startswith("#"):
+        begin -= 1
+    return " ".join(line.lstrip("# ") for line in lines[begin : node.lineno - 1])
 
 
 def _names(node: ast.AST) -> Iterator[str]:
@@ -228,6 +216,50 @@ def readers_of(every: dict[str, Run], known: Sequence[Constant]) -> dict[Constan
     return found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """What is listed of a constant."""
+
+    place: str
+    kind: str  # of KINDS
+    origin: str
+    words: str  # what it is, where the code does not say it
+    change: float | None  # of positions, relative to the largest, at half and twice the value
+    time: float | None  # and the ratio of processor times that is farthest from 1
+    run: str  # in which
+
+
+def listed() -> list[Entry]:
+    """The entries of the list."""
+    with LISTED.open(encoding="utf-8", newline="") as file:
+        return [_entry(row) for row in csv.DictReader(file)]
+
+
+def _entry(row: dict[str, str]) -> Entry:
+    change, ratio = (float(row[name]) if row[name] else None for name in ("change", "time"))
+    return Entry(
+        place=row["place"],
+        kind=row["kind"],
+        origin=row["origin"],
+        words=row["words"],
+        change=change,
+        time=ratio,
+        run=row["run"],
+    )
+
+
+def write_list(entries: Sequence[Entry]) -> None:
+    """Keep the entries."""
+    with LISTED.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(vars(entries[0]))
+        for one in sorted(entries, key=lambda one: one.place):
+            values = vars(one).values()
+            writer.writerow(
+                ["" if v is None else f"{v:.2g}" if isinstance(v, float) else v for v in values]
+            )
+
+
 def _timed(run: Run) -> tuple[float, NDArray[np.float64]]:
     """Processor time of a run with warm caches, and its positions."""
     run()
@@ -236,39 +268,21 @@ def _timed(run: Run) -> tuple[float, NDArray[np.float64]]:
     return time.process_time() - began, found
 
 
-@dataclass(frozen=True)
-class Usual:
-    """A run as it is: processor time and positions."""
-
-    run: Run
-    seconds: float
-    position: NDArray[np.float64]
-
-
-def usual(run: Run, repeats: int) -> Usual:
-    """The least time of several."""
-    forget()
-    tried = [_timed(run) for _ in range(repeats)]
-    return Usual(run, min(seconds for seconds, _ in tried), tried[0][1])
-
-
-def compare(
-    constant: Constant, value: float, known: Usual, repeats: int = 0
-) -> tuple[float, float]:
+def compare(constant: Constant, value: float, run: Run, repeats: int) -> tuple[float, float]:
     """Change of positions, and ratio of times, when a constant has another value.
 
-    With repeats both are timed in turns, so that another process beside disturbs them alike.
+    Both are timed in turns, so that another process disturbs them alike.
     """
-    own, other, change = known.seconds if not repeats else math.inf, math.inf, 0.0
-    for _ in range(max(repeats, 1)):
-        if repeats:
-            own = min(own, _timed(known.run)[0])
+    own, other, change = math.inf, math.inf, 0.0
+    for _ in range(repeats):
+        seconds, expected = _timed(run)
+        own = min(own, seconds)
         with changed(constant, value):
             try:
-                seconds, found = _timed(known.run)
+                seconds, found = _timed(run)
             except Exception:  # whatever it is, the constant decides
                 return math.inf, 1.0
-        other, change = min(other, seconds), max(change, _change(found, known.position))
+        other, change = min(other, seconds), max(change, _change(found, expected))
     return change, other / own
 
 
@@ -280,83 +294,71 @@ def _change(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
     return off if math.isfinite(off) else math.inf
 
 
-def feel(constant: Constant, every: dict[str, Usual], repeats: int = REPEATS) -> Felt:
-    """Double and halve a constant in runs; times that differ are measured in turns."""
-    change, ratios = 0.0, {("", 1.0): 1.0}
-    for name, known in every.items():
+def measure(entry: Entry, constant: Constant, every: dict[str, Run], repeats: int) -> Entry:
+    """Double and halve a constant in runs; times that differ are measured twice."""
+    change, ratios = 0.0, {"": 1.0}
+    for name, run in every.items():
         for factor in (0.5, 2.0):
             value = constant.times(factor)
             if value == constant.value:
                 continue
-            moved, ratio = compare(constant, value, known)
+            moved, ratio = compare(constant, value, run, repeats)
             if not 1 / CERTAIN < ratio < CERTAIN:
-                _, ratio = compare(constant, value, known, repeats)
-            change, ratios[name, factor] = max(change, moved), ratio
-    farthest = max(ratios, key=lambda key: abs(math.log(ratios[key])))
-    return Felt(
-        constant=constant,
-        change=change,
-        slower=max(ratios.values()),
-        quicker=min(ratios.values()),
-        run=farthest[0],
-    )
-
-
-def sweep(felt: Felt, known: Usual, repeats: int = REPEATS) -> list[str]:
-    """A row of times, relative to that of the value it has."""
-    own = felt.constant
-    cells = [compare(own, own.times(factor), known, repeats)[1] for factor in FACTORS]
-    least = min((ratio, factor) for ratio, factor in zip(cells, FACTORS, strict=True))
-    best = f"{own.times(least[1]):g}" if least[0] < 1 / CERTAIN else "its own"
-    return [own.title, f"{own.value:g}", felt.run, *(f"{one:.2f}" for one in cells), best]
+                _, ratio = compare(constant, value, run, 2 * repeats)
+            change = max(change, moved)
+            ratios[name] = max(ratio, ratios.get(name, 1.0), key=lambda one: abs(math.log(one)))
+    run_of = max(ratios, key=lambda key: abs(math.log(ratios[key])))
+    return replace(entry, change=change, time=ratios[run_of], run=run_of)
 
 
 def run_constants(*, most: int | None = None, size: int = 1, repeats: int = REPEATS) -> str:
-    """The page: what was counted, what every constant steers, and the sweeps.
+    """Measure constants that runs read, keep what was found, and give the page.
 
     Parameters
     ----------
     most
-        Look at so many of those that are read only; None: at all.
+        How many are measured: 0 makes the page of what is known; None: all.
     size, repeats
         How long the runs are, and how often they are timed.
     """
-    every, known = runs(size), constants()
-    read = readers_of(every, known)
-    own = {name: usual(run, repeats) for name, run in every.items()}
-    felt = []
-    for number, (constant, names) in enumerate(list(read.items())[:most]):
-        print(f"constants: {number + 1} of {len(read)}, {constant.title}", flush=True)
-        felt.append(feel(constant, {name: own[name] for name in names}, repeats))
-    count = Counter(one.steers for one in felt)
-    steering = len(felt) - count["nothing here"]
-    said = (
-        f"{len(known)} constants in {' and '.join(ROOMS)}, {len(read)} of them read by "
-        f"{len(every)} runs ({', '.join(every)}), {len(felt)} doubled and halved: "
-        f"{', '.join(f'{number} steer {word}' for word, number in sorted(count.items()))}. "
-        f"{steering} steer anything; {MOST_WANTED} are wanted at most."
-    )
-    order = {"results": 0, "time and last digits": 1, "time": 2, "last digits": 3}
-    felt.sort(key=lambda one: (order.get(one.steers, 4), one.constant.title))
-    rows = [
-        [
-            one.constant.title,
-            f"{one.constant.value:g}",
-            one.steers,
-            "fails" if math.isinf(one.change) else f"{one.change:.0e}" if one.change else "0",
-            f"{one.quicker:.2f} to {one.slower:.2f}",
-            one.run,
-        ]
-        for one in felt
+    entries = {one.place: one for one in listed()}
+    if most != 0:
+        every = runs(size)
+        read = readers_of(every, constants())
+        for number, (constant, names) in enumerate(list(read.items())[:most]):
+            print(f"constants: {number + 1} of {len(read)}, {constant.place}", flush=True)
+            own = {name: every[name] for name in names}
+            known = entries[constant.place]
+            entries[constant.place] = measure(known, constant, own, repeats)
+        write_list(list(entries.values()))
+    return constants_page(list(entries.values()), constants())
+
+
+def constants_page(entries: Sequence[Entry], known: Sequence[Constant]) -> str:
+    """A table of each kind: where, value, what it is, where it comes from, what it steers."""
+    values = {one.place: one for one in known}
+    count = Counter(one.kind for one in entries)
+    said = ", ".join(f"{count[kind]} of the kind {kind}" for kind in KINDS)
+    tables = [
+        f"{len(entries)} constants in {', '.join(ROOMS)}: {said}. At most {MOST_KNOBS} knobs are "
+        "wanted. Change: of positions, relative to the largest, at half and twice the value, in "
+        f"the {len(runs())} runs of `python -m benchmarks constants`; inf: another number of "
+        "points, or no result. Time: the ratio of processor times that is farthest from 1, with "
+        "the run. Empty: these runs do not read it, or it was not timed.\n"
     ]
-    head = ("constant", "value", "steers", "change", "time, halved and doubled", "felt most in")
-    times = [sweep(one, own[one.run], repeats) for one in felt if one.steers_time]
-    swept = (
-        "constant",
-        "value",
-        "run",
-        *(f"x {factor:g}" for factor in FACTORS),
-        "better by more than a tenth",
-    )
-    remark = "Processor time of a run over that with the value of the constant."
-    return f"{table(said, head, rows)}\n{table(remark, swept, times)}"
+    for kind, meaning in KINDS.items():
+        rows = [
+            [
+                f"`{one.place}`",
+                f"{values[one.place].value:.6g}",
+                (values[one.place].words or one.words).replace("|", "\\|"),
+                one.origin,
+                "" if one.change is None else f"{one.change:.0e}" if one.change else "0",
+                "" if one.time is None else f"{one.time:.2f} {one.run}".strip(),
+            ]
+            for one in entries
+            if one.kind == kind and one.place in values
+        ]
+        head = ("constant", "value", "what it is", "from", "change", "time")
+        tables.append(f"## {kind.capitalize()}\n\n{table(meaning.capitalize() + '.', head, rows)}")
+    return "\n".join(tables)

@@ -2,6 +2,7 @@
 
 import math
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,17 +50,34 @@ def test_whole_numbers_stay_whole_and_at_least_one(known):
     assert constants.Constant("m", "X", 3.0, ("m",)).times(0.5) == 1.5
 
 
+def test_the_list_is_that_of_the_code(known):
+    """Every number in capital letters is listed once, with what it is; the page says the values."""
+    entries = constants.listed()
+    places = [one.place for one in entries]
+    every = {one.place: one for one in known.values()}
+    every |= {one.place: one for one in constants.constants()}
+    assert sorted(places) == places
+    assert len(set(places)) == len(places)
+    assert set(places) == {place for place in every if not place.startswith("__")}
+    for one in entries:
+        assert one.kind in constants.KINDS
+        assert one.origin
+        assert every[one.place].words or one.words, one.place
+    page = Path("results/constants.md").read_text(encoding="utf-8")
+    for one in entries:
+        row = f"| `{one.place}` | {every[one.place].value:.6g} |"
+        assert row in page, f"python -m benchmarks constants --most 0 makes the page anew: {row}"
+
+
+def test_few_constants_are_chosen():
+    count = sum(one.kind == "knob" for one in constants.listed())
+    assert count <= constants.MOST_KNOBS
+
+
 @pytest.mark.parametrize(
-    ("moves", "works", "steers"),
-    [
-        (1.0, 0, "results"),
-        (1e-13, 0, "last digits"),
-        (0.0, 100, "time"),
-        (1e-13, 100, "time and last digits"),
-        (0.0, 0, "nothing here"),
-    ],
+    ("moves", "works"), [(1.0, 0), (1e-13, 0), (0.0, 100), (1e-13, 100), (0.0, 0)]
 )
-def test_what_steers_results_time_and_nothing(known, monkeypatch, moves, works, steers):
+def test_what_steers_results_and_time(known, monkeypatch, moves, works):
     safety = known["adaptive", "SAFETY"]
     clock = [0.0]
 
@@ -69,15 +87,11 @@ def test_what_steers_results_time_and_nothing(known, monkeypatch, moves, works, 
         return np.array([1.0, 1.0 + moves * adaptive.SAFETY])
 
     monkeypatch.setattr("time.process_time", lambda: clock[0])
-    usual = constants.usual(run, 1)
-    felt = constants.feel(safety, {"made up": usual}, 1)
-    assert felt.steers == steers
-    assert felt.steers_time == bool(works)
-    if works:
-        row = constants.sweep(felt, usual, 1)
-        assert row[2] == "made up"
-        assert [float(cell) for cell in row[3:7]] == pytest.approx([0.25, 0.5, 2, 4], abs=0.05)
-        assert row[7] == f"{0.25 * safety.value:g}"
+    entry = next(one for one in constants.listed() if one.place == safety.place)
+    found = constants.measure(entry, safety, {"made up": run}, 1)
+    assert found.change == pytest.approx(moves * safety.value, rel=0.6, abs=1e-15)
+    assert found.run == ("made up" if works else "")
+    assert found.time == (pytest.approx(0.5, abs=0.05) if works else 1.0)
 
 
 def test_a_run_that_fails_is_a_result(known):
@@ -87,15 +101,25 @@ def test_a_run_that_fails_is_a_result(known):
         return np.ones(1) / (safety.value == adaptive.SAFETY)
 
     with np.errstate(divide="raise"):
-        felt = constants.feel(safety, {"made up": constants.usual(run, 1)}, 1)
-    assert math.isinf(felt.change)
-    assert felt.steers == "results"
+        change, _ = constants.compare(safety, 2 * safety.value, run, 1)
+    assert math.isinf(change)
 
 
-def test_the_page(monkeypatch):
+def test_the_list_is_kept_and_read(monkeypatch, tmp_path):
+    entries = constants.listed()
+    monkeypatch.setattr(constants, "LISTED", tmp_path / "constants.csv")
+    constants.write_list(entries)
+    assert constants.listed() == entries
+
+
+def test_constants_are_measured_and_kept(monkeypatch, tmp_path):
     every = {"graded": constants.runs()["graded"]}
-    monkeypatch.setattr(constants, "runs", lambda size: every)
+    entries = constants.listed()
+    monkeypatch.setattr(constants, "runs", lambda size=1: every)
+    monkeypatch.setattr(constants, "LISTED", tmp_path / "constants.csv")
+    constants.write_list(entries)
     page = constants.run_constants(most=2, repeats=1)
-    assert "2 doubled and halved" in page
-    assert "by 1 runs (graded)" in page
-    assert page.count("\n| `") >= 2
+    changed = [a for a, b in zip(constants.listed(), entries, strict=True) if a != b]
+    assert 1 <= len(changed) <= 2
+    assert all(one.change is not None for one in changed)
+    assert page.count("\n| `") == len(entries)

@@ -16,18 +16,15 @@ from fvi_cli.integrator.local_error.defect import BETWEEN_SHARE, Between, StepPa
 from fvi_cli.integrator.local_error.forces import PointForces
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN
 
 FIRST_PARTS = 8
 MOST_PARTS = 256
 MOST_HALVINGS = 48
-BEYOND_SEEN = 4.0
-"""Ranges up to so many times what the samples of the step span are their overestimate."""
 OF_LARGEST = 0.02
 """Ranges up to this share of the largest force of the run so far are none."""
 NEGLIGIBLE = 0.01
 """Parts whose largest effect is less than this share of the tolerance are left alone."""
-MARGIN = 0.25
-"""By how much of its range a polynomial may go beyond its values at three points."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,7 @@ BEYOND_SEEN = 4.0
 STEEPEST = 0.25
 """Samples that lie farther from their neighbours' mean, relative to their span, are not smooth."""
 MARGIN = 0.25
-"""How far values may go beyond smooth samples, relative to their span."""
+"""How far values may go beyond few or smooth samples, relative to their span."""
 LARGEST, LEAST = 1e300, 1e-290
 ROUND_OFF = 1e-13
 """Ranges below this share of their values are round-off."""

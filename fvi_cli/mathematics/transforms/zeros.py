@@ -45,7 +45,6 @@ MOST_PENDING = 2_000
 """Intervals of one function that wait to be halved."""
 VALUES_AT_ONCE = 500_000
 
-_FIRST_RATIO = 2.0
 _ITERATIONS = 150
 _SHIFT = 1e-6
 _LAST_STEP = 1e-8
@@ -202,7 +201,7 @@ def _first_angles(radius: float, degree: int) -> Array:
     if not 0 < radius < 1:
         raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
     least = min(max(1.0 - radius, 1e-12), 0.3)
-    number = math.ceil(math.log(math.pi / 2 / least) / math.log(_FIRST_RATIO)) + 2
+    number = math.ceil(math.log2(math.pi / 2 / least)) + 2
     rising = np.geomspace(least / 2, math.pi / 2, number)
     even = np.linspace(0.0, math.pi, degree + 1)
     return np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
