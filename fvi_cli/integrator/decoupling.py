@@ -23,18 +23,11 @@ DIAGONAL_TOLERANCE = 1e-13
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decoupling:
-    """How components of the scene map to a batch of q systems of e coupled components.
+    """How components of the scene map to a batch of q systems of e coupled components."""
 
-    Parameters
-    ----------
-    mass
-        M, shape ``(d, d)``.
-    modes
-        The matrix Phi, shape ``(d, d)``, or its diagonal, shape ``(d,)``, where the components
-        are uncoupled as they stand; then q = d and e = 1. None: q = 1 and e = d.
-    """
-
-    mass: Array
+    mass: Array  # M, shape (d, d)
+    # the matrix Phi, shape (d, d), or its diagonal, shape (d,), where the components are uncoupled
+    # as they stand; then q = d and e = 1. None: q = 1 and e = d
     modes: Array | None
 
     @property

@@ -32,21 +32,11 @@ class StepFailedError(Exception):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run stopped: words for the reader, and as fields what happened, and where.
+    """Why a run stopped: words for the reader, and as fields what happened, and where."""
 
-    Parameters
-    ----------
-    words
-        The whole message.
-    reason
-        What happened.
-    step, time
-        Number of the step in the run, from 0, and where it begins or ends.
-    """
-
-    words: str
-    reason: Reason = "step failed"
-    step: int | None = None
+    words: str  # the whole message
+    reason: Reason = "step failed"  # what happened
+    step: int | None = None  # number of the step in the run, from 0, and where it begins or ends
     time: float | None = None
 
     def __str__(self) -> str:

@@ -45,27 +45,16 @@ PROBED_FRACTIONS = (np.arange(64) + 0.5) / 64
 
 @dataclass(frozen=True, kw_only=True)
 class GrowthBound:
-    r"""The bound :math:`|x(t)| \le C e^{\sigma t}` that no sound run leaves.
+    r"""The bound :math:`|x(t)| \le C e^{\sigma t}` that no sound run leaves."""
 
-    Parameters
-    ----------
-    size
-        C: 1e8 times the sum of start position, way at the start velocity and way under the
-        largest force; infinite for a scene that nothing moves.
-    rate
-        A bound on the growth of the exact linear scene and a quarter more; 0 for a nonlinear one.
-    per_force
-        What a unit of the largest force adds to C.
-    force
-        The largest force.
-    scene
-        A nonlinear scene, which may well go farther: then its energy decides.
-    """
-
+    # C: 1e8 times the sum of start position, way at the start velocity and way under the largest
+    # force; infinite for a scene that nothing moves
     size: float
+    # a bound on the growth of the exact linear scene and a quarter more; 0 for a nonlinear one
     rate: float
-    per_force: float = 0.0
-    force: float = 0.0
+    per_force: float = 0.0  # what a unit of the largest force adds to C
+    force: float = 0.0  # the largest force
+    # a nonlinear scene, which may well go farther: then its energy decides
     scene: Scene | None = None
 
     def with_force(self, force: float) -> GrowthBound:

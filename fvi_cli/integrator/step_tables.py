@@ -21,32 +21,17 @@ class StepTables:
     :math:`x_d(\tau h; k) = x_k + \sum_{\nu=1}^{s} l_\nu(\tau) \delta_k^\nu`, with the
     increments :math:`\delta_k^\nu = x_k^\nu - x_k` as unknowns, so that nothing is lost to
     round-off when h is small.
-
-    Parameters
-    ----------
-    degree
-        Polynomial degree s.
-    points, weights
-        Quadrature rule :math:`(c_i, b_i)` of the action, shape ``(r,)``.
-    basis, slopes
-        :math:`l_\nu(c_i)` and :math:`l_\nu'(c_i)`, shape ``(s + 1, r)``.
-    sample_points, sample_weights
-        Rule :math:`(\chi_i, \beta_i)` of the fractional action, shape ``(m,)``.
-    sample_basis
-        :math:`l_\nu(\chi_i)`, shape ``(s + 1, m)``.
-    control_points
-        The points :math:`d_\nu`, shape ``(s + 1,)``.
     """
 
-    degree: int
-    control_points: Array
-    points: Array
+    degree: int  # polynomial degree s
+    control_points: Array  # the points d_nu, shape (s + 1,)
+    points: Array  # quadrature rule (c_i, b_i) of the action, shape (r,)
     weights: Array
-    basis: Array
+    basis: Array  # l_nu(c_i) and l_nu'(c_i), shape (s + 1, r)
     slopes: Array
-    sample_points: Array
+    sample_points: Array  # rule (chi_i, beta_i) of the fractional action, shape (m,)
     sample_weights: Array
-    sample_basis: Array
+    sample_basis: Array  # l_nu(chi_i), shape (s + 1, m)
 
     @cached_property
     def mass_matrix(self) -> Array:

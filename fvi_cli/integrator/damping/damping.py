@@ -35,21 +35,13 @@ LEAST_BLOCK_STEPS = 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DampingTables:
-    """What B equal steps are to the damping.
+    """What B equal steps are to the damping."""
 
-    Parameters
-    ----------
-    kernels
-        Tables of the memory.
-    sequences
-        For every direction the force by inputs, lag sequences ``(q or 1, B, m, i)``.
-    offsets
-        For every relative direction the force of a start velocity of 1 that its steps bring,
-        ``(q or 1, B m)``; None for others.
-    """
-
-    kernels: Kernels
+    kernels: Kernels  # tables of the memory
+    # for every direction the force by inputs, lag sequences (q or 1, B, m, i)
     sequences: tuple[Array, ...]
+    # for every relative direction the force of a start velocity of 1 that its steps bring, (q or 1,
+    # B m); None for others
     offsets: tuple[Array | None, ...]
 
     @cached_property

@@ -27,25 +27,15 @@ Relative terms subtract the start velocity: Caputo derivatives of order above 1.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Direction:
-    """Terms that act along one matrix of every member.
+    """Terms that act along one matrix of every member."""
 
-    Parameters
-    ----------
-    matrix
-        D with the coefficient of the first term, ``(q, e, e)``; of one large structure
-        ``(r, r)``, in the form in which it is best kept.
-    terms
-        What is remembered, a row for every member, or one for all.
-    factors
-        Coefficients relative to that of the first term, ``(q or 1, n)``.
-    is_relative
-        Whether the start velocity is subtracted.
-    """
-
+    # D with the coefficient of the first term, (q, e, e); of one large structure (r, r), in the
+    # form in which it is best kept
     matrix: Form
+    # what is remembered, a row for every member, or one for all
     terms: tuple[tuple[Term, ...], ...]
-    factors: Array
-    is_relative: bool
+    factors: Array  # coefficients relative to that of the first term, (q or 1, n)
+    is_relative: bool  # whether the start velocity is subtracted
 
 
 def pattern_of(scene: Scene) -> Pattern:

@@ -33,18 +33,10 @@ CACHE = 2**15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sampling:
-    """Where the damping force of a step acts, and what drives it.
+    """Where the damping force of a step acts, and what drives it."""
 
-    Parameters
-    ----------
-    to_loads
-        Weights of the force in the load vectors of a step of length 1, ``(s + 1, m)``.
-    to_inputs
-        From U to the inputs of the memory, ``(i, s)``.
-    """
-
-    to_loads: Array
-    to_inputs: Array
+    to_loads: Array  # weights of the force in the load vectors of a step of length 1, (s + 1, m)
+    to_inputs: Array  # from U to the inputs of the memory, (i, s)
 
 
 @lru_cache(maxsize=32)
@@ -58,20 +50,12 @@ def sampling_of(method: Method) -> Sampling:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UnitTables:
-    """Tables of B steps of length 1: what depends on the method and on B alone.
-
-    Parameters
-    ----------
-    displacement, velocity
-        From U to the quadrature points, lag sequences ``(B, r, s)``.
-    components, has_rates
-        Number e, and whether remainders have parts of momenta and velocities.
-    """
+    """Tables of B steps of length 1: what depends on the method and on B alone."""
 
     tables: StepTables
-    displacement: Array
+    displacement: Array  # from U to the quadrature points, lag sequences (B, r, s)
     velocity: Array
-    components: int
+    components: int  # number e, and whether remainders have parts of momenta and velocities
     has_rates: bool
 
     @cached_property

@@ -171,22 +171,12 @@ class Potential:
     r""":math:`L = v^T M v / 2 - V(q)` with the same formulas for all members.
 
     The remainder is :math:`K \Delta - \nabla V(q)`.
-
-    Parameters
-    ----------
-    mass
-        M, ``(q, e, e)``.
-    formulas
-        A potential, for its programs.
-    parameters
-        Values of the names in them, ``(q, 1)`` each.
-    stiffness
-        Matrices whose quadratic forms V has besides, ``(q, e, e)``; None: there are none.
     """
 
-    mass: Array
-    formulas: ExpressionPotential
-    parameters: Mapping[str, Array]
+    mass: Array  # M, (q, e, e)
+    formulas: ExpressionPotential  # a potential, for its programs
+    parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
+    # matrices whose quadratic forms V has besides, (q, e, e); None: there are none
     stiffness: Array | None = None
     is_linear: bool = field(default=False, init=False)
     has_rates: bool = field(default=False, init=False)
@@ -242,20 +232,11 @@ class Potential:
 
 @dataclass(eq=False, kw_only=True)
 class General:
-    """Any L(q, v, t) with the same formulas for all members.
+    """Any L(q, v, t) with the same formulas for all members."""
 
-    Parameters
-    ----------
-    lagrangian
-        One of the members, for its programs.
-    parameters
-        Values of the names in them, ``(q, 1)`` each.
-    stiffness
-        Matrices whose quadratic forms are taken from L, ``(q, e, e)``; None: there are none.
-    """
-
-    lagrangian: Lagrangian
-    parameters: Mapping[str, Array]
+    lagrangian: Lagrangian  # one of the members, for its programs
+    parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
+    # matrices whose quadratic forms are taken from L, (q, e, e); None: there are none
     stiffness: Array | None = None
     is_linear: bool = field(default=False, init=False)
     has_rates: bool = field(default=True, init=False)

@@ -30,22 +30,12 @@ ON_KINK = 1e-11
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepPath:
-    """The polynomial of one solved step.
+    """The polynomial of one solved step."""
 
-    Parameters
-    ----------
-    begin, size
-        t and h.
-    position
-        Where it begins, shape ``(d,)``.
-    unknowns
-        U, shape ``(s, d)``.
-    """
-
-    begin: float
+    begin: float  # t and h
     size: float
-    position: Array
-    unknowns: Array
+    position: Array  # where it begins, shape (d,)
+    unknowns: Array  # U, shape (s, d)
 
     @property
     def middle(self) -> float:

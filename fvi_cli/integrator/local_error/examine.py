@@ -27,23 +27,12 @@ MOST_CUTS = 12
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What was found out about a step.
+    """What was found out about a step."""
 
-    Parameters
-    ----------
-    error
-        Its local error, a length.
-    cut
-        Size with which it would end at a kink; None: it crosses none.
-    ends_on
-        Number of the kink at which it ends; None: at none.
-    unresolved_at
-        Time at which the force may be infinite between all samples; None: nowhere.
-    """
-
-    error: float
-    cut: float | None = None
-    ends_on: int | None = None
+    error: float  # its local error, a length
+    cut: float | None = None  # size with which it would end at a kink; None: it crosses none
+    ends_on: int | None = None  # number of the kink at which it ends; None: at none
+    # time at which the force may be infinite between all samples; None: nowhere
     unresolved_at: float | None = None
 
 

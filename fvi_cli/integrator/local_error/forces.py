@@ -39,20 +39,12 @@ _NO_KINKS: Final = np.zeros((0, 0))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointForces:
-    """What acts at n points of a step.
+    """What acts at n points of a step."""
 
-    Parameters
-    ----------
-    momentum
-        P, shape ``(n, d)``; None where it is linear in the velocity.
-    force
-        Conservative force and forcing, shape ``(n, d)``; of a linear scene the forcing alone.
-    kinks
-        Arguments of the functions with kinks, in the order in which they are met, ``(k, n)``.
-    """
-
-    momentum: Array | None
+    momentum: Array | None  # P, shape (n, d); None where it is linear in the velocity
+    # conservative force and forcing, shape (n, d); of a linear scene the forcing alone
     force: Array
+    # arguments of the functions with kinks, in the order in which they are met, (k, n)
     kinks: Array
 
 

@@ -29,18 +29,10 @@ NEGLIGIBLE = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Hidden:
-    """What a search in a step came to.
+    """What a search in a step came to."""
 
-    Parameters
-    ----------
-    error
-        Local error by what was found, a length; 0: nothing was.
-    unresolved_at
-        Time at which the force may be infinite; None: nowhere.
-    """
-
-    error: float = 0.0
-    unresolved_at: float | None = None
+    error: float = 0.0  # local error by what was found, a length; 0: nothing was
+    unresolved_at: float | None = None  # time at which the force may be infinite; None: nowhere
 
 
 class HiddenSearch:

@@ -39,18 +39,10 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class Pulses:
-    """What a search for pulses found.
+    """What a search for pulses found."""
 
-    Parameters
-    ----------
-    points
-        Times at which steps have to end, ascending.
-    unresolved_at
-        Time near which something may hide; None: nowhere.
-    """
-
-    points: tuple[float, ...] = ()
-    unresolved_at: float | None = None
+    points: tuple[float, ...] = ()  # times at which steps have to end, ascending
+    unresolved_at: float | None = None  # time near which something may hide; None: nowhere
 
 
 def pulses_that_move(scene: Scene, length: float) -> Pulses:

@@ -137,21 +137,11 @@ class Checkpoint:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UnfinishedRun:
-    """A run up to a checkpoint, with all that its trajectory will say of these steps.
+    """A run up to a checkpoint, with all that its trajectory will say of these steps."""
 
-    Parameters
-    ----------
-    checkpoint
-        From where its steps go on.
-    kept
-        Points that are kept so far, by name.
-    seconds
-        Time for the steps so far.
-    """
-
-    checkpoint: Checkpoint
-    kept: Arrays
-    seconds: float
+    checkpoint: Checkpoint  # from where its steps go on
+    kept: Arrays  # points that are kept so far, by name
+    seconds: float  # time for the steps so far
 
     def write(self, stream: IO[bytes], label: str) -> None:
         """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.

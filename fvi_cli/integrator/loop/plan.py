@@ -12,38 +12,19 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 
 @dataclass(frozen=True, kw_only=True)
 class MeshPlan:
-    """How the steps of a mesh will be done, and what their memory takes.
+    """How the steps of a mesh will be done, and what their memory takes."""
 
-    Parameters
-    ----------
-    n_steps, single
-        Steps of the mesh, and those of them that are done one by one.
-    n_sizes
-        Number of step sizes.
-    block
-        Most steps of a block; 0: there are none.
-    systems, coupled
-        Independent systems of a scene, and components of each.
-    has_modes
-        Whether these are modes of the scene, no components of its coordinates.
-    n_states
-        States that stand for the past.
-    operations
-        Multiply-adds of the memory for a scene; None: not known.
-    n_lags
-        Steps of the past that are remembered one by one in states of their own; all others are
-        exponentials.
-    """
-
-    n_steps: int
+    n_steps: int  # steps of the mesh, and those of them that are done one by one
     single: int
-    n_sizes: int
-    block: int
-    systems: int
+    n_sizes: int  # number of step sizes
+    block: int  # most steps of a block; 0: there are none
+    systems: int  # independent systems of a scene, and components of each
     coupled: int
-    has_modes: bool
-    n_states: int
-    operations: int | None
+    has_modes: bool  # whether these are modes of the scene, no components of its coordinates
+    n_states: int  # states that stand for the past
+    operations: int | None  # multiply-adds of the memory for a scene; None: not known
+    # steps of the past that are remembered one by one in states of their own; all others are
+    # exponentials
     n_lags: int = 0
 
 

@@ -19,29 +19,15 @@ Stops = dict[int, tuple[int, Failure]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
-    """Successive steps of all scenes.
+    """Successive steps of all scenes."""
 
-    Parameters
-    ----------
-    done
-        Steps of the run before them.
-    times, sizes
-        Ends of the steps and their lengths, shape ``(n,)``.
-    position, momentum
-        At the ends, shape ``(scenes, n, d)``.
-    before
-        Position where they begin, shape ``(scenes, d)``.
-    unknowns
-        Polynomials of scenes that are not linear, ``(scenes, n, s, d)``.
-    """
-
-    done: int
-    times: Array
+    done: int  # steps of the run before them
+    times: Array  # ends of the steps and their lengths, shape (n,)
     sizes: Array
-    position: Array
+    position: Array  # at the ends, shape (scenes, n, d)
     momentum: Array
-    before: Array
-    unknowns: Array | None
+    before: Array  # position where they begin, shape (scenes, d)
+    unknowns: Array | None  # polynomials of scenes that are not linear, (scenes, n, s, d)
 
 
 class Check(Protocol):

@@ -33,21 +33,11 @@ _ACCURACY = 1e-15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LagExponentials:
-    r"""Weights :math:`w_n = \sum_j c_j e^{-n y_j}` for lags :math:`n \geq` `near`.
+    r"""Weights :math:`w_n = \sum_j c_j e^{-n y_j}` for lags :math:`n \geq` `near`."""
 
-    Parameters
-    ----------
-    near
-        First lag from which they hold.
-    rates
-        y_j per step, ascending, shape ``(J,)``, the same for all orders.
-    factors
-        c_j for every order of differentiation, shape ``(n_orders, J)``.
-    """
-
-    near: int
-    rates: Array
-    factors: Array
+    near: int  # first lag from which they hold
+    rates: Array  # y_j per step, ascending, shape (J,), the same for all orders
+    factors: Array  # c_j for every order of differentiation, shape (n_orders, J)
 
 
 def lag_exponentials(

@@ -33,21 +33,11 @@ STEPS_KEPT = 256
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExponentialKernels(Kernels):
-    """What B equal steps are to sums of exponentials.
+    """What B equal steps are to sums of exponentials."""
 
-    Parameters
-    ----------
-    step
-        Exponentials over one of the steps.
-    response
-        Values at the stages of the block of states that begin with 1, ``(B m, J)``.
-    intake
-        What the inputs of the block add to the states at its end, ``(J, B m)``.
-    """
-
-    step: StageExponentials
-    response: Array
-    intake: Array
+    step: StageExponentials  # exponentials over one of the steps
+    response: Array  # values at the stages of the block of states that begin with 1, (B m, J)
+    intake: Array  # what the inputs of the block add to the states at its end, (J, B m)
 
     @cached_property
     def change(self) -> Array:

@@ -21,22 +21,13 @@ from fvi_cli.mathematics.arrays import Array, Integers, Places
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
-    """A sum of terms that act along one matrix of every member; members first, or 1 for all.
+    """A sum of terms that act along one matrix of every member; members first, or 1 for all."""
 
-    Parameters
-    ----------
-    places, factors
-        Numbers of its terms in the memory, and their factors, ``(q or 1, n)``.
-    matrix
-        D, symmetric, ``(q, e, e)``; of one large structure ``(e, e)`` in any form.
-    weights
-        Factors of exponentials in the force, ``(q or 1, J)``; without rows where the memory has
-        none for every term.
-    """
-
-    places: Integers
+    places: Integers  # numbers of its terms in the memory, and their factors, (q or 1, n)
     factors: Array
-    matrix: Form
+    matrix: Form  # D, symmetric, (q, e, e); of one large structure (e, e) in any form
+    # factors of exponentials in the force, (q or 1, J); without rows where the memory has none for
+    # every term
     weights: Array
 
     @classmethod
@@ -95,20 +86,11 @@ class Kernels(ABC):
     .. math:: F = \sum_c R_c\, z_c D_c, \qquad z' = P z + Q U.
 
     A leading part of the steps is served by the same tables.
-
-    Parameters
-    ----------
-    count
-        Number B of steps.
-    local
-        Force of every term at the samples by the inputs of their own step, ``(K, m, i)``.
-    lags
-        The same by those 1 to B - 1 steps before, ``(K, B - 1, m, i)``.
     """
 
-    count: int
-    local: Array
-    lags: Array
+    count: int  # number B of steps
+    local: Array  # force of every term at the samples by the inputs of their own step, (K, m, i)
+    lags: Array  # the same by those 1 to B - 1 steps before, (K, B - 1, m, i)
 
     @property
     def n_samples(self) -> int:

@@ -31,21 +31,11 @@ from fvi_cli.mathematics.bdf import difference_weights
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LagKernels(Kernels):
-    """What B equal steps are to lags and sums behind them.
+    """What B equal steps are to lags and sums behind them."""
 
-    Parameters
-    ----------
-    response
-        Force on the block by unit states at its beginning, ``(K, B m, J)``.
-    n_lags
-        Number L of steps that are remembered one by one.
-    rates, decay
-        y of the sums, and ``exp(-n y)`` for n = B .. 1, ``(sums, B)``.
-    """
-
-    response: Array
-    n_lags: int
-    rates: Array
+    response: Array  # force on the block by unit states at its beginning, (K, B m, J)
+    n_lags: int  # number L of steps that are remembered one by one
+    rates: Array  # y of the sums, and exp(-n y) for n = B .. 1, (sums, B)
     decay: Array
     _combined: WeakKeyDictionary[Combination, Array] = field(
         default_factory=WeakKeyDictionary, init=False

@@ -24,23 +24,15 @@ _ALIKE = 120.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RateRule:
-    """The trapezoidal rule for some densities, with the nodes that are merged at its ends.
+    """The trapezoidal rule for some densities, with the nodes that are merged at its ends."""
 
-    Parameters
-    ----------
-    logs, density
-        Logarithms of the nodes y, and their weights for integrals over log y, of the merged ones
-        as well.
-    n_below, n_kept
-        Nodes that are merged into the first one, and nodes that are kept.
-    shift
-        Rate l >= 0 from which on there is a density: a node stands for the rate l + y.
-    """
-
+    # logarithms of the nodes y, and their weights for integrals over log y, of the merged ones as
+    # well
     logs: Array
     density: Array
-    n_below: int
+    n_below: int  # nodes that are merged into the first one, and nodes that are kept
     n_kept: int
+    # rate l >= 0 from which on there is a density: a node stands for the rate l + y
     shift: float = 0.0
 
     @property

@@ -17,17 +17,10 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reach:
-    r"""Linear forms :math:`y = B q`, on which every damping matrix acts as :math:`B^T C B`.
+    r"""Linear forms :math:`y = B q`, on which every damping matrix acts as :math:`B^T C B`."""
 
-    Parameters
-    ----------
-    rows
-        B, shape ``(r, d)``.
-    components
-        The component that each row is, where rows are components; None: they are combinations.
-    """
-
-    rows: Form
+    rows: Form  # B, shape (r, d)
+    # the component that each row is, where rows are components; None: they are combinations
     components: NDArray[np.intp] | None
 
     @cached_property

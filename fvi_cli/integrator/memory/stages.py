@@ -28,22 +28,13 @@ _LOG_OF_ZERO = -800.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageExponentials:
-    """Exponentials over one step, ``s' = x (v - s)``, for rates times its length.
+    """Exponentials over one step, ``s' = x (v - s)``, for rates times its length."""
 
-    Parameters
-    ----------
-    stages
-        Values at the stages of states that begin with 1 and are driven by nothing, ``(m, J)``.
-    signs, log_magnitudes
-        Sign and ``log|R(-h x_j)|``, shape ``(J,)``; the logarithm of zero is -800.
-    intake
-        ``s_{n+1} = R s_n + intake @ V_n``, shape ``(J, m)``.
-    """
-
+    # values at the stages of states that begin with 1 and are driven by nothing, (m, J)
     stages: Array
-    signs: Array
+    signs: Array  # sign and log|R(-h x_j)|, shape (J,); the logarithm of zero is -800
     log_magnitudes: Array
-    intake: Array
+    intake: Array  # s_{n+1} = R s_n + intake @ V_n, shape (J, m)
 
     def changes(self, count: int) -> Array:
         """``R^count - 1`` in full relative accuracy, shape ``(J,)``.
@@ -67,18 +58,13 @@ class StageExponentials:
 class StageOperator:
     """Functions of integration by one Runge-Kutta method over one step.
 
-    Parameters
-    ----------
-    tableau
-        Gauss, Radau IIA or Lobatto IIIC, m stages.
-
     Raises
     ------
     ValueError
         For another family of tableaux.
     """
 
-    tableau: ButcherTableau
+    tableau: ButcherTableau  # gauss, Radau IIA or Lobatto IIIC, m stages
 
     def __post_init__(self) -> None:
         _matrix_entries(self.tableau)

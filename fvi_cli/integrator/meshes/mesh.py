@@ -20,27 +20,16 @@ ON_GRID = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
-    """Equal steps from one time to another.
+    """Equal steps from one time to another."""
 
-    Parameters
-    ----------
-    begin, end
-        Times of its ends; `end` is given exactly, it is no sum of steps.
-    n_steps
-        Number of steps.
-    step_size
-        Size of each, the same bits in all stretches that have it, so that tables are shared.
-    reported_every
-        Points at this distance from the beginning belong to the grid that is reported; 0: none.
-    is_fresh
-        Whether the motion may be singular at the beginning: the start, or a break point.
-    """
-
-    begin: float
+    begin: float  # times of its ends; `end` is given exactly, it is no sum of steps
     end: float
-    n_steps: int
+    n_steps: int  # number of steps
+    # size of each, the same bits in all stretches that have it, so that tables are shared
     step_size: float
+    # points at this distance from the beginning belong to the grid that is reported; 0: none
     reported_every: int = 1
+    # whether the motion may be singular at the beginning: the start, or a break point
     is_fresh: bool = False
 
 

@@ -7,21 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NewtonRecord:
-    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping.
+    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping."""
 
-    Parameters
-    ----------
-    iterations
-        Total number of iterations.
-    largest
-        Largest number of iterations in one step.
-    worst_step
-        The step that took that many.
-    worst_residuals
-        Residual norms of that step, first to last.
-    """
-
-    iterations: int = 0
-    largest: int = 0
-    worst_step: int = -1
-    worst_residuals: tuple[float, ...] = ()
+    iterations: int = 0  # total number of iterations
+    largest: int = 0  # largest number of iterations in one step
+    worst_step: int = -1  # the step that took that many
+    worst_residuals: tuple[float, ...] = ()  # residual norms of that step, first to last

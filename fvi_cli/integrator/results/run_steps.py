@@ -23,29 +23,16 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunSteps:
-    """Steps of a run on its own mesh, which may be finer than the grid that is reported.
+    """Steps of a run on its own mesh, which may be finer than the grid that is reported."""
 
-    Parameters
-    ----------
-    tables
-        Numbers of the method.
-    time, position, momentum
-        Points of the mesh, shapes ``(n + 1,)`` and ``(n + 1, d)``.
-    step_size
-        Shape ``(n,)``; equal steps have equal bits.
-    velocity
-        At the stages, shape ``(n, r, d)``.
-    jump
-        What impacts add to the momentum at the points, shape ``(n + 1, d)``, held in `momentum`
-        already; None: nothing.
-    """
-
-    tables: StepTables
-    time: Array
+    tables: StepTables  # numbers of the method
+    time: Array  # points of the mesh, shapes (n + 1,) and (n + 1, d)
     position: Array
     momentum: Array
-    step_size: Array
-    velocity: Array
+    step_size: Array  # shape (n,); equal steps have equal bits
+    velocity: Array  # at the stages, shape (n, r, d)
+    # what impacts add to the momentum at the points, shape (n + 1, d), held in `momentum` already;
+    # None: nothing
     jump: Array | None = None
 
     @property

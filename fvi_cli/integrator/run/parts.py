@@ -17,17 +17,11 @@ from fvi_cli.integrator.trajectory import Trajectory
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """A stretch of a run.
+    """A stretch of a run."""
 
-    Parameters
-    ----------
-    trajectory
-        The kept points after the start of the part (with the start for the first one).
-    checkpoint
-        Where the next part begins; None after the end of the run, or a failure.
-    """
-
+    # the kept points after the start of the part (with the start for the first one)
     trajectory: Trajectory
+    # where the next part begins; None after the end of the run, or a failure
     checkpoint: Checkpoint | None
 
 

@@ -27,23 +27,13 @@ from fvi_cli.integrator.trajectory import Trajectory, status_of
 
 @dataclass(eq=False)
 class ScenesRun:
-    """Scenes as far as their steps are done.
+    """Scenes as far as their steps are done."""
 
-    Parameters
-    ----------
-    engine, source, recorder
-        What solves the steps, where they come from, and what keeps them.
-    mesh
-        Where they are; None: they are found on the way.
-    remarks
-        What is to be told of every run.
-    """
-
-    engine: Engine
+    engine: Engine  # what solves the steps, where they come from, and what keeps them
     source: Source
     recorder: Recorder
-    mesh: Mesh | None = None
-    remarks: tuple[str, ...] = ()
+    mesh: Mesh | None = None  # where they are; None: they are found on the way
+    remarks: tuple[str, ...] = ()  # what is to be told of every run
 
     def __post_init__(self) -> None:
         self.state = self.engine.start()

@@ -40,18 +40,10 @@ SLIGHTLY: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Expansion:
-    r"""The vector series :math:`\sum_i a_i t^{\sigma_i}`.
+    r"""The vector series :math:`\sum_i a_i t^{\sigma_i}`."""
 
-    Parameters
-    ----------
-    exponents
-        The powers that occur, increasing, shape ``(n,)``.
-    coefficients
-        The :math:`a_i`, none of them 0 in all components, shape ``(n, d)``.
-    """
-
-    exponents: Array
-    coefficients: Array
+    exponents: Array  # the powers that occur, increasing, shape (n,)
+    coefficients: Array  # the a_i, none of them 0 in all components, shape (n, d)
 
     def components(self, cutoff: float) -> list[PowerSeries]:
         """One scalar series for every component, known up to `cutoff`."""
