@@ -9,7 +9,7 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
-from fvi_cli.integrator.engine.law import Law, Linearisation
+from fvi_cli.integrator.engine.law import Law
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.method import Method
