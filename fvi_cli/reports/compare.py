@@ -6,16 +6,14 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
-from fvi_cli.reports.document import Block, blank_rough
+from fvi_cli.reports.document import Block, blank
 from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
-from fvi_cli.reports.writers import csv_name
+from fvi_cli.reports.writers import FORMS, csv_name
 from fvi_cli.reports.writers.data import FORMAT, as_value, as_word, csv_columns, read_csv
-from fvi_cli.reports.writers.latex import to_latex
-from fvi_cli.reports.writers.markdown import to_markdown
 
 MOST_LINES = 50
 """Differences of one file that are told one by one."""
@@ -23,13 +21,9 @@ MOST_LINES = 50
 FOLLOWS = Within(relative=1e-6, absolute=1e-6)
 """For stored numbers that follow from other stored ones: slopes from errors."""
 
-_MARK = "\u00fe\u00fe\u00fe"
-"""Stands for a number that is not compared, and needs no escape in any form."""
-
-_NUMBER = r"(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
-
-_SHOWN = re.compile(rf"(?<![\w.])[+-]?{_NUMBER}")
-"""A number with its sign; digits inside of names are none."""
+_ROUGH, _NEAR = "\u00fe", "\u00ff"
+"""Stand for digits of numbers that no file has in full, and need no escape in any form."""
+_NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 
 Key = tuple[str, ...]
 
@@ -40,13 +34,18 @@ def missing(directory: Path, name: str) -> list[str]:
     return [f"{path}: missing" for path in needed if not path.is_file()]
 
 
+Differences = dict[Path, list[str]]
+"""Lines by file; none for a file that is up to date."""
+
+
 def compare(directory: Path, report: Report) -> list[str]:
     """One line for everything in which stored files differ from `report`.
 
     Every row of the CSV files is compared with the fresh one, column by column, as far as the
     column asks for it, and what follows from other numbers must follow from those beside it. The
-    words of the Markdown form must be, letter by letter, those on the stored numbers. The LaTeX and
-    JSON forms are compared where they are there.
+    Markdown and LaTeX forms must be, letter by letter, those that the stored rows make; numbers
+    that no file has in full may differ in their last digit, and those that round-off decides at
+    will. The LaTeX and JSON forms are compared where they are there.
 
     Parameters
     ----------
@@ -60,41 +59,69 @@ def compare(directory: Path, report: Report) -> list[str]:
     list of str
         Empty when the files are up to date.
     """
-    differences: list[str] = []
-    expected: Report | None = None
-    for sheet in report.sheets:
-        path = directory / csv_name(report, sheet)
-        text = _read(path, differences) if sheet.is_file else None
-        if text is None:
-            continue
-        lines, rows = _csv(text, sheet, is_part=report.is_part)
-        if sheet is report.sheets[0] and rows is not None and report.with_rows is not None:
-            try:
-                expected = report.with_rows(rows)
-                lines += _own(rows, expected.sheets[0], lines)
-            except ValueError as error:
-                lines.append(str(error))
-        differences += _first_lines(path, lines)
-    for ending, write in ((".md", to_markdown), (".tex", to_latex)):
+    found, _ = compare_files(directory, report)
+    return [line for path, lines in found.items() for line in _first_lines(path, lines)]
+
+
+def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]:
+    """What :func:`compare` finds in each file, and the report that the files should hold.
+
+    That is the one on the stored rows, where these agree with the fresh ones.
+    """
+    found: Differences = {}
+    expected = _expected(directory, report, found)
+    is_same = expected is not None and not any(found.values())
+    for ending, write in FORMS.items():
         path = directory / f"{report.name}{ending}"
-        text = _read(path, differences, is_needed=ending == ".md")
-        if text is not None and not report.is_part:
-            differences += _first_lines(path, list(_words(text, report, expected, write)))
+        text = _read(path, found, is_needed=ending == ".md")
+        if text is not None and expected is not None and not report.is_part:
+            found[path] = list(_words(text, expected, write))
     path = directory / f"{report.name}.json"
-    text = _read(path, differences, is_needed=False)
+    text = _read(path, found, is_needed=False)
     if text is not None:
-        differences += _first_lines(path, _json(text, report))
-    return differences
+        found[path] = _json(text, report)
+    return found, expected if expected is not None and is_same else report
 
 
-def _read(path: Path, differences: list[str], *, is_needed: bool = True) -> str | None:
+def _expected(directory: Path, report: Report, found: Differences) -> Report | None:
+    """The report on the stored rows; None where some are missing."""
+    stored: dict[str, list[Row] | None] = {}
+    paths = {one.name: directory / csv_name(report, one) for one in report.sheets if one.is_file}
+    for sheet in report.sheets:
+        if sheet.is_file and (text := _read(paths[sheet.name], found)) is not None:
+            found[paths[sheet.name]], stored[sheet.name] = _csv(text, sheet, is_part=report.is_part)
+    if any(stored.get(name) is None for name in paths):
+        return None
+    try:
+        expected = report.on(
+            [
+                replace(one, rows=_laid_over(one, rows)) if (rows := stored.get(one.name)) else one
+                for one in report.sheets
+            ]
+        )
+    except ValueError as error:
+        found[next(iter(paths.values()))].append(str(error))
+        return None
+    for sheet in expected.sheets:
+        if rows := stored.get(sheet.name):
+            lines = found[paths[sheet.name]]
+            lines += _own(rows, sheet, lines)
+    return expected
+
+
+def _laid_over(sheet: Sheet, rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Stored rows, with what only the JSON form has from the fresh ones."""
+    return tuple({**fresh, **row} for fresh, row in zip(sheet.rows, rows, strict=True))
+
+
+def _read(path: Path, found: Differences, *, is_needed: bool = True) -> str | None:
     if not path.is_file():
-        differences += [f"{path}: missing"] * is_needed
+        found[path] = ["missing"] * is_needed
         return None
     try:
         return path.read_text(encoding="utf-8")
     except (ValueError, OSError) as error:
-        differences.append(f"{path}: cannot be read: {error}")
+        found[path] = [f"cannot be read: {error}"]
         return None
 
 
@@ -209,89 +236,49 @@ def _own(rows: Sequence[Row], expected: Sheet, messages: Sequence[str]) -> list[
     return lines
 
 
-def _words(
-    found: str, report: Report, expected: Report | None, write: Callable[[Sequence[Block]], str]
-) -> Iterator[str]:
+def _words(found: str, expected: Report, write: Callable[[Sequence[Block]], str]) -> Iterator[str]:
     """The first line that is another one."""
-    blocks = (expected or report).blocks
-    text = write(blocks)
+    text = write(expected.blocks)
     if found == text:
         return
-    if expected is None:
-        pairs = zip_longest(_squeezed(found), _squeezed(text), fillvalue="")
-        differs: Callable[[str, str], bool] = partial(
-            _numbers_differ, compared=list(_compared(report))
-        )
-    else:
-        pairs = zip_longest(
-            found.split("\n"), write(blank_rough(blocks, _MARK)).split("\n"), fillvalue=""
-        )
-        differs = _is_other
+    marked = write(blank(expected.blocks, _ROUGH, _NEAR))
+    lines = (map(_squeezed, one.split("\n")) for one in (found, text, marked))
     shown = text.split("\n")
-    for k, (one, other) in enumerate(pairs):
-        if differs(one, other):
+    for k, (one, other, pattern) in enumerate(zip_longest(*lines, fillvalue="")):
+        if not _is_same(one, other, pattern):
             now = shown[k] if k < len(shown) else ""
             yield f"line {k + 1}: {one!r}; {now!r} belongs to the numbers"
             return
 
 
-def _is_other(found: str, pattern: str) -> bool:
-    # of a range whose ends are shown alike there is one number
-    escaped = re.escape(pattern.replace(f"{_MARK} to {_MARK}", _MARK))
-    return not re.fullmatch(escaped.replace(_MARK, f"{_NUMBER}(?: to {_NUMBER})?"), found)
-
-
-def _squeezed(text: str) -> list[str]:
-    """Lines without the blanks and rules that depend on how long their entries are.
+def _squeezed(line: str) -> str:
+    """The line without the blanks and rules that depend on how long its entries are.
 
     Powers of ten are written as everywhere else.
     """
-    plain = re.sub(r"\\cdot10\^\{(-?\d+)\}", r"e\1", text)
-    return [re.sub(r"-{2,}", "--", re.sub(r" +", " ", line)) for line in plain.split("\n")]
+    plain = re.sub(r"\$(-?[\d.]+)\$", r"\1", re.sub(r"\\cdot10\^\{(-?\d+)\}", r"e\1", line))
+    plain = re.sub(r"\$(-?[\d.]+e-?\d+)\$", r"\1", plain)
+    return re.sub(r"-{2,}", "--", re.sub(r" +", " ", plain))
 
 
-def _compared(report: Report) -> Iterator[tuple[float, Within | None]]:
-    """Every finite number of the rows, and how far a stored one may be from it."""
-    for sheet in report.sheets:
-        for row in sheet.rows:
-            for column in sheet.columns:
-                value = row[column.name]
-                if isinstance(value, int | float) and math.isfinite(value):
-                    yield float(value), column.compared
+def _is_same(found: str, fresh: str, marked: str) -> bool:
+    """Whether two lines are the same but for the numbers that are marked in a third one."""
+    pattern = re.sub(f"{_ROUGH}+ to {_ROUGH}+", _ROUGH, re.escape(marked).replace(r"\ ", " "))
+    # of a range whose ends are shown alike there is one number
+    pattern = re.sub(f"{_ROUGH}+", lambda _: f"{_NUMBER}(?: to {_NUMBER})?", pattern)
+    pattern = re.sub(f"{_NEAR}+", lambda _: f"({_NUMBER})", pattern)
+    matches = [re.fullmatch(pattern, one) for one in (found, fresh)]
+    if not all(matches):
+        return found == fresh
+    pairs = zip(*(match.groups() for match in matches if match), strict=True)
+    return all(one == other or _is_near(one, other) for one, other in pairs)
 
 
-def _numbers_differ(
-    found: str, fresh: str, compared: Sequence[tuple[float, Within | None]]
-) -> bool:
-    """Whether two lines differ in words, or in a number by more than its column permits.
-
-    A number that is in no column may differ by one and a half units of its last digit, a whole
-    one not at all.
-    """
-    if found == fresh:
-        return False
-    if _SHOWN.sub(_MARK, found) != _SHOWN.sub(_MARK, fresh):
-        return True
-    pairs = zip(_SHOWN.findall(found), _SHOWN.findall(fresh), strict=True)
-    return any(one != other and _is_another(one, other, compared) for one, other in pairs)
-
-
-def _is_another(one: str, other: str, compared: Sequence[tuple[float, Within | None]]) -> bool:
-    stored, now = float(one), float(other)
+def _is_near(one: str, other: str) -> bool:
+    """Whether two numbers differ by one and a half units of their last digit at most."""
     unit = max(_last_unit(one), _last_unit(other))
-    # of 0 no digit says which column it is from
-    rules = [
-        rule
-        for value, rule in compared
-        if value == now or (now and abs(value - now) <= 0.51 * unit < abs(now))
-    ]
-    if None in rules:
-        return False
-    known = [rule for rule in rules if rule is not None]
-    if any(rule.holds(stored, now) for rule in known):
-        return False
-    is_whole = one.lstrip("+-").isdigit() and other.lstrip("+-").isdigit()
-    return is_whole or abs(stored - now) > 1.5 * unit
+    is_whole = one.isdigit() and other.isdigit()
+    return not is_whole and abs(float(one) - float(other)) <= 1.5 * unit
 
 
 def _last_unit(word: str) -> float:

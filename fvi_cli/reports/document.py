@@ -28,7 +28,14 @@ class Rough:
     text: str
 
 
-Piece = str | Code | Equation | Rough
+@dataclass(frozen=True)
+class Near:
+    """Words with numbers that no file has in full: other machines may round them otherwise."""
+
+    text: str
+
+
+Piece = str | Code | Equation | Rough | Near
 Words = str | tuple[Piece, ...]
 """Running text; every piece is literal, nothing in it is markup."""
 
@@ -72,6 +79,8 @@ class Grid:
     key_columns
         Number of columns at the left that are needed to read the others: they are repeated when
         the grid is split.
+    is_near
+        Whether no file has its numbers in full, as of :class:`Near`.
     groups
         Sizes of the groups of the other columns that belong together; empty: every column by
         itself.
@@ -88,6 +97,7 @@ class Grid:
     text_columns: int = 1
     key_columns: int = 1
     groups: tuple[int, ...] = ()
+    is_near: bool = False
 
     def __post_init__(self) -> None:
         for row in (*self.rows, *self.summary_rows):
@@ -127,6 +137,7 @@ class Grid:
             summary_rows=tuple(cut(row) for row in self.summary_rows),
             text_columns=min(self.text_columns, len(chosen)),
             key_columns=self.key_columns,
+            is_near=self.is_near,
         )
 
 
@@ -201,21 +212,33 @@ def without_numbers(text: str, instead: str = "#") -> str:
     return NUMBER.sub(instead, text)
 
 
-def blank_rough(blocks: Sequence[Block], instead: str) -> list[Block]:
-    """The blocks with every number of :class:`Rough` words replaced."""
+def _marked(text: str, mark: str) -> str:
+    """The text with a mark for every letter of its numbers: it stays as long as it is."""
+    return NUMBER.sub(lambda number: mark * len(number[0]), text)
 
-    def blank(words: Words) -> Words:
+
+def blank(blocks: Sequence[Block], rough: str, near: str) -> list[Block]:
+    """The blocks with marks in place of the numbers of :class:`Rough` words and of near ones."""
+
+    def in_words(words: Words) -> Words:
         return tuple(
-            without_numbers(piece.text, instead) if isinstance(piece, Rough) else piece
+            _marked(piece.text, rough if isinstance(piece, Rough) else near)
+            if isinstance(piece, Rough | Near)
+            else piece
             for piece in pieces(words)
         )
+
+    def in_cells(line: tuple[str, ...], first: int = 0) -> tuple[str, ...]:
+        return (*line[:first], *(_marked(cell, near) for cell in line[first:]))
 
     found: list[Block] = []
     for block in blocks:
         if isinstance(block, Paragraph | Heading):
-            found.append(replace(block, words=blank(block.words)))
+            found.append(replace(block, words=in_words(block.words)))
         elif isinstance(block, Bullets):
-            found.append(Bullets(items=tuple(map(blank, block.items))))
+            found.append(Bullets(items=tuple(map(in_words, block.items))))
+        elif block.is_near:
+            found.append(replace(block, rows=tuple(in_cells(line, 1) for line in block.rows)))
         else:
             found.append(block)
     return found

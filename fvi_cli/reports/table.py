@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter, itemgetter
 from typing import Any
 
@@ -85,6 +86,11 @@ class Column:
         if isinstance(value, bool):
             return "yes" if value else "no"
         return format(value, self.form)
+
+
+def number_of(value: Value) -> float:
+    """An entry of a column of numbers; nan where there is none."""
+    return value if isinstance(value, float) else math.nan
 
 
 def within(path: str, *columns: Column) -> tuple[Column, ...]:
@@ -179,9 +185,20 @@ class Sheet:
         return grid_of(shown, self.rows, text_columns=text_columns, key_columns=key_columns)
 
 
+Sheets = Mapping[str, Sheet]
+Words = tuple[Sequence[Block], Sequence[Block]]
+"""What a terminal shows, and the whole."""
+
+
+def alike(blocks: Iterable[Block]) -> Words:
+    """Words of which a terminal shows all."""
+    found = tuple(blocks)
+    return found, found
+
+
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Everything that is told of results of one kind: sheets of numbers, and words.
+    """Everything that is told of results of one kind: sheets of numbers, and words on them.
 
     Parameters
     ----------
@@ -189,14 +206,10 @@ class Report:
         Files begin with it.
     sheets
         The first is ``<name>.csv``, another one ``<name>-<sheet>.csv``.
-    summary
-        What a terminal shows.
-    blocks
-        The whole, for Markdown and LaTeX.
-    with_rows
-        The report on the same results with other rows in the first sheet: what was measured is
-        taken from them, what follows from it is computed anew. None: the words cannot be compared
-        with stored ones but for their numbers.
+    words
+        Of the sheets by their names: what a terminal shows, and the whole.
+    remake
+        The report on other rows, where more than words follows from them.
     is_timed
         Whether its numbers are times of this machine, which are never the same twice.
     is_part
@@ -205,8 +218,27 @@ class Report:
 
     name: str
     sheets: tuple[Sheet, ...]
-    summary: tuple[Block, ...]
-    blocks: tuple[Block, ...]
-    with_rows: Callable[[Sequence[Row]], Report] | None = None
+    words: Callable[[Sheets], Words]
+    remake: Callable[[Sheets], Report] | None = None
     is_timed: bool = False
     is_part: bool = False
+
+    @property
+    def summary(self) -> Sequence[Block]:
+        """What a terminal shows."""
+        return self._words[0]
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """The whole, for Markdown and LaTeX."""
+        return self._words[1]
+
+    @cached_property
+    def _words(self) -> Words:
+        return self.words({one.name: one for one in self.sheets})
+
+    def on(self, sheets: Sequence[Sheet]) -> Report:
+        """The report on other rows: what follows from them is computed anew."""
+        if self.remake is not None:
+            return self.remake({one.name: one for one in sheets})
+        return replace(self, sheets=tuple(sheets))

@@ -23,6 +23,10 @@ from fvi_cli.studies.norms import Norm
 WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
 """Endings of keys of a problem that no order of its damping depends on."""
 
+LEAST_SPAN, SAME_ORDER = 2, 0.5
+"""Factor in N over which errors say an order though round-off ends the ladder; over less the slope
+and the order of the two finest must be so close."""
+
 NEAR_FLOOR = 1000.0
 """Errors within this factor of their floor are partly round-off, other digits on other machines."""
 
@@ -69,6 +73,19 @@ class OrderCase:
     """The order that the source of the experiment claims; nan where it claims none."""
     expected_failure: bool = False
     """Whether the configuration expects this method to fail here."""
+
+    @property
+    def has_order(self) -> bool:
+        """Whether the errors that are used say an order.
+
+        Where finer ones are next to round-off, those that are left must span a factor of two in N,
+        or lie on a line.
+        """
+        used = [row.n_steps for row in self.rows if row.used_in_fit]
+        if len(used) < 2 or used[-1] >= LEAST_SPAN * used[0]:
+            return len(used) > 1
+        is_straight = len(used) > 2 and abs(self.slope - self.last_order) <= SAME_ORDER
+        return is_straight or not any(row.is_near_floor for row in self.rows)
 
     @property
     def last_order(self) -> float:

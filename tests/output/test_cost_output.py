@@ -215,6 +215,7 @@ class TestCommand:
         written = {path.relative_to(results).as_posix() for path in results.glob("*/*")}
         assert {name for name in written if name.startswith("tables/")} == {
             *(f"tables/small-cost.{suffix}" for suffix in ("csv", "md", "tex", "json")),
+            "tables/small-cost-text.tex",
             "tables/small-cost-summary.csv",
             "tables/small-cost-tolerances.csv",
         }

@@ -310,7 +310,13 @@ def test_a_small_table_as_markdown_letter_by_letter():
 
 
 def test_a_small_table_as_latex_letter_by_letter():
-    assert GOLDEN_TABULAR in rendered("made-up", [SMALL])["tex"]
+    texts = rendered("made-up", [SMALL])
+    assert GOLDEN_TABULAR in texts["made-up-text.tex"]
+    # bare, for a table environment of its own size and caption
+    bare = GOLDEN_TABULAR.partition("\n")[2].removesuffix("\\medskip}")
+    assert bare in texts["tex"]
+    assert "footnotesize" not in texts["tex"].partition("\n")[2]
+    assert "Equation" not in texts["tex"]
 
 
 def markdown_tables(text: str) -> list[list[list[str]]]:
@@ -768,11 +774,11 @@ def test_many_methods_stay_within_the_page():
 # --- files ----------------------------------------------------------------------------------------
 
 
-def test_four_files_are_written_and_nothing_else_is_left(tmp_path):
+def test_five_files_are_written_and_nothing_else_is_left(tmp_path):
     directory = tmp_path / "results" / "tables"
     for _ in range(2):
         paths = write(directory, SMALL)
-    assert [path.suffix for path in paths] == [".csv", ".md", ".tex", ".json"]
+    assert [path.suffix for path in paths] == [".csv", ".md", ".tex", ".tex", ".json"]
     assert sorted(directory.iterdir()) == sorted(paths)
     assert {path.read_bytes().decode() for path in paths} == set(
         rendered("made-up", [SMALL]).values()

@@ -291,7 +291,7 @@ def test_a_changed_report_is_found():
 
 def test_a_case_that_is_described_otherwise_is_found(tmp_path):
     write(tmp_path, hard_case_report(STORED))
-    (tmp_path / "hard-cases.tex").unlink()
+    (tmp_path / "hard-cases-text.tex").unlink()
     first, *others = STORED.cases
     changed = dataclasses.replace(first, description="otherwise")
     report = dataclasses.replace(STORED, cases=(changed, *others))

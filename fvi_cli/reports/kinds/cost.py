@@ -11,7 +11,7 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
 from fvi_cli.reports.document import Block, Bullets, Code, Equation, Heading, Paragraph
 from fvi_cli.reports.naming import MethodName, method_names, number
-from fvi_cli.reports.table import Column, Report, Sheet, grid_of, rows_of, within
+from fvi_cli.reports.table import Column, Report, Sheet, Sheets, Words, grid_of, rows_of, within
 from fvi_cli.studies.cost import CostCase, CostTable
 from fvi_cli.studies.price import (
     ACCURACIES,
@@ -151,8 +151,10 @@ class _Of:
 
 def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
     """What the methods of every experiment cost; seconds to accuracies come first."""
-    title = Heading(level=1, words=f"What accuracy costs: {name}")
-    prices = cost_summary(tables)
+
+    def words(sheets: Sheets) -> Words:
+        prices = [Heading(level=1, words=f"What accuracy costs: {name}"), *cost_summary(tables)]
+        return prices, [*prices, *(block for table in tables for block in _details(table))]
 
     def sheet(
         name: str, columns: tuple[Column, ...], items: Items, *keys: str, is_file: bool = True
@@ -173,8 +175,7 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
             ),
             sheet("pareto_front", FRONT_COLUMNS, _front, "case", "n_steps", is_file=False),
         ),
-        summary=(title, *prices),
-        blocks=(title, *prices, *(block for table in tables for block in _details(table))),
+        words=words,
         is_timed=True,
     )
 

@@ -7,8 +7,20 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, Bullets, Code, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Sheet, Within, grid_of, rows_of, within
+from fvi_cli.reports.document import Block, Bullets, Code, Heading, Near, Paragraph, Piece
+from fvi_cli.reports.table import (
+    Column,
+    Report,
+    Sheet,
+    Sheets,
+    Within,
+    alike,
+    grid_of,
+    number_of,
+    pivot,
+    rows_of,
+    within,
+)
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
@@ -157,7 +169,6 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
         for i, one in enumerate(m.estimates)
         for j, other in enumerate(m.estimates[:i])
     ]
-    words = tuple(_words(name, results))
     return Report(
         name=f"{name}-fit",
         sheets=(
@@ -166,9 +177,42 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
             sheet("noise", NOISE_COLUMNS, noise, "motion", "column", is_file=False),
             sheet("correlations", CORRELATION_COLUMNS, pairs, "parameter", "other", is_file=False),
         ),
-        summary=words,
-        blocks=words,
+        words=lambda sheets: alike(_words(name, results)),
+        remake=lambda sheets: fit_report(name, _with_rows(results, sheets)),
     )
+
+
+def _with_rows(results: Sequence[FitResult], sheets: Sheets) -> list[FitResult]:
+    """The results with the numbers of stored rows."""
+    estimates, models = (iter(sheets[name].rows) for name in ("parameters", "models"))
+    found = []
+    for result in results:
+        own = []
+        for model in result.models:
+            values = [
+                replace(
+                    one,
+                    value=number_of(row["estimate"]),
+                    standard_error=number_of(row["standard_error"]),
+                    low=number_of(row["low"]),
+                    high=number_of(row["high"]),
+                )
+                for one, row in zip(model.estimates, estimates, strict=False)
+            ]
+            row = next(models)
+            own.append(
+                replace(
+                    model,
+                    estimates=tuple(values),
+                    criterion=number_of(row["aicc"]),
+                    whiteness=number_of(row["whiteness"]),
+                    steps=row["steps"] if isinstance(row["steps"], int) else 0,
+                    discretisation=number_of(row["discretisation"]),
+                    message=str(row["message"] or ""),
+                )
+            )
+        found.append(replace(result, models=tuple(own)))
+    return found
 
 
 def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
@@ -190,40 +234,39 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
         yield Paragraph(words=f"No fit: {model.message}. The best point so far:")
     yield grid_of(ESTIMATES, model.estimates)
     if len(model.estimates) > 1 and model.is_converged:
-        names = [str(index) for index in range(1, len(model.estimates) + 1)]
         yield Paragraph(words="Correlations of the estimates:")
-        yield Grid(
-            header=("", *names[:-1]),
-            rows=tuple(
-                (
-                    f"{names[i]} {model.estimates[i].name}",
-                    *(
-                        f"{model.correlations[i, j]:+.3f}" if j < i else ""
-                        for j in range(len(names) - 1)
-                    ),
-                )
-                for i in range(1, len(names))
+        yield pivot(
+            (
+                ((f"{i + 1} {one.name}",), str(j + 1), (f"{model.correlations[i, j]:+.3f}",))
+                for i, one in enumerate(model.estimates)
+                for j in range(i)
             ),
+            corner=("",),
+            beside={str(j): (str(j),) for j in range(1, len(model.estimates))},
+            absent="",
+            is_near=True,
         )
     if model.series:
-        yield Paragraph(
-            words="Noise: "
-            + "; ".join(
-                f"{one.data} {one.series.column}: standard deviation {one.deviation:.3g} "
-                f"({one.series.values.size} values)"
-                for one in model.series
-            )
-            + f". If the residuals are noise, their correlations have probability "
-            f"{model.whiteness:.2g}."
-            + (
-                f" Runs of {model.steps} steps err by {model.discretisation:.0e} of the residuals."
-                if model.steps
-                else ""
-            )
-        )
+        yield Paragraph(words=tuple(_noise(model)))
     remarks = model.warnings if model.is_converged else [one.words for one in model.needless]
     if remarks:
-        yield Bullets(items=tuple(remarks))
+        yield Bullets(items=tuple((Near(one),) for one in remarks))
+
+
+def _noise(model: ModelFit) -> Iterator[Piece]:
+    yield "Noise: "
+    yield Near(
+        "; ".join(
+            f"{one.data} {one.series.column}: standard deviation {one.deviation:.3g} "
+            f"({one.series.values.size} values)"
+            for one in model.series
+        )
+    )
+    yield (
+        f". If the residuals are noise, their correlations have probability {model.whiteness:.2g}."
+    )
+    if model.steps:
+        yield f" Runs of {model.steps} steps err by {model.discretisation:.0e} of the residuals."
 
 
 def _end(value: float, reached: float, sign: str, estimate: float) -> str:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from fvi_cli.reports.document import Block, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, pivot, rows_of
+from fvi_cli.reports.document import Block, Heading, Paragraph
+from fvi_cli.reports.table import (
+    Column,
+    Report,
+    Row,
+    Sheet,
+    Within,
+    Words,
+    number_of,
+    pivot,
+    rows_of,
+)
 from fvi_cli.studies.hard_cases.case import FLAGSHIP, Finding, HardCaseReport
 
 NAME = "hard-cases"
@@ -38,8 +47,6 @@ COLUMNS = (
 
 def hard_case_report(found: HardCaseReport) -> Report:
     """The report on the hard cases that were examined, or on a part of them."""
-    summary, details = tuple(summary_blocks(found)), tuple(_details(found))
-    title = Heading(level=1, words="Hard cases")
     return Report(
         name=NAME,
         sheets=(
@@ -51,12 +58,17 @@ def hard_case_report(found: HardCaseReport) -> Report:
                 left_to_round_off=_left_to_round_off,
             ),
         ),
-        # the summary where it is seen, at the end
-        summary=(title, *details, *summary),
-        blocks=(title, *summary, *details),
-        with_rows=lambda rows: hard_case_report(_with_rows(found, rows)),
+        words=lambda sheets: _words(found),
+        remake=lambda sheets: hard_case_report(_with_rows(found, sheets["findings"].rows)),
         is_part=found.is_partial,
     )
+
+
+def _words(found: HardCaseReport) -> Words:
+    summary, details = summary_blocks(found), list(_details(found))
+    title = Heading(level=1, words="Hard cases")
+    # the summary where it is seen, at the end
+    return [title, *details, *summary], [title, *summary, *details]
 
 
 def _with_rows(found: HardCaseReport, rows: Sequence[Row]) -> HardCaseReport:
@@ -84,8 +96,7 @@ def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:
 def _is_left_to_chance(stored: Row, fresh: Row) -> bool:
     """Whether round-off may have put these two numbers on different sides of the limit."""
     one, other, limit = (
-        value if isinstance(value, float) else math.nan
-        for value in (stored["measured"], fresh["measured"], fresh["limit"])
+        number_of(value) for value in (stored["measured"], fresh["measured"], fresh["limit"])
     )
     near = all(1.0 / NEAR_THE_LIMIT < x / limit < NEAR_THE_LIMIT for x in (one, other) if limit)
     return limit > 0 and near and (max(one, other) < ROUND_OFF or not fresh["is_comparable"])
@@ -93,28 +104,25 @@ def _is_left_to_chance(stored: Row, fresh: Row) -> bool:
 
 def summary_blocks(report: HardCaseReport) -> list[Block]:
     """For every method how much holds, and in which cases something does not."""
-    rows = []
-    for method in report.methods:
+
+    def cells(method: str) -> tuple[str, str, str]:
         own = [finding for finding in report.findings if finding.method == method]
         wrong = [finding for finding in own if not finding.holds]
         unstable = {f.case for f in wrong if f.status != "ok" or f.predicted == "unstable"}
         inaccurate = {finding.case for finding in wrong} - unstable
-        blown = [case.name for case in report.cases if case.name in unstable]
-        rows.append(
-            (
-                method,
-                f"{len(own) - len(wrong)} of {len(own)}",
-                f"{len(inaccurate)} of {len(report.cases)} cases",
-                ", ".join(blown) or "-",
-            )
+        return (
+            f"{len(own) - len(wrong)} of {len(own)}",
+            f"{len(inaccurate)} of {len(report.cases)} cases",
+            ", ".join(case.name for case in report.cases if case.name in unstable) or "-",
         )
+
     return [
         Heading(level=2, words="Where each method fails"),
-        Grid(
-            header=("method", "holds", "too inaccurate in", "blows up in"),
-            rows=tuple(rows),
+        pivot(
+            (((method,), "all", cells(method)) for method in report.methods),
+            corner=("method",),
+            beside={"all": ("holds", "too inaccurate in", "blows up in")},
             text_columns=4,
-            key_columns=4,
         ),
     ]
 

@@ -85,7 +85,7 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
     )
     sizes = {n: size for n, size, _, _ in reversed(cells)}
     below: list[tuple[str, Callable[[OrderCase], str]]] = [
-        ("slope", lambda case: number(case.slope, ".2f")),
+        ("slope", lambda case: f"{case.slope:.2f}" if case.has_order else "-"),
         ("residual", _residual),
         ("expected", lambda case: number(case.expected_order, ".3g")),
         ("stated", lambda case: number(case.claim, "g")),
@@ -106,7 +106,7 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
 
 def _entries(case: OrderCase, k: int) -> list[str]:
     row = case.rows[k]
-    both = k > 0 and row.used_in_fit and case.rows[k - 1].used_in_fit
+    both = k > 0 and case.has_order and row.used_in_fit and case.rows[k - 1].used_in_fit
     return [error_entry(row), f"{row.pairwise_order:.2f}" if both else ""]
 
 
@@ -130,7 +130,7 @@ def bound_of_near(row: OrderRow) -> float:
 def _residual(case: OrderCase) -> str:
     # a line through two points has none, which says nothing
     used = sum(row.used_in_fit for row in case.rows)
-    return number(case.fit_residual, ".3f") if used > 2 else "-"
+    return number(case.fit_residual, ".3f") if case.has_order and used > 2 else "-"
 
 
 def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:

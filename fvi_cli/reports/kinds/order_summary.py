@@ -114,7 +114,10 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
     if any(sum(row.used_in_fit for row in case.rows) == 2 for case in cases):
         text += " One number alone comes from two rows."
     if any(order_entry(case) == "floor" for case in cases):
-        text += " floor: all errors but one at most are next to round-off."
+        text += (
+            " floor: round-off leaves no order; above it there is one error, or there are few over "
+            "less than a factor of two in N that lie on no line."
+        )
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
@@ -193,9 +196,9 @@ def order_entry(case: OrderCase) -> str:
     failures = [row.status for row in case.rows if row.status in FAILURES]
     star = "*" if failures else ""
     used = [row for row in case.rows if row.used_in_fit]
-    if len(used) > 2 and not math.isnan(case.last_order):
+    if case.has_order and len(used) > 2 and not math.isnan(case.last_order):
         return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
-    if len(used) >= 2:
+    if case.has_order:
         return f"{case.slope:.2f}{star}"
     if failures:
         return f"{failures[0]}*"
@@ -227,7 +230,7 @@ def _stated(
         if math.isnan(case.claim):
             continue
         parts = []
-        if math.isnan(case.slope):
+        if not case.has_order:
             parts.append(f"stated {case.claim:g}; too few rows can be used for a slope")
         else:
             if abs(case.slope - case.claim) > NOTED_DIFFERENCE:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph, Words
 from fvi_cli.reports.kinds.members import DESIGN, members_in_words
 from fvi_cli.reports.naming import MethodName, number
-from fvi_cli.reports.table import pivot
+from fvi_cli.reports.table import Column, grid_of, pivot
 from fvi_cli.studies.members import counts_in_words, value_in_words
 from fvi_cli.studies.order import OrderCase, OrderTable
 
@@ -47,16 +49,80 @@ def _by_value(
     tables: Sequence[OrderTable], key: str, names: Mapping[str, MethodName], entry: OrderEntry
 ) -> Grid:
     """Rows: values of the swept key, or designs; columns: methods."""
-    cases = list(dict.fromkeys(case.method.case for table in tables for case in table.cases))
-    rows = []
-    for table in tables:
-        found = {case.method.case: case for case in table.cases}
-        orders = [entry(found[case]) if case in found else "not computed" for case in cases]
-        label = value_in_words(table.swept[key]) if key != DESIGN else ""
-        if table.member is not None and key == DESIGN:
-            label = table.member.label
-        rows.append((label, *orders))
-    return Grid(header=(key, *(names[case].label for case in cases)), rows=tuple(rows))
+    each = [(table, case) for table in tables for case in table.cases]
+    return pivot(
+        (((_label(table, key),), case.method.case, (entry(case),)) for table, case in each),
+        corner=(key,),
+        beside={case.method.case: (names[case.method.case].label,) for _, case in each},
+        absent="not computed",
+    )
+
+
+def _label(table: OrderTable, key: str) -> str:
+    if key != DESIGN:
+        return value_in_words(table.swept[key])
+    return "" if table.member is None else table.member.label
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Spread:
+    """One method on all members of a sweep."""
+
+    label: str
+    found: Sequence[tuple[OrderTable, OrderCase]]
+
+    @property
+    def finest(self) -> list[tuple[float, OrderTable]]:
+        """Errors on the finest grid, with their members."""
+        errors = [(case.rows[-1].error, table) for table, case in self.found]
+        return [one for one in errors if math.isfinite(one[0])]
+
+    def of(self, name: str, measure: Callable[[Sequence[float]], float]) -> float:
+        """A measure of an order of all members that have one."""
+        values = [getattr(case, name) for _, case in self.found if case.has_order]
+        values = [value for value in values if math.isfinite(value)]
+        return measure(values) if values else math.nan
+
+    @property
+    def worst(self) -> tuple[float, OrderTable | None]:
+        """The largest error on the finest grid, and whose it is."""
+        return max(self.finest, key=lambda one: one[0], default=(math.nan, None))
+
+
+def _order_columns(name: str, title: str) -> list[Column]:
+    measures: dict[str, Callable[[Sequence[float]], float]] = {
+        f"{title}: least": min,
+        "median": statistics.median,
+        "greatest": max,
+    }
+    return [
+        Column(name, title=words, form=".2f", get=partial(_Spread.of, name=name, measure=measure))
+        for words, measure in measures.items()
+    ]
+
+
+_SPREAD_COLUMNS = (
+    Column("label", title="method"),
+    *_order_columns("slope", "slope"),
+    *_order_columns("last_order", "finest order"),
+    Column(
+        "median",
+        title="finest error: median",
+        form=".1e",
+        get=lambda one: statistics.median(e for e, _ in one.finest) if one.finest else math.nan,
+    ),
+    Column("largest", title="largest", form=".1e", get=lambda one: one.worst[0]),
+    Column(
+        "member",
+        title="at",
+        get=lambda one: one.worst[1].member.label if one.worst[1] else None,
+    ),
+    Column(
+        "rows",
+        title="rows",
+        get=lambda one: counts_in_words(row.status for _, case in one.found for row in case.rows),
+    ),
+)
 
 
 def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) -> Grid:
@@ -65,36 +131,8 @@ def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) ->
     for table in tables:
         for case in table.cases:
             cases.setdefault(case.method.case, []).append((table, case))
-    rows = []
-    for name, found in cases.items():
-        slopes = [case.slope for _, case in found if math.isfinite(case.slope)]
-        lasts = [case.last_order for _, case in found if math.isfinite(case.last_order)]
-        finest = [
-            (case.rows[-1].error, table)
-            for table, case in found
-            if math.isfinite(case.rows[-1].error)
-        ]
-        worst, member = max(finest, key=lambda one: one[0], default=(math.nan, None))
-        rows.append(
-            (
-                names[name].label,
-                *_spread(slopes),
-                *_spread(lasts),
-                number(statistics.median(e for e, _ in finest) if finest else math.nan, ".1e"),
-                number(worst, ".1e"),
-                "-" if member is None or member.member is None else member.member.label,
-                counts_in_words(row.status for _, case in found for row in case.rows),
-            )
-        )
-    header = ["method", "slope: least", "median", "greatest", "finest order: least", "median"]
-    header += ["greatest", "finest error: median", "largest", "at", "rows"]
-    return Grid(header=tuple(header), rows=tuple(rows), groups=(3, 3, 3, 1))
-
-
-def _spread(values: Sequence[float]) -> tuple[str, str, str]:
-    if not values:
-        return "-", "-", "-"
-    return f"{min(values):.2f}", f"{statistics.median(values):.2f}", f"{max(values):.2f}"
+    items = [_Spread(label=names[name].label, found=found) for name, found in cases.items()]
+    return grid_of(_SPREAD_COLUMNS, items, groups=(3, 3, 3, 1))
 
 
 def sweep_details(

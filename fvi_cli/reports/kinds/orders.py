@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -13,7 +12,18 @@ from fvi_cli.reports.kinds.members import member_columns
 from fvi_cli.reports.kinds.order_details import details, setting
 from fvi_cli.reports.kinds.order_summary import legend, names_of, summary
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, rows_of, within
+from fvi_cli.reports.table import (
+    Column,
+    Report,
+    Row,
+    Sheet,
+    Value,
+    Within,
+    Words,
+    number_of,
+    rows_of,
+    within,
+)
 from fvi_cli.studies.experiment import Observed
 from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable, with_orders
 
@@ -127,15 +137,17 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         keys=("experiment",),
         is_file=False,
     )
-    title = Heading(level=1, words=f"Orders of convergence: {name}")
-    orders = summary(name, tables)
     return Report(
         name=name,
         sheets=(runs, experiments),
-        summary=(title, *orders),
-        blocks=(title, *orders, *legend(tables), *_all_details(tables)),
-        with_rows=lambda rows: order_report(name, list(_with_rows(tables, rows))),
+        words=lambda sheets: _words(name, tables),
+        remake=lambda sheets: order_report(name, list(_with_rows(tables, sheets["runs"].rows))),
     )
+
+
+def _words(name: str, tables: Sequence[OrderTable]) -> Words:
+    orders = [Heading(level=1, words=f"Orders of convergence: {name}"), *summary(name, tables)]
+    return orders, [*orders, *legend(tables), *_all_details(tables)]
 
 
 def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
@@ -151,13 +163,9 @@ def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:
     """Errors near the floor with what is said of them, and how far a run diverged."""
     if fresh["status"] not in ("ok", "floor"):
         return {"error"}
-    error, other, floor = (_number(v) for v in (stored["error"], fresh["error"], fresh["floor"]))
+    error, other, floor = (number_of(v) for v in (stored["error"], fresh["error"], fresh["floor"]))
     is_round_off = stored["status"] in ("ok", "floor") and max(error, other) <= RELIABLE * floor
     return {"error", "status", "used_in_fit"} if is_round_off else set()
-
-
-def _number(value: Value) -> float:
-    return value if isinstance(value, float) else math.nan
 
 
 def _status(value: Value) -> Observed:
@@ -173,7 +181,7 @@ def _with_rows(tables: Sequence[OrderTable], rows: Sequence[Row]) -> Iterator[Or
         cases = []
         for case in table.cases:
             own = tuple(
-                replace(row, error=_number(found["error"]), status=_status(found["status"]))
+                replace(row, error=number_of(found["error"]), status=_status(found["status"]))
                 for row, found in zip(case.rows, stored, strict=False)
             )
             cases.append(with_orders(replace(case, rows=own)))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.members import member_columns
-from fvi_cli.reports.table import Column, Report, Sheet, Within, rows_of, within
+from fvi_cli.reports.table import Column, Report, Sheet, Sheets, Within, alike, rows_of, within
 from fvi_cli.studies.experiment import FinishedRun
 
 CLOSE = Within(relative=1e-3, absolute=1e-12)
@@ -122,18 +122,23 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         sheet("runs", COLUMNS, "extents", "quantity"),
         sheet("events", EVENT_COLUMNS, "events", "event"),
     )
-    blocks: list[Block] = [
-        Heading(level=1, words=("Quantities: ", Code(name))),
-        Paragraph(
-            words="Peaks, smallest and largest values and means are of the motion at all times, "
-            "not of its stored points."
-        ),
-    ]
+    designs = design_sheet(finished)
+    return Report(
+        name=f"{name}-quantities",
+        sheets=(*sheets, designs) if designs else sheets,
+        words=lambda sheets: alike(_words(name, sheets)),
+    )
+
+
+def _words(name: str, sheets: Sheets) -> Iterator[Block]:
+    yield Heading(level=1, words=("Quantities: ", Code(name)))
+    yield Paragraph(
+        words="Peaks, smallest and largest values and means are of the motion at all times, "
+        "not of its stored points."
+    )
+    if designs := sheets.get("designs"):
+        yield from design_blocks(designs)
+    runs = [sheets["runs"], sheets["events"]]
     # what tells a run from the others is repeated where a grid is split
-    tell = [column.name for column in sheets[0].columns if column.title].index("n_steps") + 1
-    grids = [sheet.grid(text_columns=tell - 1, key_columns=tell) for sheet in sheets if sheet.rows]
-    if designs := design_sheet(finished):
-        sheets = (*sheets, designs)
-        blocks += design_blocks(designs)
-    words = (*blocks, *grids)
-    return Report(name=f"{name}-quantities", sheets=sheets, summary=words, blocks=words)
+    tell = [column.name for column in runs[0].columns if column.title].index("n_steps") + 1
+    yield from (one.grid(text_columns=tell - 1, key_columns=tell) for one in runs if one.rows)

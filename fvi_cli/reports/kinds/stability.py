@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fvi_cli.integrator.stability.limits import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
-from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
+from fvi_cli.reports.document import Block, Code, Grid, Heading, Near, Paragraph
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.table import (
     Cell,
     Column,
     Report,
+    Row,
     Sheet,
     Value,
     Within,
+    alike,
+    number_of,
     pivot,
     rows_of,
     within,
@@ -115,7 +118,6 @@ def _member(row: StabilityRow) -> str:
 
 def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
     """Predicted and observed stability of every method, member and step, and shares of planes."""
-    words = tuple(_words(name, tables))
     runs = [_Of(table=table, row=row) for table in tables for row in table.rows]
     regions = [_Of(table=table, row=one) for table in tables for one in table.regions]
     return Report(
@@ -135,9 +137,33 @@ def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
                 is_file=False,
             ),
         ),
-        summary=words,
-        blocks=words,
+        words=lambda sheets: alike(_words(name, tables)),
+        remake=lambda sheets: stability_report(name, _with_rows(tables, sheets["runs"].rows)),
     )
+
+
+def _with_rows(tables: Sequence[StabilityTable], rows: Sequence[Row]) -> list[StabilityTable]:
+    """The tables with the numbers of stored rows."""
+    stored = iter(rows)
+    return [
+        replace(
+            table,
+            rows=tuple(
+                replace(
+                    row,
+                    prediction=replace(
+                        row.prediction,
+                        growth_per_step=number_of(found["growth_per_step"]),
+                        exact_growth=number_of(found["exact_growth_per_step"]),
+                    ),
+                    largest_stable_step=number_of(found["largest_stable_step"]),
+                    lasting_step=number_of(found["lasting_step"]),
+                )
+                for row, found in zip(table.rows, stored, strict=False)
+            ),
+        )
+        for table in tables
+    ]
 
 
 def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
@@ -187,7 +213,7 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
         yield pivot(cells, corner=corner, beside={title: (title,) for title in titles})
     yield Paragraph(words=_agreement(table))
     for row in table.disagreements:
-        yield Paragraph(words=f"Observed otherwise: {row.run.title}: {row.observation}")
+        yield Paragraph(words=(Near(f"Observed otherwise: {row.run.title}: {row.observation}"),))
 
 
 def _counts(table: StabilityTable, steps: Sequence[int]) -> Grid:
@@ -271,4 +297,5 @@ def _regions(table: StabilityTable) -> Iterator[Block]:
         ),
         corner=("method",),
         beside={f"{order:g}": (f"order {order:g}",) for order in orders},
+        is_near=True,
     )

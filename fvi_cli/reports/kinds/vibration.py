@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Sheet, Within, rows_of, within
+from fvi_cli.reports.document import Block, Code, Grid, Heading, Near, Paragraph
+from fvi_cli.reports.table import Column, Report, Sheet, Within, alike, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
 from fvi_cli.studies.vibration.response import ResponseTable
@@ -117,8 +117,11 @@ def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
         for number, mode in enumerate(table.modes, start=1)
     ]
     sheet = _sheet("modes", owner, MODE_COLUMNS, items, "mode")
-    words = tuple(_mode_words(name, tables, sheet))
-    return Report(name=f"{name}-modes", sheets=(sheet,), summary=words, blocks=words)
+    return Report(
+        name=f"{name}-modes",
+        sheets=(sheet,),
+        words=lambda sheets: alike(_mode_words(name, tables, sheets["modes"])),
+    )
 
 
 def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Column, ...]:
@@ -156,7 +159,7 @@ def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterato
             yield Heading(level=2, words=(Code(experiment),))
         yield _own_grid(sheet, experiment)
         for words in _completeness(own):
-            yield Paragraph(words=words)
+            yield Paragraph(words=(Near(words),))
 
 
 def _completeness(tables: Sequence[ModeTable]) -> Iterator[str]:
@@ -219,15 +222,13 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     ]
     # round-off decides the last digits of a frequency: peaks are told apart by their numbers
     peak_sheet = _sheet("peaks", owner, PEAK_COLUMNS, peaks, "at", "peak")
-    words = tuple(_response_words(name, tables, peak_sheet))
     return Report(
         name=f"{name}-response",
         sheets=(
             _sheet("response", owner, RESPONSE_COLUMNS, items, "at", "frequency_hz"),
             peak_sheet,
         ),
-        summary=words,
-        blocks=words,
+        words=lambda sheets: alike(_response_words(name, tables, sheets["peaks"])),
     )
 
 
@@ -249,7 +250,8 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")
         own = [one for one in tables if one.name == experiment]
-        if any((peak.modes or 0) > 1 for one in own for peak in one.peaks):
+        modes = [row["modes"] for row in peaks.rows if row["experiment"] == experiment]
+        if any(isinstance(count, int) and count > 1 for count in modes):
             yield Paragraph(
                 words="Where several modes belong to one peak, its width is that of none of them "
                 "alone; fvi modes has the loss factor of each."

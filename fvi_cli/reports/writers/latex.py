@@ -22,6 +22,7 @@ from fvi_cli.reports.writers.equations import to_mathematics
 
 PACKAGES = ("amsmath", "array", "booktabs", "longtable")
 
+_TABLES_HEAD = r"% Tables to \input; need \usepackage{array,booktabs}, and fit into \footnotesize"
 _HEAD = rf"""% To \input; needs \usepackage{{{",".join(PACKAGES)}}}"""
 
 WIDEST = 92
@@ -67,6 +68,23 @@ def to_latex(blocks: Sequence[Block]) -> str:
     """The blocks as a fragment; every table in it can be taken out by itself."""
     words = (_block(block) for block in blocks)
     return "\n\n".join([_HEAD, r"{\raggedright\setlength{\parindent}{0pt}", *words, "}"]) + "\n"
+
+
+def to_tabulars(blocks: Sequence[Block]) -> str:
+    """The tables alone, in the size and place that the text around them gives them.
+
+    Headings become comments, and what a reader is told of the tables is left out.
+    """
+    found = [_TABLES_HEAD]
+    for block in blocks:
+        if isinstance(block, Heading):
+            found.append("% " + " ".join(plain(block.words).split()))
+        elif isinstance(block, Grid):
+            found += [
+                f"{_table(part)}\n\\par"
+                for part in split_wide(block, WIDEST, WIDEST_TEXT, _letters)
+            ]
+    return "\n\n".join(found) + "\n"
 
 
 def _block(block: Block) -> str:
@@ -141,40 +159,35 @@ def _number(match: re.Match[str]) -> str:
 
 
 def _grid(grid: Grid) -> str:
-    widths = grid.widths()
+    size = "\\footnotesize\\setlength{\\tabcolsep}{4pt}"
+    return f"{{{size}\n{_table(grid, is_long=len(grid.rows) > LONGEST)}\n\\par\\medskip}}"
+
+
+def _table(grid: Grid, *, is_long: bool = False) -> str:
+    """The lines of a table, on one page unless it `is_long`."""
     folded = rf">{{\raggedright\arraybackslash}}p{{{WIDEST_TEXT * _EM:.0f}em}}"
     columns = "".join(
         ("l" if width <= WIDEST_TEXT else folded) if k < grid.text_columns else "r"
-        for k, width in enumerate(widths)
+        for k, width in enumerate(grid.widths())
     )
     header = [_row(grid.header, grid.text_columns), r"\midrule"]
     body = [_row(row, grid.text_columns) for row in grid.rows]
     if grid.summary_rows:
         body.append(r"\midrule")
         body += [_row(row, grid.text_columns) for row in grid.summary_rows]
-    if len(grid.rows) > LONGEST:
-        lines = [
-            rf"\begin{{longtable}}[l]{{@{{}}{columns}@{{}}}}",
-            r"\toprule",
-            *header,
+    end = [r"\bottomrule"]
+    if is_long:
+        header += [
             r"\endhead",
             rf"\midrule \multicolumn{{{len(grid.header)}}}{{r@{{}}}}{{continued}} \\",
             r"\endfoot",
             r"\bottomrule",
             r"\endlastfoot",
-            *body,
-            r"\end{longtable}",
         ]
-    else:
-        lines = [
-            rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
-            r"\toprule",
-            *header,
-            *body,
-            r"\bottomrule",
-            r"\end{tabular}",
-        ]
-    return "{\\footnotesize\\setlength{\\tabcolsep}{4pt}\n" + "\n".join(lines) + "\n\\par\\medskip}"
+        end = []
+    kind, place = ("longtable", "[l]") if is_long else ("tabular", "")
+    begin = rf"\begin{{{kind}}}{place}{{@{{}}{columns}@{{}}}}"
+    return "\n".join([begin, r"\toprule", *header, *body, *end, rf"\end{{{kind}}}"])
 
 
 def _row(cells: Sequence[str], text_columns: int) -> str:
