@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from fvi_cli.config.figures import check_figures
 from fvi_cli.config.fits.settings import fit_settings
 from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy, usual_methods
 from fvi_cli.config.keys.designs import DESIGNS
@@ -100,6 +101,9 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
                 check_total_memory(len(members[0]), dimension, points, len(methods), at)
+        if is_complete(settings.figures) and not (at.has(SWEEP) and members is None):
+            found = () if members is None else members[0]
+            check_figures(settings.figures, problem, observed, found, at.under("figures"))
     fit = None
     if problem is not None and isinstance(settings.fit, Fit):
         quantities = observed.quantities or {}

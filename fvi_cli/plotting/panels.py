@@ -257,9 +257,12 @@ def finish(
     entries = legend_entries(panels, axes)
     if colours is not None:
         colour_bar(figure, axes, colours, bar)
-        # lines are told apart by their colours, marks of different kinds have names
+        # lines are told apart by their colours; marks and dashes of different kinds have names
+        few = len(entries) <= MOST_LINES
         marks = [
-            one for one in entries if isinstance(one, Line2D) and one.get_linestyle() == "None"
+            one
+            for one in entries
+            if isinstance(one, Line2D) and (few or one.get_linestyle() == "None")
         ]
         for one in marks:
             one.set(color=INK, markerfacecolor=INK)

@@ -14,6 +14,7 @@ from fvi_cli.plotting.ladders.convergence import (
     sweep_convergence_figure,
 )
 from fvi_cli.plotting.ladders.saturation import saturation_figure
+from fvi_cli.plotting.motions.against import obstacle, settings_figure
 from fvi_cli.plotting.motions.paths import (
     WATERFALL_KINDS,
     path_figure,
@@ -40,6 +41,7 @@ from fvi_cli.plotting.motions.time_series import (
 )
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import FIGURE_KINDS, Experiment, FinishedRun
+from fvi_cli.studies.figure_settings import FigureSettings
 
 Draw = Callable[[Experiment, Sequence[FinishedRun]], Figure]
 """A figure of an experiment and its finished runs, for which there is no obstacle.
@@ -106,6 +108,10 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     for experiment, finished in studies:
         if isinstance(experiment.problem, DerivativeProblem) or not finished:
             continue
+        for one in experiment.figures:
+            if isinstance(one, FigureSettings) and not obstacle(finished, one):
+                title = f"{experiment.name}-{one.file_name}"
+                figures[title] = settings_figure(experiment, finished, one)
         for kind in figure_kinds(experiment, finished):
             if experiment.members:
                 figures[f"{experiment.name}-{kind}"] = _OF_MEMBERS[kind](experiment, finished)
@@ -130,17 +136,23 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
     ValueError
         For a figure that does not exist.
     """
-    for kind in experiment.figures:
+    wanted = _words(experiment)
+    for kind in wanted:
         if kind not in FIGURE_KINDS:
             raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
     obstacles = _obstacles(experiment, finished)
     if experiment.figures:
-        wanted = experiment.figures
+        pass
     elif "convergence" not in obstacles and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
         wanted = ("convergence",)
     else:
         wanted = ("trajectory", "energy", "error", "quantities")
     return tuple(kind for kind in wanted if kind not in obstacles)
+
+
+def _words(experiment: Experiment) -> tuple[str, ...]:
+    """The figures that are named by one word."""
+    return tuple(kind for kind in experiment.figures if isinstance(kind, str))
 
 
 def left_out(studies: Sequence[Study]) -> list[str]:
@@ -154,8 +166,13 @@ def left_out(studies: Sequence[Study]) -> list[str]:
             obstacles = _obstacles(experiment, finished)
         lines += [
             f"{experiment.name}: no {kind} figure, since {obstacles[kind]}"
-            for kind in experiment.figures
+            for kind in _words(experiment)
             if kind in obstacles
+        ]
+        lines += [
+            f"{experiment.name}: no {one.file_name} figure, since {why}"
+            for one in experiment.figures
+            if isinstance(one, FigureSettings) and finished and (why := obstacle(finished, one))
         ]
         if not isinstance(experiment.problem, DerivativeProblem) and finished:
             lines += _shortened(experiment, finished)

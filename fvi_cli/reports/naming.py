@@ -160,6 +160,7 @@ _KEYS: Mapping[str, str] = {
 }
 
 
+_SINGULAR = {"masses": "mass", "stiffnesses": "stiffness"}
 _PARTS = {
     "relaxed": "relaxed modulus",
     "unrelaxed": "unrelaxed modulus",
@@ -181,7 +182,8 @@ def key_in_words(key: str) -> str:
             head, of, rest = words.partition(" of ")
             # the first of a list of mappings is mostly the only one
             is_first = part == "0" and place < len(parts)
-            words = head.removesuffix("s") + ("" if is_first else f" {int(part) + 1}") + of + rest
+            one = _SINGULAR.get(head) or head.removesuffix("s")
+            words = one + ("" if is_first else f" {int(part) + 1}") + of + rest
             continue
         name = _PARTS.get(part, part.replace("_", " "))
         the = "" if words[-1:].isdigit() else "the "

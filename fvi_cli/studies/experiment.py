@@ -17,6 +17,7 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
+from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import Measured, Norm
@@ -75,8 +76,8 @@ class Experiment:
     """Keep every n-th grid point in files."""
     claims: Mapping[str, float] = field(default_factory=dict)
     """Orders that the source of the experiment claims, by case name or its first part."""
-    figures: tuple[str, ...] = ()
-    """Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``."""
+    figures: tuple[str | FigureSettings, ...] = ()
+    """Which figures to draw: ``convergence``, ``trajectory``, or something against a swept key."""
     members: tuple[Member, ...] = ()
     """The members of a sweep; none: the experiment has the one problem."""
     stability: StabilitySettings = USUAL

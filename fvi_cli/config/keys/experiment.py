@@ -19,12 +19,14 @@ from fvi_cli.config.keys.observations import (
 )
 from fvi_cli.config.keys.store import Store
 from fvi_cli.config.keys.sweep import SweepShape
-from fvi_cli.keys.containers import ListOf, Named
+from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.scalars import Choice, Number, Text
 from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import FIGURE_KINDS
+from fvi_cli.studies.figure_settings import EXAMPLE as EXAMPLE_OF_FIGURE
+from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.norms import Norm
 from fvi_cli.studies.stability_settings import StabilitySettings
 
@@ -38,7 +40,18 @@ NAME: Final = Text(
 Name = Annotated[str, NAME]
 _CASES: Final = "methods, such as bdf5,"
 _FAILURES: Final = Choice(words=("unstable", "diverged", "failed"))
-_FIGURES: Final = ListOf(shape=Choice(words=FIGURE_KINDS), least=0, example="[convergence]")
+
+
+class _FigureWord(Choice):
+    @property
+    def expected(self) -> str:
+        return f"{super().expected}; or a mapping such as {EXAMPLE_OF_FIGURE}"
+
+
+_FIGURE: Final = ByForm(
+    single=_FigureWord(words=FIGURE_KINDS), mappings=(record_of(FigureSettings),)
+)
+_FIGURES: Final = ListOf(shape=_FIGURE, least=0, example="[convergence]")
 _REFUSED: Final = {
     "methods": "not a key: write method",
     "steps": "not a key: write ladder: {steps: [16, 32, 64]}",
@@ -101,11 +114,13 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
     claims: Annotated[Mapping[str, float], Named(shape=Number(), names=_CASES)] = key(
         "Orders that the source claims, to stand beside what is measured.", default={}
     )
-    figures: Annotated[tuple[str, ...], _FIGURES] = key(
+    figures: Annotated[tuple[str | FigureSettings, ...], _FIGURES] = key(
         "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
         "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
         "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "
-        "largest displacement over the period.",
+        f"largest displacement over the period. Or mappings: {EXAMPLE_OF_FIGURE}; an event in "
+        "place of peak_... makes a bifurcation diagram, and {section: turn, after: 50} draws the "
+        "section of one event.",
         default=[],
     )
     allow_unstable: bool = key("Compute runs that are predicted to blow up.", default=False)

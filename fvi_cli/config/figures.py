@@ -1,0 +1,93 @@
+"""What must hold between figures and the rest of an experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.studies.figure_settings import EXTENTS, FigureSettings
+from fvi_cli.studies.members import Member
+
+
+def check_figures(
+    figures: Sequence[str | FigureSettings],
+    problem: AnyProblem,
+    observed: Observations,
+    members: Sequence[Member],
+    at: Cursor,
+) -> None:
+    """Complain of figures, which stand at `at`, of what is not there."""
+    names: list[str] = []
+    for index, one in enumerate(figures):
+        if not isinstance(one, FigureSettings) or not (one.section or (one.plot and one.against)):
+            continue
+        here = at.under(index)
+        if one.file_name in names:
+            here.refuse("stands in the list already")
+        names.append(one.file_name)
+        events = [*(observed.events or {}), *(observed.impacts or {})]
+        quantities = list(observed.quantities or {})
+        if one.section is not None:
+            _check_word(one.section, events, "an event", here.under("section"), _EVENTS)
+        else:
+            _check_plot(one, quantities, events, here)
+            keys = _swept(members)
+            if not keys:
+                here.refuse(_SWEEP.format(key=excerpt(one.against or "")), "against")
+            else:
+                prefixed = f"problem.{one.against}"
+                hint = f"; write {prefixed}" if prefixed in keys else ""
+                _check_word(one.against, keys, "a swept key", here.under("against"), hint)
+        if one.of_ is not None and isinstance(problem, Problem):
+            given = problem.coordinates
+            known = [*given, *(f"v{name}" for name in given)]
+            _check_word(one.of_, known, "a coordinate or velocity", here.under("of"), "")
+        if one.after >= problem.final_time:
+            here.refuse(f"not before final_time = {problem.final_time:g}", "after")
+
+
+_EVENTS = "; events are asked for by events: {turn: {when: vx, direction: falling}}"
+_QUANTITIES = "; quantities are asked for by quantities: {drift: x2 - x1}"
+_SWEEP = "nothing is swept; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"
+
+
+def _swept(members: Sequence[Member]) -> list[str]:
+    """The keys with numbers that tell members apart."""
+    values = members[0].values if members else {}
+    numbers = [
+        key
+        for key in values
+        if all(isinstance(member.values[key], int | float) for member in members)
+    ]
+    return [key for key in numbers if len({member.values[key] for member in members}) > 1]
+
+
+def _check_plot(
+    one: FigureSettings, quantities: Collection[str], events: Collection[str], at: Cursor
+) -> None:
+    which, quantity = one.extent
+    plot, here = one.plot or "", at.under("plot")
+    if plot in events:
+        return
+    if which and quantity in quantities:
+        for name in ("of", "after"):
+            if at.has(name):
+                at.refuse_key(name, f"for events only; {which}_ is of the whole run")
+        return
+    if plot in quantities:
+        here.refuse(f"write peak_{plot}; or {', '.join(f'{e}_{plot}' for e in EXTENTS[1:])}")
+        return
+    known = [*(f"peak_{name}" for name in quantities), *events]
+    _check_word(plot, known, "peak_<quantity> or an event", here, _QUANTITIES)
+
+
+def _check_word(word: str | None, known: Collection[str], what: str, at: Cursor, hint: str) -> None:
+    if word in known:
+        return
+    near = suggestion(word or "", known)
+    if known and not hint.startswith("; write"):
+        hint = near + f" (here: {listed(list(known)[:12])})"
+    at.refuse(f"{excerpt(word or '')!r} is not {what}{hint}")

@@ -1,0 +1,231 @@
+"""What is observed of members against a swept key: extents of quantities, places at events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import Look
+from fvi_cli.plotting.motions.section import section_figure, sweep_section_figure
+from fvi_cli.plotting.motions.time_series import observed_of
+from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
+from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
+from fvi_cli.plotting.words import coordinates_of, typeset_name, with_unit
+from fvi_cli.reports.kinds.designs import finest_of_members
+from fvi_cli.reports.kinds.members import DESIGN
+from fvi_cli.reports.naming import key_in_words
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.figure_settings import FigureSettings
+from fvi_cli.studies.members import Member, value_in_words
+
+_WORDS = {"peak": "peak of {}", "rms": "RMS of {}", "least": "least {}", "greatest": "greatest {}"}
+_DOTS_OF_A_CURVE = 2000
+_DECADES = 30.0
+"""Swept numbers that span more stand on a logarithmic axis."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Series:
+    """Members that differ in the key below the axis only."""
+
+    label: str
+    number: float
+    place: int
+    members: Sequence[FinishedRun]
+
+
+def events_of(finished: Sequence[FinishedRun], name: str | None, after: float) -> list[FinishedRun]:
+    """The runs with the occurrences of one event only, those before a time left out."""
+    found = []
+    for one in finished:
+        observed = observed_of(one)
+        events = {
+            event: replace(
+                seen,
+                time=seen.time[seen.time >= after],
+                position=seen.position[seen.time >= after],
+                velocity=seen.velocity[seen.time >= after],
+            )
+            for event, seen in observed.events.items()
+            if event == name
+        }
+        trajectory = replace(one.trajectory, observed=replace(observed, events=events))
+        found.append(replace(one, trajectory=trajectory))
+    return found
+
+
+def settings_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], settings: FigureSettings
+) -> Figure:
+    """Draw what a mapping under ``figures`` asks for."""
+    if settings.section is not None:
+        draw = sweep_section_figure if experiment.members else section_figure
+        return draw(experiment, events_of(finished, settings.section, settings.after))
+    return against_figure(experiment, finished, settings)
+
+
+def obstacle(finished: Sequence[FinishedRun], settings: FigureSettings) -> str:
+    """Why it cannot be drawn; empty: it can."""
+    name = settings.section or ("" if settings.extent[0] else settings.plot)
+    if name and not any(
+        observed_of(one).events[name].time.size
+        for one in events_of(finished, name, settings.after)
+        if name in observed_of(one).events
+    ):
+        when = f" after t = {settings.after:g}" if settings.after else ""
+        return f"the event {name} did not happen{when}"
+    return ""
+
+
+def against_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], settings: FigureSettings
+) -> Figure:
+    """Draw an extent of a quantity, or the places of an event, against a swept key.
+
+    A second swept key, or the designs, tell curves apart; a third one colours them.
+    """
+    key = settings.against or ""
+    runs = [one for one in finest_of_members(finished) if one.run.member is not None]
+    series, names, bar = _series(runs, key)
+    which, quantity = settings.extent
+    x = with_unit(key_in_words(key), experiment.units, key.rpartition(".")[2])
+    if which:
+        label = _WORDS[which].format(quantity.replace("_", " "))
+        panel = Panel(
+            curves=[_extent_curve(one, key, which, quantity, bar) for one in series],
+            y=with_unit(label, experiment.units, quantity),
+            height=2.4,
+        )
+        swept = np.concatenate([curve.x for curve in panel.curves])
+        is_wide = bool(swept.min() > 0 and swept.max() >= _DECADES * swept.min())
+        return over_time(
+            [panel],
+            x=x,
+            logarithmic=is_wide,
+            from_zero=which in ("peak", "rms"),
+            title=names,
+            bar=bar,
+        )
+    at, words = _place(experiment, settings)
+    curves = [curve for one in series for curve in _dots(one, key, at, settings, len(series), bar)]
+    return plane([Panel(curves=curves, x=x, y=words, height=2.8)], title=names, bar=bar)
+
+
+def _value(member: Member | None, key: str) -> float:
+    return math.nan if member is None else float(member.values[key])
+
+
+def _series(runs: Sequence[FinishedRun], key: str) -> tuple[list[_Series], str, str]:
+    """The series by all that differs but `key`, in words what their names are, and their bar."""
+    found: dict[str, list[FinishedRun]] = {}
+    others: dict[str, dict[str, object]] = {}
+    for one in runs:
+        member = one.run.member
+        if member is None:
+            continue
+        own: dict[str, object] = {DESIGN: member.name} if member.name else {}
+        own |= {name: value for name, value in member.unnamed.items() if name != key}
+        found.setdefault(repr(own), []).append(one)
+        others[repr(own)] = own
+    varied = [
+        name
+        for name in (next(iter(others.values())) if others else ())
+        if len({repr(own[name]) for own in others.values()}) > 1
+    ]
+    bar = _bar(varied, others)
+    labels = [name for name in varied if name != bar]
+    places = list(dict.fromkeys(_label(own, labels) for own in others.values()))
+    series = [
+        _Series(
+            label=_label(own, labels),
+            number=float(str(own[bar])) if bar else math.nan,
+            place=places.index(_label(own, labels)),
+            members=sorted(found[text], key=lambda one: _value(one.run.member, key)),
+        )
+        for text, own in others.items()
+    ]
+    titles = [name for name in labels if name != DESIGN]
+    return series, ", ".join(map(key_in_words, titles)), key_in_words(bar) if bar else ""
+
+
+def _bar(varied: Sequence[str], others: Mapping[str, Mapping[str, object]]) -> str:
+    """The key that colours tell: of two the last, of one if there are too many for names."""
+    numbers = [
+        name
+        for name in varied
+        if all(isinstance(own[name], int | float) for own in others.values())
+    ]
+    is_many = len(others) > MOST_LINES
+    return numbers[-1] if numbers and (len(varied) > 1 or is_many) else ""
+
+
+def _label(own: Mapping[str, object], names: Sequence[str]) -> str:
+    return ", ".join(value_in_words(own[name]) for name in names)
+
+
+def _extent_curve(one: _Series, key: str, which: str, quantity: str, bar: str) -> Curve:
+    x = np.array([_value(run.run.member, key) for run in one.members])
+    extents = [observed_of(run).extents.get(quantity) for run in one.members]
+    y = np.array([math.nan if seen is None else getattr(seen, which) for seen in extents])
+    dashes, marker = LINE_STYLES[one.place % len(LINE_STYLES)], MARKERS[one.place % len(MARKERS)]
+    look = Look(
+        colour=INK if bar else COLOURS[one.place % len(COLOURS)],
+        dashes=dashes,
+        marker=marker if x.size <= _DECADES else "",
+        size=3.5,
+    )
+    return Curve(x=x, y=y, label=one.label, by=one.number, look=look)
+
+
+def _place(experiment: Experiment, settings: FigureSettings) -> tuple[tuple[str, int], str]:
+    """Which column of which array is drawn of an event, and its name."""
+    names = coordinates_of(experiment)
+    what = settings.of_ or names[0]
+    if what in names:
+        words = with_unit(typeset_name(what), experiment.units, what, "length")
+        return ("position", names.index(what)), f"{words} at {settings.plot}"
+    name = what.removeprefix("v")
+    words = with_unit(rf"$\dot {typeset_name(name).strip('$')}$", experiment.units, "velocity")
+    return ("velocity", names.index(name)), f"{words} at {settings.plot}"
+
+
+def _dots(
+    one: _Series,
+    key: str,
+    at: tuple[str, int],
+    settings: FigureSettings,
+    count: int,
+    bar: str,
+) -> list[Curve]:
+    """The places of one series, in curves that are drawn point by point."""
+    xs: list[Array] = []
+    ys: list[Array] = []
+    for run in events_of(one.members, settings.plot, settings.after):
+        seen = observed_of(run).events.get(settings.plot or "")
+        if seen is not None:
+            ys.append(getattr(seen, at[0])[:, at[1]])
+            xs.append(np.full(seen.time.size, _value(run.run.member, key)))
+    x, y = np.concatenate(xs or [np.zeros(0)]), np.concatenate(ys or [np.zeros(0)])
+    look = Look(
+        colour=INK if bar or count == 1 else COLOURS[one.place % len(COLOURS)],
+        marker="." if not bar else (".", *MARKERS)[one.place % len(MARKERS)],
+        has_line=False,
+        size=1.6 if x.size > 500 else 3.0,
+    )
+    parts = range(0, max(x.size, 1), _DOTS_OF_A_CURVE)
+    return [
+        Curve(
+            x=x[k : k + _DOTS_OF_A_CURVE],
+            y=y[k : k + _DOTS_OF_A_CURVE],
+            label=one.label,
+            by=one.number,
+            look=look,
+        )
+        for k in parts
+    ]
