@@ -52,16 +52,8 @@ def check_domain(
 ) -> tuple[int, Failure] | None:
     """The first step that leaves the domain of V, with the failure; None: all stay inside.
 
-    Parameters
-    ----------
-    potential
-        V.
-    position
-        The start and `per_step` positions of every step, shape ``(n per_step + 1, d)``.
-    times
-        Ends of the steps, shape ``(n,)``.
-    done
-        Number of steps before the first of them.
+    Of steps that end at times ``(n,)``, `done` of them before the first, there are the start and
+    `per_step` positions of every one, ``(n per_step + 1, d)``.
     """
     found = first_undefined(potential, position)
     if found is None:

@@ -13,14 +13,8 @@ Reason = Literal[
 class StepFailedError(Exception):
     """A step whose equations could not be solved.
 
-    Parameters
-    ----------
-    message
-        What is wrong, and what to do.
-    residuals
-        Sizes of the residuals of Newton's iteration, first to last.
-    reason
-        What it is for the program.
+    With the sizes of the residuals of Newton's iteration, first to last, and what it is for the
+    program.
     """
 
     def __init__(

@@ -218,14 +218,7 @@ def first_outside(
 ) -> tuple[int, Failure] | None:
     """The first position outside of `bound`, with the failure; None: all are inside.
 
-    Parameters
-    ----------
-    bound
-        The bound of the run.
-    position, momentum, times
-        Successive points, shapes ``(n, d)``, ``(n, d)`` and ``(n,)``.
-    done
-        Number of steps before the first of them.
+    Of successive points ``(n, d)``, ``(n, d)`` and ``(n,)`` behind `done` steps.
     """
     outside = bound.outside(position, momentum, times)
     if not outside.any():

@@ -45,21 +45,10 @@ def integrate_members(
 ) -> list[Trajectory]:
     """Integrate every scene, those of one kind (:func:`kind_of`) as one batch.
 
-    Parameters
-    ----------
-    scenes
-        What is integrated.
-    method, n_steps, every, with_steps
-        As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
-    checkpoints
-        Where all of them keep a checkpoint; each batch has a part of it.
-
-    Returns
-    -------
-    list of Trajectory
-        One per scene, in their order: what `integrate` gives, to round-off, and the same to the
-        last bit whatever others are in its batch, with a status of its own; times are the equal
-        shares of those of the batch.
+    Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all; each
+    batch has a part of the checkpoint. One trajectory per scene, in their order: what `integrate`
+    gives, to round-off, and the same to the last bit whatever others are in its batch, with a
+    status of its own; times are the equal shares of those of the batch.
 
     Raises
     ------

@@ -27,17 +27,8 @@ def graded_edges() -> Array:
 def tested_rule(degree: int, *, is_graded: bool) -> tuple[Array, Array]:
     """Points r of one of these rules on [0, 1], and weights for the tests of a step.
 
-    Parameters
-    ----------
-    degree
-        Of the polynomials of a step.
-    is_graded
-        On panels that shrink towards 0, or the fine rule on one.
-
-    Returns
-    -------
-    tuple of Array
-        Points ``(r,)``, and weights times the values of the basis there, ``(s + 1, r)``.
+    On panels that shrink towards 0, or the fine rule on one: points ``(r,)``, and weights times the
+    values of the basis there, ``(s + 1, r)``.
     """
     points, weights = graded_rule(graded_edges()) if is_graded else fine_rule()
     tested = lobatto_basis(degree).values(points) * weights

@@ -27,12 +27,9 @@ class StepLoads:
     :math:`\gamma < 1` for an initial position,
     :math:`-\mu q_0 t^{-\gamma} / \Gamma(1 - \gamma)`.
 
-    Parameters
-    ----------
-    scene, method, tables
-        What is integrated and how. ``forcing_quadrature: galerkin`` takes the action's rule,
-        ``exact`` and ``projected`` integrate to round-off; what Riemann-Liouville adds is always
-        integrated exactly, since it is singular at 0.
+    ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` and ``projected``
+    integrate to round-off; what Riemann-Liouville adds is always integrated exactly, since it is
+    singular at 0.
 
     Attributes
     ----------
@@ -83,12 +80,7 @@ class StepLoads:
     ) -> Array | None:
         """Load vectors of equal steps, shape ``(n_steps, s + 1, d)``; None without forces.
 
-        Parameters
-        ----------
-        begin, step_size, n_steps
-            The steps.
-        is_fresh
-            Whether the first of them begins where a force may be singular.
+        A fresh step begins where a force may be singular.
         """
         forcing = self.of_forcing(begin, step_size, n_steps, is_fresh=is_fresh)
         damping = self.of_damping(begin, step_size, n_steps, is_fresh=is_fresh)

@@ -72,14 +72,7 @@ def _look_tables(tables: StepTables) -> _LookTables:
 class Between:
     """Looks at a step between its stages; floating-point errors are the caller's.
 
-    Parameters
-    ----------
-    forces
-        The forces of the scene.
-    tables
-        Numbers of the method.
-    stiff
-        Modes that steps do not resolve; None: there are none.
+    `stiff` are the modes that steps do not resolve; None: there are none.
 
     Attributes
     ----------
@@ -113,12 +106,7 @@ class Between:
     def defect(self, path: StepPath, found: PointForces, *, fresh: bool) -> float:
         """What is missed between the stages, a length; infinite where a force is not finite.
 
-        Parameters
-        ----------
-        path, found
-            The step, and the forces at its places.
-        fresh
-            Whether it begins where a force may be singular.
+        A fresh step begins where a force may be singular.
         """
         size = path.size
         total = self._sizes(path, found.force, BETWEEN_SHARE * size * size)

@@ -37,13 +37,7 @@ class Finding:
 
 
 class Examiner:
-    """Examines the steps of one run.
-
-    Parameters
-    ----------
-    scene, tables
-        What is integrated, and the numbers of the method.
-    """
+    """Examines the steps of one run."""
 
     def __init__(self, scene: Scene, tables: StepTables) -> None:
         # Legendre coefficients of the velocity from U
@@ -78,16 +72,8 @@ class Examiner:
     def examine(self, path: StepPath, tolerance: float, *, fresh: bool, shortest: float) -> Finding:
         """Look at a step.
 
-        Parameters
-        ----------
-        path
-            The step.
-        tolerance
-            Local tolerance; for steps that keep it more is looked at.
-        fresh
-            Whether it begins where a force may be singular.
-        shortest
-            Steps are not cut to less than this size.
+        Of steps that keep the local tolerance more is looked at; a fresh one begins where a force
+        may be singular. Steps are not cut to less than the shortest.
         """
         error = self.spectrum(path.unknowns, path.size)
         if not math.isfinite(error) or self._forces.are_absent_at(path.middle):

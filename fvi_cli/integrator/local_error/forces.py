@@ -51,10 +51,7 @@ class PointForces:
 class SceneForces:
     """Forces of one scene, as its formulas say.
 
-    Parameters
-    ----------
-    scene
-        The stiffness of a linear scene hides nothing and is left out.
+    The stiffness of a linear scene hides nothing and is left out.
 
     Attributes
     ----------

@@ -45,12 +45,7 @@ class HiddenSearch:
     def search(self, path: StepPath, seen: PointForces, tolerance: float) -> Hidden:
         """Look for forces between the samples of a step that matter beside the tolerance.
 
-        Parameters
-        ----------
-        path, seen
-            The step, and the forces at its places.
-        tolerance
-            Local tolerance, a length.
+        With the forces at the places of the step; the tolerance is a length.
         """
         low, high = seen.force.min(axis=0), seen.force.max(axis=0)
         largest = float(np.abs(seen.force).max())

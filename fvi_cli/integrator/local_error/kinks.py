@@ -29,14 +29,8 @@ def first_crossing(
 ) -> tuple[int, float, float] | None:
     """The first kink that is crossed: its number and the places before and behind; None: none.
 
-    Parameters
-    ----------
-    arguments
-        Arguments of the functions with kinks, shape ``(k, n)``.
-    places
-        Places in [0, 1], ascending, shape ``(n,)``.
-    starts_on
-        Kink at which the step begins; the sign there says nothing.
+    Arguments of the functions with kinks are ``(k, n)`` at places ``(n,)`` in [0, 1]; the sign of
+    the one on which the step begins says nothing.
     """
     found: tuple[int, float, float] | None = None
     for number, values in enumerate(arguments):

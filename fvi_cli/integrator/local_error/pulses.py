@@ -58,14 +58,8 @@ def pulses_that_move(scene: Scene, length: float) -> Pulses:
 def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -> Pulses:
     """Look for pulses of a force in [0, T].
 
-    Parameters
-    ----------
-    forcing
-        The force; its samples have points of their own.
-    final_time
-        T.
-    negligible
-        Impulse that does not matter, a force times a time.
+    Samples have points of their own. An impulse, a force times a time, that is negligible does not
+    matter.
     """
     points: set[float] = set()
     unresolved: list[float] = []

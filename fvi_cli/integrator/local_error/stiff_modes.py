@@ -24,15 +24,7 @@ KEPT = 128
 
 
 class StiffModes:
-    """What is left of errors and forces where a step resolves them.
-
-    Parameters
-    ----------
-    mass, stiffness
-        M and K, shape ``(d, d)``.
-    stages
-        Number m of stages.
-    """
+    """What is left of errors and forces where a step resolves them."""
 
     def __init__(self, mass: Form, stiffness: Form, stages: int) -> None:
         self._mass, self._stiffness, self._stages = mass, stiffness, stages

@@ -146,13 +146,6 @@ class UnfinishedRun:
     def write(self, stream: IO[bytes], label: str) -> None:
         """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.
 
-        Parameters
-        ----------
-        stream
-            Open for writing.
-        label
-            Whose run it is.
-
         Raises
         ------
         OSError
@@ -241,16 +234,8 @@ class Resumable(Protocol):
 class Keeper:
     """The checkpoint of one run: taken up when it begins, and renewed while it goes on.
 
-    Parameters
-    ----------
-    checkpoints
-        Where it is kept; None: nowhere.
-    run_key
-        Which run it is: method, number of steps, and their size or tolerance.
-    determined_by
-        What determines the numbers of the run beside these.
-    run
-        The run at its start; it is brought to where it was stopped.
+    The run, at its start, is brought to where it was stopped. It is that of a method, a number of
+    steps and their size or tolerance, and of all that determines its numbers beside these.
 
     Attributes
     ----------

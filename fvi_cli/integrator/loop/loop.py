@@ -43,25 +43,10 @@ def run(
 ) -> State:
     """Ask for steps, solve as many as are best done at once, and let them be judged.
 
-    Parameters
-    ----------
-    engine
-        Solves the steps of its scenes.
-    source
-        Proposes steps and judges them.
-    state
-        Where to begin; the start of the scenes by default. It moves on.
-    recorder
-        Keeps what is wanted of the steps; its `live` says which scenes go on.
-    after
-        Is called behind accepted steps of a proposal: there a run may stop and go on.
-    until
-        Stop where at least so many steps of the run are done; the end by default.
-
-    Returns
-    -------
-    State
-        That at the end, or where the last scene stopped.
+    From a state, the start of the scenes by default, which moves on, to that at the end, or where
+    at least `until` steps are done or the last scene stopped. `after` is called behind accepted
+    steps of a proposal: there a run may stop and go on. The recorder keeps what is wanted of the
+    steps; its `live` says which scenes go on.
     """
     state = engine.start() if state is None else state
     recorder = Recorder(engine) if recorder is None else recorder

@@ -44,18 +44,9 @@ class _Ending:
 class Recorder:
     """Reported points of all scenes, thinned, and where wanted all steps as polynomials.
 
-    Parameters
-    ----------
-    engine
-        Whose steps they are.
-    every
-        Keep every n-th reported point, the first and the last.
-    with_steps
-        Keep all points of the mesh and the polynomials of all steps.
-    n_reported
-        Number of points of the whole run, by which its progress is reported.
-    check
-        What stops runs that cannot be right, beside numbers that are not finite.
+    Every n-th of `n_reported` points is kept, the first and the last; with steps, all points of the
+    mesh and the polynomials. `check` stops runs that cannot be right, beside numbers that are not
+    finite.
 
     Attributes
     ----------

@@ -45,21 +45,9 @@ def lag_exponentials(
 ) -> LagExponentials:
     """Lags to remember one by one on N equal steps, and exponentials behind them.
 
-    Parameters
-    ----------
-    bdf_order
-        Order p of the formula.
-    orders
-        Orders gamma in (0, 2), integers among them, whose weights end.
-    n_steps
-        Number N of steps; N + 1 weights of steps of length 1 are wanted.
-    writes_out
-        Whether every sum over the past is written out.
-
-    Returns
-    -------
-    LagExponentials
-        To 5e-14 of every weight; without rates where no weight lies behind the near ones.
+    For orders in (0, 2), whole ones among them, whose weights end, N + 1 weights of steps of length
+    1, to 5e-14 of each; without rates where none lies behind the near ones, or every sum is written
+    out.
     """
     near = NEAR_LAGS[bdf_order]
     fractional = [order for order in orders if order != 1.0]

@@ -79,13 +79,8 @@ class ExponentialKernels(Kernels):
 class Exponentials:
     """Powers of integration and relaxation laws as sums of exponentials.
 
-    Parameters
-    ----------
-    method, terms
-        A Runge-Kutta method, and what is remembered, each once. The power 0, a damper of order 1,
-        acts on the velocity itself and needs no states.
-    shortest_step, final_time, steps
-        As for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
+    Every term occurs once. The power 0, a damper of order 1, acts on the velocity itself and needs
+    no states. Steps and times as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
 
     Attributes
     ----------
@@ -124,11 +119,8 @@ class Exponentials:
     def of_steps(self, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Tables of single steps of u lengths at once.
 
-        Returns
-        -------
-        tuple of Array
-            Local blocks ``(u, K, m, m)``, values at the stages of states that begin with 1
-            ``(u, m, J)``, intake ``(u, J, m)`` and change ``(u, J)``.
+        Local blocks ``(u, K, m, m)``, values at the stages of states that begin with 1 ``(u, m,
+        J)``, intake ``(u, J, m)`` and change ``(u, J)``.
         """
         u, j, m = sizes.size, self.n_states, self._operator.n_stages
         local = [[self._operator.local_block(term, h) for term in self.terms] for h in sizes]

@@ -113,12 +113,7 @@ class Kernels(ABC):
     ) -> Array:
         """Force of the past on the first `count` steps, ``(q, count m, e)``.
 
-        Parameters
-        ----------
-        states, combinations
-            At least one combination, and the states on which each acts, ``(q, J, e)``.
-        count
-            At most B.
+        At least one combination, and the states on which each acts, ``(q, J, e)``; at most B steps.
         """
 
     @abstractmethod

@@ -135,24 +135,10 @@ def power_kernel(
 ) -> Kernel:
     r"""Rates and weights of terms, for all meshes of certain steps.
 
-    Parameters
-    ----------
-    terms
-        At least one.
-    shortest_step, final_time
-        Shortest step and length of the mesh, time.
-    stages
-        Number of stages of the Gauss method; those of Radau IIA and Lobatto IIIC need less.
-    steps
-        Number of steps, or ``shortest_step * sum(1 / h_n)`` where that is known to be less;
-        None: as many as there is room for.
-    accuracy
-        Permitted error of the weights of the history, relative to their size, 1e-15 to 0.1.
-
-    Returns
-    -------
-    Kernel
-        Kept and shared for the powers of 2 next to the arguments.
+    The stages are those of the Gauss method; Radau IIA and Lobatto IIIC need less. The number of
+    steps is ``shortest_step * sum(1 / h_n)`` where that is known to be less; None: as many as there
+    is room for. The accuracy, 1e-15 to 0.1, is that of the weights of the history, relative to
+    their size. Kernels are shared for the powers of 2 next to the arguments.
 
     Raises
     ------

@@ -101,14 +101,8 @@ class Lags:
     The states are the unknowns of the last L steps, in the order of time, and sums over all of
     them, each for the s unknowns of a step: J is ``(L + sums) s``.
 
-    Parameters
-    ----------
-    method, terms
-        The method, and exponents, 1 less the orders, each once.
-    n_steps, final_time
-        Number and length of all steps.
-    writes_out
-        Whether every sum over the past is written out.
+    Terms are exponents, 1 less the orders, each once; with `writes_out` every sum over the past is
+    written out.
 
     Attributes
     ----------

@@ -92,18 +92,9 @@ def rate_rule(
 ) -> RateRule:
     """The rule for densities that are like powers at both ends.
 
-    Parameters
-    ----------
-    ends
-        For every density its powers per logarithm at small and at large rates.
-    first, last
-        Logarithms between which the integrand is no such power.
-    accuracy
-        Of the integrals, relative.
-    shift
-        Rate from which on there are densities.
-    peaks
-        Logarithms at which densities bend, and how far from the real axis they are singular there.
+    By powers per logarithm at small and at large rates, with the logarithms between which the
+    integrand is no such power, the relative accuracy, the rate from which on there are densities,
+    and logarithms at which these bend, with the distance of their singularities from the real axis.
     """
     nearest, farthest = first - _ALIKE, last + _ALIKE
     below = max([0.0, *(first - place + _PEAK_MARGIN for place, _ in peaks)])

@@ -43,15 +43,8 @@ def graded_start_mesh(
 ) -> Mesh:
     """N equal steps, halved again and again towards t = 0 and towards break points.
 
-    Parameters
-    ----------
-    final_time, n_steps, breaks
-        T, N, and the break points inside (0, T).
-    stages
-        Number m of stages of the Gauss method.
-    exponent
-        Least fractional power sigma of the time behind the start (True) or behind a break point
-        (False) in the position; None where it is smooth.
+    For Gauss methods of m stages; `exponent` gives the least fractional power of the time behind
+    the start (True) or behind a break point (False) in the position, None where it is smooth.
     """
     stretches: list[Stretch] = []
     for begin, end, count, size in _parts(final_time, n_steps, breaks):

@@ -31,16 +31,10 @@ def start_power(
 ) -> float | None:
     r"""Least fractional power of t in the position or its errors; None where all is smooth.
 
-    Parameters
-    ----------
-    scene
-        What moves.
-    at_start
-        At t = 0, or behind a break point of the force, where the acceleration jumps:
-        :math:`4 - \gamma`, and the force may begin with a fractional power as at the start.
-    forcing_quadrature
-        The rule of the action errs on a force :math:`t^e` like :math:`t^{e + 1}` in the momentum,
-        an exact one only through the motion, :math:`t^{e + 2}`.
+    Behind a break point of the force the acceleration jumps: :math:`4 - \gamma`, and the force may
+    begin with a fractional power as at the start. The rule of the action errs on a force
+    :math:`t^e` like :math:`t^{e + 1}` in the momentum, an exact one only through the motion,
+    :math:`t^{e + 2}`.
 
     Notes
     -----

@@ -21,21 +21,8 @@ def velocities_near(ends: Array, sizes: Array, stages: Array, points: Array, at:
     like :math:`\tau^{2 - \gamma}` of the first step :math:`\tau`, since its stability function
     has the size 1 at infinity; the velocities at the stages do not have it.
 
-    Parameters
-    ----------
-    ends, sizes
-        Of k steps for every time, shape ``(n, k)``.
-    stages
-        Velocities at their stages, shape ``(n, k, r, d)``.
-    points
-        Places of the stages in a step, shape ``(r,)``.
-    at
-        Times, shape ``(n,)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(n, d)``.
+    From k steps for every time, ``(n, k)``, and velocities at their stages, ``(n, k, r, d)``, to
+    ``(n, d)``.
     """
     n, count = sizes.shape
     places = (ends - at[:, None] - sizes)[..., None] + sizes[..., None] * points
@@ -52,14 +39,8 @@ def smooth_momenta(
 ) -> Array:
     """Momenta at the points of a mesh from the velocities at the stages, shape ``(n + 1, d)``.
 
-    Parameters
-    ----------
-    steps
-        The run.
-    to_momentum
-        Momenta from positions, velocities and times, shapes ``(n, d)``, ``(n, d)``, ``(n,)``.
-    breaks
-        Times at which the motion may be singular.
+    `to_momentum` takes positions, velocities and times, ``(n, d)``, ``(n, d)``, ``(n,)``; at the
+    breaks the motion may be singular.
     """
     n, found = steps.n_steps, steps.momentum.copy()
     jumps = np.zeros_like(found) if steps.jump is None else steps.jump

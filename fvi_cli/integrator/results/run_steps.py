@@ -92,12 +92,7 @@ class RunSteps:
     def located(self, time: ArrayLike, *, at_ends: bool = False) -> tuple[Places, Array]:
         """Step of every time, and its place in [0, 1] there, in one row.
 
-        Parameters
-        ----------
-        time
-            Times of the run.
-        at_ends
-            Whether a point of the mesh is the end of a step, otherwise it is the beginning of one.
+        A point of the mesh is the beginning of a step, or with `at_ends` the end of one.
 
         Raises
         ------
@@ -121,10 +116,7 @@ class RunSteps:
     def mesh(self, breaks: Sequence[float]) -> Mesh:
         """The mesh of the run; successive steps of the same size are one stretch.
 
-        Parameters
-        ----------
-        breaks
-            Times at which the motion may be singular.
+        At the breaks the motion may be singular.
         """
         fresh = {0.0, *breaks}
         stretches: list[Stretch] = []

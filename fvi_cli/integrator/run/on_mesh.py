@@ -54,12 +54,7 @@ def engine_on_mesh(
 ) -> Engine:
     """The engine of scenes for the steps of a mesh.
 
-    Parameters
-    ----------
-    scenes, method, mesh
-        What, by which method, on which steps.
-    most
-        Steps of the longest block, for a batch; None: as the size of its matrices allows.
+    Blocks have at most so many steps, in a batch; None: as the size of their matrices allows.
 
     Raises
     ------
@@ -144,17 +139,8 @@ def path_from(
 ) -> Array:
     """Positions on the grid from any state on, however far they go.
 
-    Parameters
-    ----------
-    scene, method, n_steps
-        The run; its own initial data say what derivatives subtract.
-    position, momentum
-        Where it begins, shape ``(d,)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(n + 1, d)``, up to the first that is not finite.
+    The initial data of the scene say what derivatives subtract. ``(n + 1, d)``, up to the first
+    that is not finite.
 
     Raises
     ------
@@ -198,20 +184,9 @@ def integrate_scenes(
 ) -> list[Trajectory]:
     """Integrate scenes of one kind over [0, T], all at once.
 
-    Parameters
-    ----------
-    scenes, method, mesh
-        What, by which method, on which steps.
-    every
-        Keep every n-th reported point, the first and the last.
-    diagnostics
-        What else is computed; it does not touch the trajectory.
-    with_steps
-        Keep all steps as polynomials, for dense output.
-    checkpoints
-        Where the run may have a checkpoint, from which it goes on, and keeps one now and then.
-    most
-        Steps of the longest block, for a batch; None: as the size of its matrices allows.
+    Every n-th reported point is kept, the first and the last, and with steps the polynomials of
+    all. Diagnostics do not touch the trajectory. The run goes on from its checkpoint, and keeps one
+    now and then. `most` as for :func:`engine_on_mesh`.
 
     Raises
     ------

@@ -39,14 +39,9 @@ def integrate_part(
     The trajectories of successive parts, one after the other, are that of the whole run to the
     last bit.
 
-    Parameters
-    ----------
-    scene, method, n_steps, every
-        As for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run.
-    until
-        Stop when so many steps of the mesh are done, or up to 4096 later; the end by default.
-    checkpoint
-        Where to begin, the start by default.
+    Arguments as for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run.
+    It begins at the checkpoint, or the start, and stops when `until` steps of the mesh are done, or
+    up to 4096 later.
 
     Raises
     ------

@@ -53,17 +53,7 @@ def regular_until(
 ) -> tuple[int, Failure | None]:
     """How many points of the grid have a positive definite mass matrix and an energy.
 
-    Parameters
-    ----------
-    lagrangian
-        L.
-    position, momentum, energy, grid
-        The path and its times; its end may be not finite.
-
-    Returns
-    -------
-    int, Failure or None
-        The number of points, and what comes then.
+    The number of points, and what comes then. The end of the path may be not finite.
     """
     with np.errstate(all="ignore"):
         velocity = lagrangian.velocity(position, momentum, grid)

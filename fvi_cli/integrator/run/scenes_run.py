@@ -46,10 +46,8 @@ class ScenesRun:
     ) -> float:
         """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
 
-        Returns
-        -------
-        float
-            Seconds, those before a checkpoint among them.
+        Arguments as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`. The seconds, those
+        before a checkpoint among them.
         """
         began = clock.perf_counter()
         keeper = Keeper(checkpoints, run_key, determined_by, self)
@@ -121,14 +119,7 @@ def trajectory_of(
 ) -> Trajectory:
     """What is reported of a scene whose steps are done.
 
-    Parameters
-    ----------
-    this, index
-        The run, and the number of the scene.
-    every, diagnostics, with_steps
-        What was asked for.
-    seconds
-        For what is ready before the steps, and for these.
+    Seconds are those until the steps began, and for these.
     """
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
     n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported

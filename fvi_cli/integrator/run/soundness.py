@@ -37,10 +37,7 @@ class Soundness:
 
     Both are looked at closely only where a quick look at all scenes finds it possible.
 
-    Parameters
-    ----------
-    scenes, loads
-        What moves, and the known forces of each, whose largest value is met on the way.
+    The known forces of each have the largest value that was met on the way.
     """
 
     def __init__(self, scenes: Sequence[Scene], loads: Sequence[StepLoads]) -> None:

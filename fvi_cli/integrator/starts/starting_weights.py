@@ -49,23 +49,9 @@ def starting_weights(
 ) -> tuple[Array, float]:
     r"""Weights on the first samples that make the quadrature exact on powers.
 
-    Parameters
-    ----------
-    bdf_order, order
-        p and :math:`\gamma`.
-    exponents
-        The powers :math:`\sigma > 0`; as many samples are used.
-    n_times
-        Number of times k = 0..n_times - 1.
-    offset
-        The samples lie at :math:`(k + \chi) h`; with :math:`\chi = 0` the sample at 0, where
-        every power vanishes, is left out.
-
-    Returns
-    -------
-    tuple
-        Weights :math:`w_{kj}` for h = 1, shape ``(n_times, len(exponents))``, and the condition
-        number of the generalised Vandermonde matrix.
+    For powers :math:`\sigma > 0`, with as many samples at :math:`(k + \chi) h`; without an offset
+    the sample at 0, where every power vanishes, is left out. Weights :math:`w_{kj}` for h = 1,
+    ``(n_times, len(exponents))``, and the condition number of the generalised Vandermonde matrix.
     """
     times = offset + np.arange(n_times, dtype=np.longdouble)
     weights = convolution_weights(bdf_order, order, n_times)
@@ -163,17 +149,8 @@ def corrected_start(
     system, affine for linear scenes, solved by Newton's iteration with a Jacobian from runs over
     the first steps alone.
 
-    Parameters
-    ----------
-    scene, method, tables, n_steps
-        The run.
-    first_samples
-        What a run with such load vectors gives.
-
-    Returns
-    -------
-    tuple
-        Load vectors, shape ``(N, s + 1, d)``, None where nothing is corrected; and remarks.
+    `first_samples` says what a run with such load vectors gives. Load vectors ``(N, s + 1, d)``,
+    None where nothing is corrected; and remarks.
     """
     try:
         exponents = method.start_exponents or default_exponents(scene, method)
