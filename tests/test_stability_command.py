@@ -111,7 +111,7 @@ ladder: {steps: [16]}
 """
     result = call(tmp_path, text=text)
     assert result.exit_code == 2
-    assert "nothing is integrated" in result.output
+    assert "has no motion, and so no stability" in result.output
 
 
 def test_what_is_observed_otherwise_is_told(tmp_path, monkeypatch):

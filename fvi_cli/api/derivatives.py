@@ -154,7 +154,7 @@ def _scene(subject: Subject) -> Scene:
         raise ValueError("impacts: a motion that bounces has no derivatives here")
     problem = subject.problem if isinstance(subject, Experiment) else subject
     if not isinstance(problem, Problem):
-        raise ValueError(f"kind: nothing moves in {problem.kind}")
+        raise ValueError(f"kind: a derivative has no gradient: {problem.kind}")
     return problem.scene
 
 

@@ -159,7 +159,7 @@ def hard_cases(
         typer.Option(
             "--case",
             metavar="NAME",
-            help="Only this case; repeatable. Nothing is written.",
+            help="Only this case; repeatable. The report is printed, not written.",
             autocompletion=names_of_hard_cases,
         ),
     ] = None,
@@ -168,7 +168,8 @@ def hard_cases(
         typer.Option(
             "--method",
             metavar="NAME",
-            help="Only this method, as it is called in the report; repeatable. Nothing is written.",
+            help="Only this method, as it is called in the report; repeatable. The report is "
+            "printed, not written.",
             autocompletion=methods_of_hard_cases,
         ),
     ] = None,

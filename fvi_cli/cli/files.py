@@ -83,7 +83,7 @@ def merge(
     print(f"{merged.path}: {merged.runs - merged.missing} of {merged.runs} runs")
     if merged.missing:
         _logger.error(
-            "%d runs are in none of the files; run their part, then merge again", merged.missing
+            "%d runs are missing in all files; run their part, then merge again", merged.missing
         )
     return RUN_FAILED if merged.missing else DONE
 

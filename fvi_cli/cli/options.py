@@ -37,7 +37,7 @@ Output = Annotated[
     ),
 ]
 Check = Annotated[
-    bool, typer.Option("--check", help="Compare with what is stored and write nothing.")
+    bool, typer.Option("--check", help="Compare with the stored files; do not write.")
 ]
 Formats = Annotated[
     list[str] | None,
@@ -53,7 +53,7 @@ Overrides = Annotated[
         "--set", metavar="KEY.PATH=VALUE", help="Change an entry of the configuration; repeatable."
     ),
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and do nothing.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and stop.")]
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
 ]
@@ -111,8 +111,6 @@ Quiet = Annotated[
 Verbose = Annotated[
     bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
 ]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document in place of text, nothing else.")
-]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 ResultFile = Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")]
 RESULTS = Path("results")

@@ -154,11 +154,11 @@ def _loaded(
     overrides: Sequence[str],
 ) -> LoadedConfig:
     if isinstance(root, ScalarNode) and root.value is None:
-        complaints.add(start, (), "nothing is written here")
+        complaints.add(start, (), "no configuration is written here")
         root = None
     if root is None:
         complaints.raise_if_any()
-        raise ConfigError(f"{start}: nothing is written here")
+        raise ConfigError(f"{start}: no configuration is written here")
     if not isinstance(root, MappingNode):
         complaints.add(
             root.place,

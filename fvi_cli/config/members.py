@@ -135,8 +135,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
             outer = excerpt(key.rpartition(".")[0])
             at.under(SWEEP if at.has(SWEEP) else DESIGNS).refuse_key(
                 key,
-                "cannot be swept alone, for it changes what stands beside it; sweep "
-                f"{outer} as a whole",
+                f"also changes the entries next to it; sweep {outer} as a whole",
             )
             break
         found.append(value_at(read, key))
@@ -170,7 +169,7 @@ def _check_members(
         n_reported += 1
         if n_reported == MOST_REPORTED:
             at.refuse(
-                f"members after the {MOST_REPORTED} told here are checked when these are mended",
+                f"only the first {MOST_REPORTED} are reported; fix these and run again",
                 SWEEP,
             )
             return

@@ -66,7 +66,7 @@ def read_observations(
     if not given:
         return Observations()
     if not isinstance(problem, Problem):
-        at.refuse_key(given[0], f"not for kind {problem.kind}, in which nothing moves")
+        at.refuse_key(given[0], f"not for kind {problem.kind}, which is no motion")
         return Observations()
     _check_neighbours(settings, methods, given[0], at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))

@@ -146,10 +146,11 @@ class Method:
                     if self.is_runge_kutta
                     else "none or weights"
                 )
-                raise ArgumentError("start", f"a series is no longer made; write start: {kept}")
+                raise ArgumentError("start", f"start: series was removed; write start: {kept}")
             if name == "history" and getattr(self, name) == "fft":
                 raise ArgumentError(
-                    "history", "fft is no longer made; write history: auto, the same to round-off"
+                    "history",
+                    "history: fft was removed; write history: auto, the same to round-off",
                 )
             if getattr(self, name) not in values:
                 raise ArgumentError(

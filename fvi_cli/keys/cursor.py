@@ -161,7 +161,7 @@ _WITH_MORE: Final = re.compile(
 def needed(node: Node, expected: str) -> str:
     """The complaint that something else is needed."""
     if isinstance(node, ScalarNode) and node.value is None:
-        return f"nothing stands here; it must be {expected}"
+        return f"the value is missing; it must be {expected}"
     return f"{describe(node)} is not allowed; it must be {expected}{_number_meant(node)}"
 
 

@@ -175,7 +175,7 @@ class Choice(Shape):
         if text in self.words:
             return text
         if text in self.gone:
-            return at.refuse(f"{text} is no longer there; {self.gone[text]}")
+            return at.refuse(f"{text} was removed; {self.gone[text]}")
         # a word such as `none` is text anyway; numbers and true have no near word
         hint = suggestion(text, self.words) if text and isinstance(at.scalar, str) else ""
         return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}{hint}")

@@ -137,7 +137,7 @@ class Plan:
         """How the memory is summed up."""
         mesh = self.mesh
         if not self.n_directions:
-            return "none: nothing is damped"
+            return "not needed: the scene has no damping"
         if isinstance(self.method, Baseline):
             return "dot products"
         if not mesh.n_states:
@@ -161,7 +161,7 @@ class Plan:
             )
         if start == "weights" and self.scene.active_damping:
             return "starting weights"
-        return "nothing is done about the start"
+        return "the start is not treated"
 
     @property
     def forcing(self) -> str:

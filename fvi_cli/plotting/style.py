@@ -134,7 +134,8 @@ def style_file(path: Path) -> Iterator[None]:
         if not _is_look(key):
             advice = " and write --format" if key == "savefig.format" else ""
             raise ValueError(
-                f"{path}, line {number}: {key!r} is no matter of looks; remove the line{advice}"
+                f"{path}, line {number}: {key!r} is not a property of the drawing; remove the "
+                f"line{advice}"
             )
     try:
         found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)

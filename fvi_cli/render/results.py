@@ -307,7 +307,7 @@ def _only_name(found: Found) -> str:
         raise RequestError(
             f"name: needed, there are {len(names)} experiments: {', '.join(sorted(names))}"
             if names
-            else "name: needed, there is no result that has one"
+            else "name: missing; the results have no name of their own"
         )
     return names.pop()
 

@@ -51,7 +51,9 @@ def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
                     "give --set problem.exact=auto"
                 )
             if not isinstance(experiment.problem, Problem):
-                complaints.append(f"{experiment.name}: a fractional derivative is no scene")
+                complaints.append(
+                    f"{experiment.name}: a fractional derivative has no cost of a motion"
+                )
     if complaints:
         raise RequestError(*complaints)
     if not peers:

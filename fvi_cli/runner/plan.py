@@ -94,7 +94,7 @@ def _search(
     accuracy = search.experiment.accuracy
     words = "a tolerance" if accuracy is None else accuracy.words
     action = "compute" if request.stored is None else "leave out"
-    reason = f"steps are found on the way, for {words}; a second run tells the error"
+    reason = f"steps are found on the way, for {words}; a second run estimates the error"
     if checkpoints is not None:
         reason = checkpoints.resumed(search) or reason
     return PlannedRun(run=search, action=action, reason=reason, predicted="unknown")
@@ -109,7 +109,7 @@ def _planned(
     try:
         prediction = prediction_of(run)
     except Exception as error:
-        reason = f"{why(run)}; nothing is predicted: {crash(error).message}"
+        reason = f"{why(run)}; no prediction: {crash(error).message}"
         return PlannedRun(run=run, action="compute", reason=reason, predicted="unknown")
     if request.stored is not None:
         action, reason = "leave out", "not in the file"
@@ -184,7 +184,7 @@ def _alike(runs: Sequence[Run]) -> list[list[Run]]:
 
 def _scene_of(run: Run) -> Scene:
     if isinstance(run.problem, DerivativeProblem):
-        raise ValueError(f"{run.title}: nothing is integrated")
+        raise ValueError(f"{run.title}: has no motion to integrate")
     return run.problem.scene
 
 

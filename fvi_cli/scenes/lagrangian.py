@@ -89,7 +89,7 @@ def lagrangian_scene(
             raise ArgumentError(
                 "lagrangian",
                 f"no velocity occurs in it ({', '.join(velocities)}); "
-                "without a kinetic energy nothing moves",
+                "a Lagrangian needs a kinetic energy",
             )
         found = _recognise(names, velocities, expression)
     except ExpressionError as error:

@@ -68,7 +68,7 @@ class Journal:
         self._end = 0
         self._synced = time.monotonic()
         if self.path.exists() and not self.path.is_file():  # a pipe would be read for ever
-            raise StorageError(f"{self.path}: is no ordinary file; move it away")
+            raise StorageError(f"{self.path}: is not an ordinary file; move it away")
         try:
             if self.path.exists():
                 self._open("r+b" if writes else "rb")

@@ -76,7 +76,7 @@ class ResultFile:
                 self.root = {name: plain(value) for name, value in file.attrs.items()}
                 self._index = {name: node[()] for name, node in file[INDEX].items()}
                 if _checksum(self.root, self._index) != self.root[CHECKSUM]:
-                    raise ValueError("what is said of the file is not what was written")
+                    raise ValueError("the attributes of the file are not those that were written")
                 if not self.is_sealed:
                     self._refuse_additions(file)
         except BaseException:

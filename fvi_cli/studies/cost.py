@@ -286,7 +286,7 @@ def _integrate(run: Run) -> Trajectory:
 
 def _scene_of(run: Run) -> Scene:
     if not isinstance(run.problem, Problem):  # pragma: no cover - refused before
-        raise ValueError("cost: nothing is integrated")
+        raise ValueError("cost: the problem has no motion to integrate")
     return run.problem.scene
 
 

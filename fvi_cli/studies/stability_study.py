@@ -171,7 +171,7 @@ def _row(
 def _scene(run: Run) -> Scene:
     problem = run.problem
     if not isinstance(problem, Problem):
-        raise ValueError(f"{run.experiment.name}: nothing is integrated, so nothing is unstable")
+        raise ValueError(f"{run.experiment.name}: has no motion, and so no stability")
     return problem.scene
 
 

@@ -165,7 +165,7 @@ def assessed(
     if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
         remarks += (
             "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
-            "motion too rough for them): the error says nothing",
+            "motion too rough for them): the error is meaningless",
         )
     names = run.problem.coordinates if isinstance(run.problem, Problem) else ()
     trajectory = dataclasses.replace(trajectory, remarks=remarks, coordinates=names)
@@ -260,7 +260,7 @@ def prediction_of(run: Run) -> StabilityPrediction:
     """What is known of the run's stability before it is computed."""
     problem = run.problem
     if not isinstance(problem, Problem):
-        return StabilityPrediction(verdict="unknown", reason="nothing is integrated")
+        return StabilityPrediction(verdict="unknown", reason="no motion to integrate")
     return predict_stability(problem.scene, run.method, run.n_steps)
 
 

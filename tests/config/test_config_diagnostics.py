@@ -127,7 +127,7 @@ def test_kinds_that_cannot_be_diagnosed_are_told():
         "name: d\nproblem: {kind: fractional-derivative, order: 0.5, function: t**2, "
         "final_time: 1.0}\nmethod: {bdf: 1}\nladder: {steps: [4]}\n"
     )
-    with pytest.raises(ConfigError, match="in which nothing moves"):
+    with pytest.raises(ConfigError, match="which is no motion"):
         parse_config(derivative + store, "d.yaml")
 
 

@@ -106,7 +106,7 @@ WRONG = {
     "parameters: {problem.stiffness: {min: 5}}": "not a key: write from",
     "parameters: {problem.stiffness: {tied: problem.mass}}": "'problem.mass' is no parameter that "
     "is fitted",
-    "parameters: {problem.stiffness: {fixed: 5}}": "nothing is fitted",
+    "parameters: {problem.stiffness: {fixed: 5}}": "leave at least one to be fitted",
     "parameters: {problem.mass: {start: -1}}": "there is no such problem",
     "models: {other: {set: {problem.damping: 5}}}": "problem.damping: 5 is not allowed",
     "data: [{file: decay.csv, columns: {x: x}}, {file: decay.csv, columns: {x: x}}]": "'decay' is "

@@ -124,7 +124,7 @@ def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_pa
         _load(tmp_path, "output: {step: 1}\n", "method={bdf: 2}")
     with pytest.raises(fvi.ConfigError, match="quantities: implicit-euler keeps no polynomials"):
         _load(tmp_path, "quantities: {a: ax}\n", "method={baseline: implicit-euler}")
-    with pytest.raises(fvi.ConfigError, match="in which nothing moves"):
+    with pytest.raises(fvi.ConfigError, match="which is no motion"):
         fvi.load("saturation", overrides=["experiments.0.output={step: 0.1}"])
 
 

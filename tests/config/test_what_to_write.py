@@ -115,7 +115,7 @@ def test_a_record_in_g_is_scaled_to_metres_and_seconds(tmp_path):
 @pytest.mark.parametrize("given", ["units: g", "units: {acceleration_of_ground: g}"])
 def test_units_of_a_record_are_a_scale(given, tmp_path):
     text = configuration(SPRING) + given + "\n"
-    with pytest.raises(ConfigError, match=r"for a record in g write scale: g beside its file"):
+    with pytest.raises(ConfigError, match=r"for a record in g write scale: g next to its file"):
         parse_config(text, "f.yaml")
 
 

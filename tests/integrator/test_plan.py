@@ -200,7 +200,7 @@ def test_peak_memory_within_a_quarter_of_what_is_traced(scene, method, n_steps):
 class TestWords:
     def test_what_is_not_there_is_not_taken(self):
         plan = plan_run(oscillators(orders=()), gauss(2, "graded"), 1000)
-        assert plan.history == "none: nothing is damped"
+        assert plan.history == "not needed: the scene has no damping"
         assert plan.forcing == "none"
         assert plan.n_directions == plan.history_operations == 0
         assert "1000 steps in all" in plan.start
@@ -223,7 +223,7 @@ class TestWords:
     def test_the_start(self):
         plan = plan_run(oscillators(), gauss(3, "graded"), 1000)
         assert plan.start.startswith("steps behind singular points are halved again and again")
-        assert plan_run(oscillators(), gauss(3), 1000).start == "nothing is done about the start"
+        assert plan_run(oscillators(), gauss(3), 1000).start == "the start is not treated"
 
     def test_every_line_is_there(self):
         lines = plan_run(pendulum_of(), gauss(2, "graded"), 1000).lines()

@@ -113,7 +113,7 @@ def test_parts_that_are_joined_are_the_whole_bit_by_bit(results):
     target = results / "joined" / "all.h5"
     code, told = fvi("merge", *parts[:2], "-o", target.parent)
     assert code == 1
-    assert "runs are in none of the files; run their part, then merge again" in told
+    assert "runs are missing in all files; run their part, then merge again" in told
     before = [path.read_bytes() for path in parts]
     code, told = fvi("merge", *reversed(parts), target, "-o", target.parent)
     assert (code, told) == (0, f"{target}: {RUNS} of {RUNS} runs\n")

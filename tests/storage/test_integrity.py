@@ -149,7 +149,7 @@ def test_the_root_is_verified():
         file.attrs["resolved_config"] = file.attrs["resolved_config"].replace("cos(t)", "sin(t)")
     for reader in READERS[:3]:
         result = fvi(*reader, code=2)
-        assert "what is said of the file is not what was written" in result.stderr
+        assert "the attributes of the file are not those that were written" in result.stderr
 
 
 def test_nothing_from_a_file_steers_the_terminal():

@@ -90,7 +90,9 @@ def fit_settings(
                 "data",
             )
         if free == 0:
-            at.refuse("nothing is fitted: every parameter is fixed or tied", "parameters")
+            at.refuse(
+                "every parameter is fixed or tied; leave at least one to be fitted", "parameters"
+            )
     if len(at.complaints) > before:
         return None
     return FitSettings(data=tuple(data), models=tuple(models), deviations=deviations)

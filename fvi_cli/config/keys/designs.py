@@ -134,7 +134,7 @@ def _read_designs(at: Cursor) -> Sweep | None:
             node = _node_of_key(tree, key)
             if node is None:
                 under.under(name).refuse(
-                    f"says nothing of {excerpt(key)}, and the problem has no such key; write it "
+                    f"does not give {excerpt(key)}, and the problem has no such key; write it "
                     "in every design"
                 )
                 return None

@@ -112,7 +112,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "Failures that are known; they do not make the exit code 1.", default={}
     )
     claims: Annotated[Mapping[str, float], Named(shape=Number(), names=_CASES)] = key(
-        "Orders that the source claims, to stand beside what is measured.", default={}
+        "Orders that the source states, to compare with the measured ones.", default={}
     )
     figures: Annotated[tuple[str | FigureSettings, ...], _FIGURES] = key(
         "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
@@ -133,7 +133,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
     quantities: Quantities = key(
         "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the "
         "equation of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t, "
-        "parameters and, where the ground moves, ground_acceleration; stored beside the position, "
+        "parameters and, where the ground moves, ground_acceleration; stored with the position, "
         "with peak and RMS. For Runge-Kutta methods.",
         default=None,
     )
@@ -149,12 +149,12 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         default=None,
     )
     units: Units = key(
-        "Names of units that stand beside the axes of figures: of time, length, velocity, "
-        "acceleration, momentum, energy, of coordinates and of quantities. Nothing is converted.",
+        "Units on the axes of figures: of time, length, velocity, acceleration, momentum, energy, "
+        "of coordinates and of quantities. They are labels; no number is converted.",
         default=None,
     )
     stability: StabilitySettings = key(
-        "What fvi stability looks at, beside the methods and steps.", default={"observe": True}
+        "What fvi stability computes for the methods and steps.", default={"observe": True}
     )
     fit: Fit | None = key(
         "Which numbers of the problem fvi fit fits to which measurements.", default=None

@@ -18,7 +18,7 @@ from fvi_cli.keys.settings import NotNegative, Positive, Setting, key, record_of
 
 MOST_TIMES: Final = 10_000_000
 EXAMPLE: Final = "{step: 0.01}, {count: 1000} or {times: [0, 0.5, 2]}"
-IN_G: Final = "for a record in g write scale: g beside its file"
+IN_G: Final = "for a record in g write scale: g next to its file"
 
 _TEXT: Final = Text(what="an expression in coordinates, v<name>, a<name>, d<name>, t, parameters")
 

@@ -83,7 +83,7 @@ class Store(Setting):
         "Keep every n-th grid point in files.", default=1
     )
     diagnostics: Annotated[tuple[str, ...] | None, _DIAGNOSTICS] = key(
-        "What is stored beside the motion: energy-balance (dissipated work, work of the "
+        "What is stored in addition to the motion: energy-balance (dissipated work, work of the "
         "forcing, defect of the balance), momentum-maps (of the symmetries). Default: nothing.",
         default=None,
     )
@@ -101,7 +101,7 @@ class Store(Setting):
         if not wanted:
             return NO_DIAGNOSTICS
         if not isinstance(problem, Problem):
-            at.refuse(f"not for kind {problem.kind}, in which nothing moves", *place)
+            at.refuse(f"not for kind {problem.kind}, which is no motion", *place)
             return NO_DIAGNOSTICS
         if at.has("sweep") or at.has("designs"):
             at.refuse(

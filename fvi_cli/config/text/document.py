@@ -99,7 +99,7 @@ class _Builder:
             elif isinstance(event, yaml.CollectionEndEvent):
                 self.close()
         if self.root is None or (isinstance(self.root, ScalarNode) and not self.root.text):
-            self.give_up(self.origin, "nothing is written here")
+            self.give_up(self.origin, "the text is empty")
         return self.root
 
     def events(self) -> Iterator[yaml.Event]:

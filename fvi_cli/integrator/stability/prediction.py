@@ -65,7 +65,8 @@ class StabilityPrediction:
 
 
 NO_GAIN = StabilityPrediction(
-    verdict="stable", reason="nothing feeds the scene, and no step of the method gains energy"
+    verdict="stable",
+    reason="the scene has no source of energy, and no step of the method gains energy",
 )
 
 

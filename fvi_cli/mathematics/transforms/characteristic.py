@@ -117,7 +117,7 @@ def characteristic_zeros(characteristic: AnyCharacteristic) -> tuple[ZeroCluster
             clusters = _clusters(powers, coefficients, inside)
             if number == sum(c.multiplicity * (1 if c.is_real else 2) for c in clusters):
                 return clusters
-    raise ValueError(f"characteristic function: the zeros of {terms!r} could not be told apart")
+    raise ValueError(f"characteristic function: the zeros of {terms!r} could not be separated")
 
 
 def _bounds(powers: LongArray, coefficients: LongArray) -> tuple[float, float]:

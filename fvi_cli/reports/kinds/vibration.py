@@ -253,8 +253,8 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
         modes = [row["modes"] for row in peaks.rows if row["experiment"] == experiment]
         if any(isinstance(count, int) and count > 1 for count in modes):
             yield Paragraph(
-                words="Where several modes belong to one peak, its width is that of none of them "
-                "alone; fvi modes has the loss factor of each."
+                words="Where several modes belong to one peak, its width is not that of a "
+                "single one; fvi modes has the loss factor of each."
             )
         for one in own:
             prefix = f"{one.member}: " if one.member else ""

@@ -136,7 +136,7 @@ class _Pool:
             worker = self.busy[connection]  # type: ignore[index]
             job = worker.job
             if job is None:  # pragma: no cover - only busy processes are asked
-                raise ValueError("worker: it computes nothing")
+                raise ValueError("worker: computing is not its task")
             try:
                 kind, answer = worker.connection.recv()
             except (EOFError, OSError):

@@ -30,7 +30,7 @@ def linear_problems(experiment: Experiment) -> Iterator[tuple[str, Mapping[str, 
         owner = member or experiment
         problem = owner.problem
         if not isinstance(problem, Problem):
-            raise RequestError(f"{experiment.name}: nothing moves in it")
+            raise RequestError(f"{experiment.name}: has no motion, and so no modes")
         if not problem.scene.is_linear:
             raise RequestError(
                 f"{experiment.name}: {problem.kind} is not linear; modes and harmonic responses "

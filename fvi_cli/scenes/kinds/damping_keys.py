@@ -47,13 +47,13 @@ WRONG_NAMES: Final[Mapping[str, Refusal]] = {
     "mu": "not a key: the factor mu of the derivative is called coefficient",
 }
 _OF_LAWS: Final[Mapping[str, Refusal]] = {
-    "time": "not a key of a springpot: write law: zener or law: maxwell beside it",
-    "relaxed": "not a key of a springpot: write law: zener or law: prony beside it",
-    "unrelaxed": "not a key of a springpot: write law: zener beside it",
-    "modulus": "not a key of a springpot: write law: maxwell beside it",
-    "moduli": "not a key of a springpot: write law: prony beside it",
-    "times": "not a key of a springpot: write law: prony beside it",
-    "rate": "not a key of a springpot: write law: tempered beside it",
+    "time": "not a key of a springpot: write law: zener or law: maxwell in the same entry",
+    "relaxed": "not a key of a springpot: write law: zener or law: prony in the same entry",
+    "unrelaxed": "not a key of a springpot: write law: zener in the same entry",
+    "modulus": "not a key of a springpot: write law: maxwell in the same entry",
+    "moduli": "not a key of a springpot: write law: prony in the same entry",
+    "times": "not a key of a springpot: write law: prony in the same entry",
+    "rate": "not a key of a springpot: write law: tempered in the same entry",
 }
 _WRONG_IN_LAWS: Final[Mapping[str, Refusal]] = {
     "tau": "not a key: the relaxation time tau is called time",
@@ -130,7 +130,7 @@ class KelvinVoigt(
         unit="mass per time^2",
     )
     coefficient: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
-        "Factor mu of the springpot beside it, a number or a symmetric matrix.",
+        "Factor mu of the springpot parallel to it, a number or a symmetric matrix.",
         unit="mass times time^(gamma-2)",
     )
     order: Order = key(
@@ -208,7 +208,9 @@ class Prony(LawTerm):
     make = staticmethod(prony)
     moduli: _PositiveList = key("prony: moduli g_i of the springs and dashpots.", unit=_MODULUS)
     times: _PositiveList = key("prony: their relaxation times tau_i.", unit="time")
-    relaxed: NotNegative = key("prony: modulus that is left over.", unit=_MODULUS, default=0.0)
+    relaxed: NotNegative = key(
+        "prony: modulus that remains after a long time.", unit=_MODULUS, default=0.0
+    )
 
 
 class Tempered(LawTerm):
@@ -258,9 +260,9 @@ _MEANT: Final[Mapping[str, str]] = {
         "write law: zener, or law: prony with moduli, times and relaxed",
     ),
     "rayleigh": "not a law of one damper: write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]} "
-    "beside damping, where the kind has it (frame, structure)",
-    "modal": "not a law of one damper: write modal_damping: [0.02, 0.02] beside damping, where the "
-    "kind has it (structure)",
+    "next to damping, where the kind has it (frame, structure)",
+    "modal": "not a law of one damper: write modal_damping: [0.02, 0.02] next to damping, where "
+    "the kind has it (structure)",
 }
 
 

@@ -53,7 +53,7 @@ class Chain(SceneKind):
     ends: Ends = key(
         "Which ends of the chain are tied to a wall by a spring and its dampers.", default="both"
     )
-    dampers: Dampers = key("Fractional dampers c D^gamma beside every spring.", default=[])
+    dampers: Dampers = key("Fractional dampers c D^gamma parallel to every spring.", default=[])
 
 
 class Frame(SceneKind):

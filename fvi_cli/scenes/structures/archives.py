@@ -198,4 +198,4 @@ def chosen(names: list[str], name: str, variable: str | None) -> str:
     if variable is None:
         raise DataFileError(f"{name}: it holds {shown}; say which one under variable")
     hint = suggestion(variable, names)
-    raise DataFileError(f"{name}: nothing in it is called {excerpt(variable)!r}{hint} ({shown})")
+    raise DataFileError(f"{name}: has no array called {excerpt(variable)!r}{hint} ({shown})")

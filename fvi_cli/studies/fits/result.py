@@ -127,7 +127,7 @@ class ModelFit:
                 if abs(value) > ALIKE:
                     gain = 1.0 / np.sqrt(max(1.0 - value**2, 1e-16))
                     found.append(
-                        f"{self.estimates[j].name} and {one.name} cannot be told apart well by "
+                        f"{self.estimates[j].name} and {one.name} can hardly be separated by "
                         f"these data: correlation {value:+.4f}; were one of them known, the error "
                         f"of the other would be {gain:.0f} times smaller"
                     )
@@ -143,7 +143,7 @@ class ModelFit:
         found += self._of_noise()
         if self.whiteness < 0.001:
             found.append(
-                f"what is left is no noise (probability {self.whiteness:.1e}): the model misses "
+                f"the residuals are not noise (probability {self.whiteness:.1e}): the model misses "
                 "something"
             )
         return tuple(found)

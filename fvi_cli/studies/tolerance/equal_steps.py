@@ -140,7 +140,7 @@ class _Search:
     def result(self, methods: Sequence[AnyMethod]) -> tuple[AnyMethod, Trajectory]:
         known = self.witness.assessment
         if known is None:  # pragma: no cover - a solved run has one
-            raise ValueError("tolerance: nothing was run")
+            raise ValueError("tolerance: no run was made")
         self.lines += known.attempts
         own = self.unit * known.estimate
         if known.outcome == "unreliable" or not own <= ENOUGH * self.target:

@@ -78,11 +78,11 @@ def run_for_tolerance(
             checkpoints=checkpoints,
         )
         if found.steps is None:
-            raise ValueError(f"{experiment.name}: nothing was run")
+            raise ValueError(f"{experiment.name}: no run was made")
         method = gauss(problem.scene, found.steps.tables.degree)
     assessment = found.assessment
     if assessment is None:
-        raise ValueError(f"{experiment.name}: nothing was run")
+        raise ValueError(f"{experiment.name}: no run was made")
     run = experiment.chosen_run(method, max(found.n_steps, 1), search.member)
     on_mesh = _diagnosed(run, problem, found, part_of(checkpoints, "diagnosed"))
     trajectory = on_mesh

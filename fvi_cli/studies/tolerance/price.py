@@ -44,7 +44,7 @@ def measure_tolerance(experiment: Experiment, tolerance: float) -> ToleranceRow:
             break
     (run,) = found
     if run.assessment is None or run.steps is None:
-        raise ValueError(f"{experiment.name}: nothing was run")
+        raise ValueError(f"{experiment.name}: no run was made")
     finest = max(experiment.runs(), key=lambda one: one.n_steps)
     error = math.nan
     if run.status == "ok":

@@ -265,7 +265,7 @@ class _Search:
         growth = growth_of(one.run, times, lengths, target)
         where = ", ".join(f"{x:.4g}" for x in growth.place)
         reason = (
-            f"round-off alone is more than {target:.2g} from t = {growth.time:.6g} on, at "
+            f"round-off itself is more than {target:.2g} from t = {growth.time:.6g} on, at "
             f"[{where}]: "
             f"a change of the start grows by a factor of {growth.factor:.1e} in the run; "
             f"the error is about {one.estimate:.2g}"
@@ -311,7 +311,7 @@ class _Search:
         """The best run, and why it is not good enough."""
         one = self.best
         if one is None:  # pragma: no cover - a round is always made
-            raise ValueError("tolerance: nothing was run")
+            raise ValueError("tolerance: no run was made")
         run = one.run
         if run.status != "ok":
             return self._ended(one, "refused", run.message)

@@ -126,10 +126,7 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
         table = _completed(stiffness, found, count, centre)
         if table.modes:
             return table
-    raise ValueError(
-        "no mode was found: nothing in the scene oscillates with a damping ratio below "
-        f"{LARGEST_RATIO}"
-    )
+    raise ValueError(f"no mode with a damping ratio below {LARGEST_RATIO}")
 
 
 def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mode | None:

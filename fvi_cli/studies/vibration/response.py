@@ -88,7 +88,8 @@ def harmonic_response(
             return stiffness.factors(s).solve(load.astype(complex))
         except np.linalg.LinAlgError:
             raise ValueError(
-                f"at {frequency:g} Hz nothing limits the response: a mode without damping is there"
+                f"at {frequency:g} Hz the response is infinite: a mode without damping has this "
+                "frequency"
             ) from None
 
     def near_modes(frequency: float) -> ComplexArray:
@@ -107,7 +108,7 @@ def harmonic_response(
         names = (names[most],)
     values: ComplexArray = np.asarray(full @ rows.T, dtype=complex)
     if not np.any(values):
-        raise ValueError("nothing moves under this load")
+        raise ValueError("the load moves no coordinate")
     known = modes_in_range(scene, float(hertz[0]), float(hertz[-1]))
     fine = resolving_frequencies(hertz, known, is_small=stiffness.is_small)
     at_fine = dict(zip(hertz.tolist(), values, strict=True))

@@ -106,7 +106,7 @@ def test_order_and_coefficient_in_a_narrow_band_are_told_with_the_number():
     correlation = found.correlations[1, 2]
     assert abs(correlation) > 0.99
     (said,) = [one for one in found.warnings if "order and problem.damping.0.coeff" in one]
-    assert f"cannot be told apart well by these data: correlation {correlation:+.4f}" in said
+    assert f"can hardly be separated by these data: correlation {correlation:+.4f}" in said
 
 
 def test_several_minima_that_fit_alike_are_told():
