@@ -155,7 +155,7 @@ def test_outcomes_are_written_as_tables_and_figures(tmp_path):
     written = fvi.write(outcomes, tmp_path, name="other")
     folders = [path.relative_to(tmp_path).parts[0] for path in written]
     assert sorted(set(folders)) == ["figures", "tables"]
-    assert {path.stem for path in written} == {"other", "other-convergence"}
+    assert {path.stem for path in written} == {"other", "other-text", "other-convergence"}
     assert fvi.compare(outcomes, tmp_path, name="other") == []
     tables = fvi.order_tables(outcomes)
     for mixed in ([*outcomes, *tables], [*tables, *outcomes]):
@@ -163,7 +163,7 @@ def test_outcomes_are_written_as_tables_and_figures(tmp_path):
             fvi.write(mixed, tmp_path)
     with pytest.raises(fvi.RequestError, match="plans"):
         fvi.write(fvi.plan(CONFIG), tmp_path)
-    with pytest.raises(fvi.RequestError, match="name: needed"):
+    with pytest.raises(fvi.RequestError, match="name: missing"):
         fvi.as_text([])
 
 

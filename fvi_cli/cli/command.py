@@ -206,8 +206,7 @@ class Call:
         is_kept
             Whether anything is written.
         """
-        from fvi_cli.render.json import rows_of
-        from fvi_cli.render.results import compare, show, write
+        from fvi_cli.render.results import compare, json_rows, show, write
 
         self.note(results)
         name = None if request is None else request.name
@@ -219,7 +218,7 @@ class Call:
             paths += also()
         self.files += paths
         if self.json:
-            self.collect(rows_of(results, name))
+            self.collect(json_rows(results, name))
         elif not self.check:
             show(results, name=name)
             print("", *paths, "", sep="\n")

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 def run(call: Call, sources: Sources) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
-    from fvi_cli.render.json import rows_of
+    from fvi_cli.render.results import json_rows
     from fvi_cli.render.runs import runs_as_text
     from fvi_cli.runner.parts.shard import shard_named
 
@@ -40,7 +40,7 @@ def run(call: Call, sources: Sources) -> int:
         path = request.stored or call.output / shard.file_name(request.name)
         call.files.append(path)
         if call.json:
-            call.collect(rows_of(outcomes))
+            call.collect(json_rows(outcomes))
         else:
             print(runs_as_text(outcomes, every_member=call.verbose), path, sep="\n")
 

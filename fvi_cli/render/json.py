@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fvi_cli.render.plans import effects_of
-from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import Forecast, PlannedRun, forecast_runs
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
 from fvi_cli.storage.records.observed import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.fits.result import FitResult
-
-if TYPE_CHECKING:
-    from fvi_cli.render.results import Results
 
 JSON_FORMAT = 1
 """Raised when a key is renamed or taken away; new ones may come."""
@@ -27,19 +23,6 @@ JSON_FORMAT = 1
 def document(content: Mapping[str, object]) -> str:
     """The JSON document of a command."""
     return json.dumps(_plain({"format": JSON_FORMAT, **content}), indent=1, allow_nan=False)
-
-
-def rows_of(results: Results, name: str | None = None) -> dict[str, list[object]]:
-    """Results as JSON values: runs and fits in full, of others the rows of their report."""
-    from fvi_cli.render.results import kind_of, report_on
-
-    _, found = kind_of(results)
-    own = ROWS.get(type(found[0]) if found else Outcome)
-    if own is not None:
-        return {own[0]: [row for one in found for row in own[1](one)]}
-    return {
-        sheet.name: [dict(row) for row in sheet.rows] for sheet in report_on(results, name).sheets
-    }
 
 
 def plans_as_json(plans: Sequence[PlannedRun]) -> str:
@@ -94,7 +77,7 @@ def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ())
     )
 
 
-def _fit(result: FitResult) -> list[object]:
+def fit_as_json(result: FitResult) -> list[object]:
     """Every model of a fit with its estimates."""
     return [
         {
@@ -166,7 +149,8 @@ def _run(run: Run) -> dict[str, object]:
     }
 
 
-def _finished(finished: FinishedRun) -> dict[str, object]:
+def run_as_json(finished: FinishedRun) -> dict[str, object]:
+    """A run with what came of it."""
     own = finished.assurance
     trajectory = finished.trajectory
     return {
@@ -211,10 +195,3 @@ def _plan(plan: PlannedRun, forecast: Forecast | None) -> dict[str, object]:
         "memory_bytes": None if engine is None else engine.memory_bytes,
         "seconds": None if forecast is None else forecast.seconds,
     }
-
-
-ROWS: Mapping[type, tuple[str, Callable[[Any], list[object]]]] = {
-    Outcome: ("runs", lambda outcome: [_finished(one) for one in outcome.finished]),
-    FitResult: ("fits", _fit),
-}
-"""Kinds of results of which the document says more than their reports: its key, and values."""

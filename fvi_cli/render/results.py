@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from fvi_cli import reports
 from fvi_cli.errors import RequestError
 from fvi_cli.render.figures import compare_figures, write_figures
+from fvi_cli.render.json import fit_as_json, run_as_json
 from fvi_cli.render.plans import plans_as_text
 from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
@@ -67,6 +68,8 @@ class Kind:
         Whether files are kept of it, and tell the same twice.
     further
         Writes further files: given their beginning and the results.
+    key, values
+        Of a JSON document that says more than the report: its key, and what it holds of a result.
     """
 
     report: Callable[[str, Found], Report] | None = None
@@ -79,6 +82,8 @@ class Kind:
     is_written: bool = True
     is_compared: bool = True
     further: Callable[[Path, Found], list[Path]] = lambda beginning, found: []
+    key: str = ""
+    values: Callable[[Any], list[object]] = lambda one: []
 
 
 def _drawing(module: str, name: str) -> Callable[[str, Found], Mapping[str, Figure]]:
@@ -106,6 +111,8 @@ KINDS: Mapping[type, Kind] = {
         figures=_outcome_figures,
         text=runs_as_text,
         failures=lambda found: [run.run.title for one in found for run in one.unexpected],
+        key="runs",
+        values=lambda outcome: [run_as_json(one) for one in outcome.finished],
     ),
     PlannedRun: Kind(text=plans_as_text, is_written=False, is_compared=False),
     StoredFile: Kind(text=lambda found: contents_as_text(found[0]), is_written=False),
@@ -132,6 +139,8 @@ KINDS: Mapping[type, Kind] = {
         figures=_drawing("fvi_cli.plotting.fits", "fit_figures"),
         failures=lambda found: [one.name for one in found if not one.is_converged],
         words="fits did not converge",
+        key="fits",
+        values=fit_as_json,
     ),
     ModeTable: Kind(
         report=mode_report,
@@ -201,6 +210,16 @@ def report_on(results: Results, name: str | None = None) -> Report:
     if kind.report is None:
         raise RequestError("there is no report on plans or on what a result file holds")
     return kind.report(name or _only_name(found), found)
+
+
+def json_rows(results: Results, name: str | None = None) -> dict[str, list[object]]:
+    """Results as JSON values: runs and fits in full, of others the rows of their report."""
+    kind, found = kind_of(results)
+    if kind.key:
+        return {kind.key: [row for one in found for row in kind.values(one)]}
+    return {
+        sheet.name: [dict(row) for row in sheet.rows] for sheet in report_on(results, name).sheets
+    }
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:

@@ -8,12 +8,15 @@ import statistics
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
-from fvi_cli.reports.kinds.quantities import ERROR_TITLE
-from fvi_cli.reports.naming import method_names
+from fvi_cli.reports.kinds.quantities import EXTENT_COLUMNS
+from fvi_cli.reports.naming import MethodName, method_names
+from fvi_cli.reports.table import Column, grid_of
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
@@ -26,7 +29,11 @@ from fvi_cli.studies.members import counts_in_words
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows of words as columns, the first row as heading."""
     lines = [tuple(row) for row in rows]
-    return grid_as_text(Grid(header=lines[0], rows=tuple(lines[1:]), text_columns=len(lines[0])))
+    return _as_text(Grid(header=lines[0], rows=tuple(lines[1:])))
+
+
+def _as_text(grid: Grid) -> str:
+    return grid_as_text(replace(grid, text_columns=len(grid.header)))
 
 
 def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> str:
@@ -47,7 +54,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
         is_named = any(member.name for member in outcome.experiment.members)
         if outcome.experiment.members and not every_member and not is_named:
             continue
-        names = method_names([one.run.method for one in outcome.finished])
+        names = _labels(outcome)
         for finished in outcome.finished:
             run = finished.run
             member = "" if run.member is None else f" ({run.member.label})"
@@ -99,68 +106,68 @@ def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> l
 
 def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
     """Quantities and events of every run that stands alone."""
-    found = [
-        (
-            (outcome.experiment.name, _name(outcome, one.run.method.case), str(one.run.n_steps)),
-            summary_of(one.trajectory.observed),
-            one.error,
-        )
-        for outcome in outcomes
-        for one in outcome.finished
-        if one.run.member is None
-    ]
-    return [aligned(rows) for rows in observed_rows(found, "method")]
-
-
-def _name(outcome: Outcome, case: str) -> str:
-    """What people call a method among those of an experiment."""
-    return method_names([one.run.method for one in outcome.finished])[case].label
-
-
-def observed_rows(
-    runs: Iterable[tuple[tuple[str, ...], ObservedSummary, float]], method: str = "case"
-) -> list[list[tuple[str, ...]]]:
-    """A table of the quantities and one of the events, as far as there are any.
-
-    Parameters
-    ----------
-    runs
-        The words that name a run, what was observed of it, and the error of its position, which
-        stands beside the quantities where it is known of any run.
-    method
-        Heading of the second of these words.
-    """
-    named = ("experiment", method, "n_steps")
-    quantities: list[tuple[str, ...]] = [
-        (*named, "quantity", "peak", "at t", ERROR_TITLE, "least", "greatest", "rms")
-    ]
-    is_known = False
-    events: list[tuple[str, ...]] = [(*named, "event", "times", "run")]
-    for words, observed, error in runs:
-        is_known = is_known or (bool(observed.extents) and math.isfinite(error))
-        quantities += [
-            (
-                *words,
-                name,
-                *(f"{value:.6g}" for value in (one.peak, one.peak_time)),
-                f"{error:.1e}" if math.isfinite(error) else "-",
-                *(f"{value:.6g}" for value in (one.least, one.greatest, one.rms)),
+    found = []
+    for outcome in outcomes:
+        labels = _labels(outcome)
+        found += [
+            _Watched(
+                experiment=outcome.experiment.name,
+                method=labels[one.run.method.case].label,
+                n_steps=one.run.n_steps,
+                error=one.error,
+                observed=summary_of(one.trajectory.observed),
             )
-            for name, one in observed.extents.items()
+            for one in outcome.finished
+            if one.run.member is None
         ]
-        events += [
-            (
-                *words,
-                name,
-                str(count) if count else "never",
-                "ended by it" if name == observed.stopped_by else "",
-            )
-            for name, count in observed.counts.items()
+    return _watched_as_text(found, "method")
+
+
+def _labels(outcome: Outcome) -> dict[str, MethodName]:
+    """What people call the methods of an experiment, by their cases."""
+    return method_names([one.run.method for one in outcome.finished])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Watched:
+    """A run by its words, and what was observed of it; then one of these things."""
+
+    experiment: str
+    method: str
+    n_steps: int
+    error: float
+    observed: ObservedSummary
+    name: str = ""
+    found: Any = None
+
+
+_EVENT_COLUMNS = (
+    Column("name", title="event"),
+    Column("found", title="times", form=lambda count: str(count) if count else "never"),
+    Column(
+        "run",
+        title="run",
+        get=lambda one: "ended by it" if one.name == one.observed.stopped_by else "",
+    ),
+)
+
+
+def _watched_as_text(runs: Sequence[_Watched], method: str) -> list[str]:
+    """A table of the quantities and one of the events; `method` is the heading of that column."""
+    titles = {"experiment": "experiment", "method": method, "n_steps": "n_steps"}
+    named = [Column(name, title=title) for name, title in titles.items()]
+    texts = []
+    for what, columns in (("extents", EXTENT_COLUMNS), ("counts", _EVENT_COLUMNS)):
+        items = [
+            replace(run, name=name, found=found)
+            for run in runs
+            for name, found in getattr(run.observed, what).items()
         ]
-    if not is_known:
-        place = quantities[0].index(ERROR_TITLE)
-        quantities = [(*row[:place], *row[place + 1 :]) for row in quantities]
-    return [rows for rows in (quantities, events) if len(rows) > 1]
+        is_known = any(math.isfinite(one.error) for one in items)
+        shown = [one for one in columns if one.name != "error" or is_known]
+        if items:
+            texts.append(_as_text(grid_of([*named, *shown], items)))
+    return texts
 
 
 def _members_as_text(outcome: Outcome) -> str:
@@ -169,13 +176,14 @@ def _members_as_text(outcome: Outcome) -> str:
     for one in outcome.finished:
         groups.setdefault((one.run.method.case, one.run.n_steps), []).append(one)
     rows = [("experiment", "method", "n_steps", "members", "median", "largest", "status", "at")]
+    labels = _labels(outcome)
     for (case, n_steps), runs in groups.items():
         errors = {one.run.member: one.error for one in runs if math.isfinite(one.error)}
         worst = max(errors, key=errors.__getitem__, default=None)
         rows.append(
             (
                 outcome.experiment.name,
-                _name(outcome, case),
+                labels[case].label,
                 str(n_steps),
                 str(len(runs)),
                 f"{statistics.median(errors.values()) if errors else math.nan:.3e}",
@@ -216,11 +224,17 @@ def contents_as_text(stored: StoredFile) -> str:
         for run in stored.runs
         if run.members
     )
-    observed = observed_rows(
-        ((run.experiment, run.case, str(run.n_steps)), run.observed, run.error)
+    observed = [
+        _Watched(
+            experiment=run.experiment,
+            method=run.case,
+            n_steps=run.n_steps,
+            error=run.error,
+            observed=run.observed,
+        )
         for run in stored.runs
-    )
-    tables = [line for rows in observed for line in ("", aligned(rows))]
+    ]
+    tables = [line for table in _watched_as_text(observed, "case") for line in ("", table)]
     return "\n".join([text, *tables, *(["", *swept] if swept else [])])
 
 

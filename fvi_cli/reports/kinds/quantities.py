@@ -28,10 +28,8 @@ _RUN = (
     Column("n_steps", "number N of steps", "N", get="of.run.n_steps"),
 )
 _KEYS = ("experiment", "member", "case", "n_steps")
-ERROR_TITLE = "error of position"
 _GOOD = ("ok", "floor")
-COLUMNS = (
-    *_RUN,
+EXTENT_COLUMNS = (
     Column("quantity", "its name", "quantity", get="name"),
     *within(
         "found",
@@ -41,10 +39,9 @@ COLUMNS = (
     Column(
         "error",
         "error of the position in the experiment's norm, or its estimate for a tolerance",
-        ERROR_TITLE,
+        "error of position",
         ".1e",
         None,
-        get="of.error",
     ),
     *within(
         "found",
@@ -52,8 +49,10 @@ COLUMNS = (
         Column("greatest", "largest value", "greatest", ".6g", CLOSE),
         Column("rms", "root of the mean square over the run", "rms", ".6g", CLOSE),
     ),
-    Column("status", "what was observed of the run", get="of.status"),
 )
+"""Of what has a `name`, the extent `found`, and the `error` of its run."""
+_STATUS = Column("status", "what was observed of the run", get="of.status")
+COLUMNS = (*_RUN, *EXTENT_COLUMNS, _STATUS)
 EVENT_COLUMNS = (
     *_RUN,
     Column("event", "name of the event or impact", "event", get="name"),
@@ -68,7 +67,7 @@ EVENT_COLUMNS = (
         "ends the run",
         get=lambda one: one.name == one.of.trajectory.observed.stopped_by,
     ),
-    Column("status", "what was observed of the run", get="of.status"),
+    _STATUS,
 )
 
 
@@ -79,6 +78,10 @@ class _One:
     of: FinishedRun
     name: str
     found: Any
+
+    @property
+    def error(self) -> float:
+        return self.of.error
 
     def time_at(self, place: int) -> float | None:
         return float(self.found.time[place]) if self.found.time.size else None
