@@ -107,7 +107,7 @@ def read_observations(
         try:
             times = settings.output.instants(problem.final_time)
         except ArgumentError as error:
-            at.under("output").tell(error)
+            at.under("output").report_argument(error)
     return Observations(
         coordinates=problem.coordinates,
         times=times,

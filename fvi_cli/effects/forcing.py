@@ -140,11 +140,11 @@ class Forcing:
         )
         if beyond == "refuse":
             return cls(pieces=(ForcingPiece(components=components),))
-        nothing = Expression.parse("0", variables=("t",))
+        zero = Expression.parse("0", variables=("t",))
         return cls(
             pieces=(
                 ForcingPiece(components=components, until=float(components[0].knots[-1])),
-                ForcingPiece(components=(nothing,) * len(components)),
+                ForcingPiece(components=(zero,) * len(components)),
             )
         )
 

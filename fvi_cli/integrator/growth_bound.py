@@ -36,7 +36,7 @@ FLEXIBILITY_SWEEPS = 10
 POORLY_RESOLVED = 1.25
 """So many times faster than the exact one a mode may grow that is not resolved well (a guess)."""
 
-ON_THE_WAY = np.concatenate([np.linspace(0.0, 1.0, 65), 2.0 ** -np.arange(7.0, 60.0)])
+SHARES = np.concatenate([np.linspace(0.0, 1.0, 65), 2.0 ** -np.arange(7.0, 60.0)])
 """Where a potential is looked at between the start and a point, as parts of the way."""
 
 PROBED_FRACTIONS = (np.arange(64) + 0.5) / 64
@@ -100,7 +100,7 @@ class GrowthBound:
         gain = scene.energy(position, momentum, times) - begun
         too_much: Mask = gain > TOLERATED_ENERGY * given
         for index in np.flatnonzero(too_much):
-            between = start + ON_THE_WAY[:, None] * (position[index] - start)
+            between = start + SHARES[:, None] * (position[index] - start)
             drop = level - np.nanmin(potential(between, times[index]))
             if not gain[index] <= TOLERATED_ENERGY * (given[index] + max(drop, 0.0)):
                 break

@@ -93,7 +93,7 @@ class Cursor:
         self.complaints.add(place, (*self.path, name), message)
         return INVALID
 
-    def tell(self, error: ArgumentError) -> Missing:
+    def report_argument(self, error: ArgumentError) -> Missing:
         """Complain of what a check found, where it says."""
         if error.at_key:
             return self.under(*error.path[:-1]).refuse_key(error.path[-1], error.message)

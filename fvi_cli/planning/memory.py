@@ -62,8 +62,8 @@ def peak_bytes(
     stepping = (
         kept + every_table + recurrence + chunk * min(1.0, MOST_TOGETHER / systems) * per_step
     )
-    ended = kept + max(every_table + d * n_kept, (members + 2 * scene.dimension) * n_kept)
-    found = max(every_table + making, stepping, ended)
+    finishing = kept + max(every_table + d * n_kept, (members + 2 * scene.dimension) * n_kept)
+    found = max(every_table + making, stepping, finishing)
     if is_diagnosed:
         of_steps = (8 + (7 + 5 * inputs) * d) * plan.n_steps
         pieces = min(PIECE, plan.n_steps) + 3 * SHORT_BLOCK * (plan.n_sizes - 1)

@@ -74,7 +74,7 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
     for ending, write in FORMS.items():
         path = directory / f"{report.name}{ending}"
         text = _read(path, found, is_needed=ending == ".md")
-        if text is not None and expected is not None and not report.is_part:
+        if text is not None and expected is not None and not report.is_partial:
             found[path] = list(_words(text, expected, write))
     path = directory / f"{report.name}.json"
     text = _read(path, found, is_needed=False)
@@ -89,7 +89,9 @@ def _expected(directory: Path, report: Report, found: Differences) -> Report | N
     paths = {one.name: directory / csv_name(report, one) for one in report.sheets if one.is_file}
     for sheet in report.sheets:
         if sheet.is_file and (text := _read(paths[sheet.name], found)) is not None:
-            found[paths[sheet.name]], stored[sheet.name] = _csv(text, sheet, is_part=report.is_part)
+            found[paths[sheet.name]], stored[sheet.name] = _csv(
+                text, sheet, is_partial=report.is_partial
+            )
     if any(stored.get(name) is None for name in paths):
         return None
     try:
@@ -130,7 +132,7 @@ def _first_lines(path: Path, lines: Sequence[str]) -> list[str]:
     return [f"{path}: {line}" for line in (*lines[:MOST_LINES], *more)]
 
 
-def _csv(text: str, sheet: Sheet, *, is_part: bool) -> tuple[list[str], list[Row] | None]:
+def _csv(text: str, sheet: Sheet, *, is_partial: bool) -> tuple[list[str], list[Row] | None]:
     """What differs, and the stored rows in the order of the fresh ones, if all are there."""
     names, lines = read_csv(text)
     columns = csv_columns(sheet)
@@ -153,7 +155,7 @@ def _csv(text: str, sheet: Sheet, *, is_part: bool) -> tuple[list[str], list[Row
         }
     twice = len(lines) - len(stored)
     messages = [f"{twice} rows stand in it twice"] if twice else []
-    if is_part:
+    if is_partial:
         stored = {key: stored[key] for key in fresh if key in stored}
     messages += _rows(stored, fresh, sheet)
     return messages, [stored[key] for key in fresh] if fresh.keys() <= stored.keys() else None
@@ -172,7 +174,7 @@ def _json(text: str, report: Report) -> list[str]:
             for row in content["sheets"][sheet.name]["rows"]:
                 key = tuple(as_word(row[c.name], c) for c in columns)
                 stored[key] = {n: _number(v, fresh.get(key, {}).get(n)) for n, v in row.items()}
-            if report.is_part:
+            if report.is_partial:
                 stored = {key: stored[key] for key in fresh if key in stored}
             lines += _rows(stored, fresh, sheet)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -195,7 +197,7 @@ def _rows(stored: Mapping[Key, Row], fresh: Mapping[Key, Row], sheet: Sheet) -> 
     for key, row in fresh.items():
         old = stored.get(key)
         if old is not None:
-            free = sheet.left_to_round_off(old, row)
+            free = sheet.below_floor(old, row)
             for column in sheet.columns:
                 name = column.name
                 if name not in old or name in free or column.compared is None:

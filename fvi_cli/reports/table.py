@@ -166,7 +166,7 @@ class Sheet:
         Each with an entry for every column.
     keys
         The columns that tell a row from all others.
-    left_to_round_off
+    below_floor
         The columns in which this stored and this fresh row may differ at will.
     is_file
         Whether it has a CSV file; others stand in the JSON form only.
@@ -176,7 +176,7 @@ class Sheet:
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
     keys: tuple[str, ...]
-    left_to_round_off: Callable[[Row, Row], Container[str]] = _no_value
+    below_floor: Callable[[Row, Row], Container[str]] = _no_value
     is_file: bool = True
 
     def grid(self, *, text_columns: int = 1, key_columns: int = 1) -> Grid:
@@ -212,7 +212,7 @@ class Report:
         The report on other rows, where more than words follows from them.
     is_timed
         Whether its numbers are times of this machine, which are never the same twice.
-    is_part
+    is_partial
         Whether stored tables may have more rows, and so other words.
     """
 
@@ -221,7 +221,7 @@ class Report:
     words: Callable[[Sheets], Words]
     remake: Callable[[Sheets], Report] | None = None
     is_timed: bool = False
-    is_part: bool = False
+    is_partial: bool = False
 
     @property
     def summary(self) -> Sequence[Block]:

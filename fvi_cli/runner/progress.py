@@ -160,17 +160,17 @@ def run_bar(
             doing=title,
         )
         count, complete = 0, 0
-        under_way: dict[Hashable, int] = dict(begun)
+        running: dict[Hashable, int] = dict(begun)
 
         def show(doing: str) -> None:
-            reached = complete + sum(under_way.values())
+            reached = complete + sum(running.values())
             pace.reached(reached)
             progress.update(task, completed=reached, done=count, doing=doing)
 
         def finished(doing: str, key: Hashable, steps: int) -> None:
             nonlocal count, complete
             count, complete = count + 1, complete + steps
-            under_way.pop(key, None)
+            running.pop(key, None)
             show(doing)
 
         def within(doing: str, key: Hashable, done: int | None) -> None:
@@ -178,7 +178,7 @@ def run_bar(
                 pace.went_elsewhere()
             else:
                 # several integrations may belong to one piece: what is behind stays behind
-                under_way[key] = max(under_way.get(key, 0), done)
+                running[key] = max(running.get(key, 0), done)
             show(doing)
 
         yield RunBar(finished=finished, within=within)

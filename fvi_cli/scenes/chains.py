@@ -77,8 +77,8 @@ def chain(
 def shear_matrix(stiffness: ArrayLike) -> Array:
     r"""Matrix of :math:`\sum k_i (x_i - x_{i-1})^2` with :math:`x_0 = 0`, the ground."""
     values = np.atleast_1d(np.asarray(stiffness, dtype=float))
-    beside = -values[1:]
-    return np.diag(values - np.append(beside, 0.0)) + np.diag(beside, 1) + np.diag(beside, -1)
+    coupling = -values[1:]
+    return np.diag(values - np.append(coupling, 0.0)) + np.diag(coupling, 1) + np.diag(coupling, -1)
 
 
 def shear_form(stiffness: ArrayLike) -> Form:
@@ -88,8 +88,8 @@ def shear_form(stiffness: ArrayLike) -> Form:
         return shear_matrix(values)
     from scipy.sparse import diags_array
 
-    beside = -values[1:]
-    bands = [beside, values + np.append(values[1:], 0.0), beside]
+    coupling = -values[1:]
+    bands = [coupling, values + np.append(values[1:], 0.0), coupling]
     return cast("SparseMatrix", diags_array(bands, offsets=[-1, 0, 1], format="csr"))
 
 

@@ -81,7 +81,7 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     try:
         sha256, count, text = read_once(at, ("samples", file, *columns), read)
     except DataFileError as error:
-        error.tell(at)
+        error.report_argument(at)
         return INVALID
     return with_content(
         values, at, sha256=sha256, text=text, largest=LARGEST_TEXT, what=f"its {count} samples"

@@ -18,7 +18,7 @@ from fvi_cli.storage.comparison.differences import difference_in_words
 from fvi_cli.storage.files import printable
 from fvi_cli.storage.groups.writing import WrittenGroup
 from fvi_cli.storage.identity import Inputs, canonical_json, restored, sha256, stowed
-from fvi_cli.storage.records.observed import NOTHING_OBSERVED, ObservedSummary, observed_summary
+from fvi_cli.storage.records.observed import EMPTY_SUMMARY, ObservedSummary, observed_summary
 from fvi_cli.storage.records.record import REFERENCES, RUN_KEYS
 from fvi_cli.storage.result_file import ResultFile
 from fvi_cli.studies.members import swept_in_words
@@ -107,7 +107,7 @@ class StoredRun:
     members: int = 0
     swept: str = ""
     variant: str = ""
-    observed: ObservedSummary = NOTHING_OBSERVED
+    observed: ObservedSummary = EMPTY_SUMMARY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,8 +188,8 @@ def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
         if name != experiment:
             variant = _difference(own.get(experiment), specification) or name
         row = asdict(_stored_run(group, variant))
-        nothing = asdict(NOTHING_OBSERVED)
-        lines.append({k: v for k, v in row.items() if v != nothing})
+        empty = asdict(EMPTY_SUMMARY)
+        lines.append({k: v for k, v in row.items() if v != empty})
     return lines
 
 

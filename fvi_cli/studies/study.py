@@ -216,7 +216,7 @@ def stability_remarks(
 
 def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Trajectory:
     """The whole trajectory, or the points that are stored where the method needs no others."""
-    every = kept_on_the_way(run)
+    every = thinning_of(run)
     request = run.experiment.diagnostics
     if request.is_empty or isinstance(run.method, Method):
         trajectory = integrate(
@@ -236,7 +236,7 @@ def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Tr
     return with_remark_on_thinning(trajectory)
 
 
-def kept_on_the_way(run: Run) -> int:
+def thinning_of(run: Run) -> int:
     """n: every n-th point is in memory; 1 unless there is no room for all and the method can.
 
     Errors are those of all points wherever these are in memory.

@@ -171,7 +171,7 @@ def _samples(
                 "response; it must be positive"
             )
     except DataFileError as error:
-        error.tell(at)
+        error.report_argument(at)
         return None
     return samples
 

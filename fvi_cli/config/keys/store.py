@@ -128,7 +128,7 @@ def _given(entries: Sequence[GivenSymmetry], scene: Scene, at: Cursor) -> tuple[
         try:
             found.append(entry.symmetry(scene))
         except ArgumentError as error:
-            at.under(index).tell(error)
+            at.under(index).report_argument(error)
     names = [one.name for one in found]
     for name in sorted({name for name in names if names.count(name) > 1}):
         at.refuse(f"two symmetries are called {name}")

@@ -88,8 +88,8 @@ def diagnose_run(
         maps = np.stack(
             [one.momentum(steps.position, steps.momentum) for one in request.symmetries], axis=1
         )
-        pulls = [_summed(damping, one) - _summed(forcing, one) for one in directions]
-        defects = maps - maps[0] + np.stack(pulls, axis=1)
+        rates = [_summed(damping, one) - _summed(forcing, one) for one in directions]
+        defects = maps - maps[0] + np.stack(rates, axis=1)
     return Diagnostics(
         dissipated_work=dissipated,
         forcing_work=worked,

@@ -96,8 +96,8 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
     back = np.linalg.inv(vectors)
     along = [back @ one @ vectors for one in quotients]
     for one in along:
-        beside = one - np.diag(np.diagonal(one))
-        if np.abs(beside).max(initial=0.0) > LARGEST_OFF_DIAGONAL * np.abs(one).max():
+        off_diagonal = one - np.diag(np.diagonal(one))
+        if np.abs(off_diagonal).max(initial=0.0) > LARGEST_OFF_DIAGONAL * np.abs(one).max():
             return None
     chosen = np.flatnonzero(values.imag >= 0)
     into = (back @ first)[chosen]

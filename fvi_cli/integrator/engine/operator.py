@@ -248,14 +248,14 @@ def step_matrix(
 
 def _inverse(matrices: Array) -> tuple[Array, Mask]:
     """Inverses, nan for members whose finite matrix has none, and which these are."""
-    none = np.zeros(len(matrices), dtype=bool)
+    is_singular = np.zeros(len(matrices), dtype=bool)
     try:
-        return np.asarray(np.linalg.inv(matrices)), none
+        return np.asarray(np.linalg.inv(matrices)), is_singular
     except np.linalg.LinAlgError:
         found = np.full(matrices.shape, np.nan)
         for index, matrix in enumerate(matrices):
             try:
                 found[index] = np.linalg.inv(matrix)
             except np.linalg.LinAlgError:
-                none[index] = np.isfinite(matrix).all()
-        return found, none
+                is_singular[index] = np.isfinite(matrix).all()
+        return found, is_singular

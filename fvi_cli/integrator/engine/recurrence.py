@@ -77,8 +77,8 @@ class Recurrence:
         if engine.damping is None or tables is None:
             raise ValueError("damping: there is none")
         units = np.eye(self._held).reshape(self._held, engine.n_states, engine.e)
-        nothing = np.zeros((1, engine.n_states, 1))
-        force = engine.damping.at_rest().past(tables, units, nothing, self.count)
+        zero = np.zeros((1, engine.n_states, 1))
+        force = engine.damping.at_rest().past(tables, units, zero, self.count)
         return force.reshape(self._held, -1).T
 
     def _split(self, outputs: Array) -> tuple[Array, Array, Array]:
@@ -93,9 +93,9 @@ class Recurrence:
         inputs = np.ascontiguousarray(outputs[:n].T)
         change = np.zeros((self._held + 2 * e, columns))
         if self.frame.damping is not None and self._held:
-            nothing = np.zeros((columns, engine.n_states, e))
+            zero = np.zeros((columns, engine.n_states, e))
             driven = inputs.reshape(columns, -1, e)
-            behind = self.frame.damping.kernels.push(nothing, driven, self.count)
+            behind = self.frame.damping.kernels.push(zero, driven, self.count)
             change[: self._held] = behind.reshape(columns, -1).T
         change[self._held :] = ends[:, -1].reshape(2 * e, columns)
         by_rows = ends.transpose(3, 0, 2, 1).reshape(columns, -1)
@@ -201,7 +201,7 @@ class Recurrence:
             flat += loads[0].reshape(flat.shape)
         if damping is not None and tables is not None and is_relative:
             columns, state.column = damping.columns(tables, state.column, rows)
-            nothing = np.zeros((rows, engine.n_states, engine.e))
-            force = damping.past(tables, nothing, columns, count)
+            zero = np.zeros((rows, engine.n_states, engine.e))
+            force = damping.past(tables, zero, columns, count)
             flat -= on_steps(self.frame.to_loads, force.reshape(rows, count, -1, engine.e))
         return flat.reshape(rows, -1)

@@ -191,13 +191,13 @@ def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
     sizes = np.concatenate([np.full(one.n_steps, one.step_size) for one in mesh.stretches])
     inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in mesh.stretches]
     ends = [np.append(own, one.end) for own, one in zip(inside, mesh.stretches, strict=True)]
-    nothing = np.zeros((sizes.size + 1, d))
+    zero = np.zeros((sizes.size + 1, d))
     stages = np.zeros((sizes.size, tables.points.size, d))
     rest = RunSteps(
         tables=tables,
         time=np.concatenate([[0.0], *ends]),
-        position=nothing,
-        momentum=np.full_like(nothing, np.nan),
+        position=zero,
+        momentum=np.full_like(zero, np.nan),
         step_size=sizes,
         velocity=stages,
     )

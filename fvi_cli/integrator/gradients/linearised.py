@@ -200,9 +200,9 @@ class LinearisedRun:
         return np.array([known.along(np.matmul(self._to_inputs, o), start) for o, start in pairs])
 
     def _damped(self, plain: Array) -> Array:
-        nothing = np.zeros(plain.shape[1:])
+        zero = np.zeros(plain.shape[1:])
         acting = zip(plain, self.coefficients, strict=False)
-        return sum((np.matmul(force, matrix) for force, matrix in acting), nothing)
+        return sum((np.matmul(force, matrix) for force, matrix in acting), zero)
 
     # --- from block to block ---
 

@@ -106,9 +106,9 @@ def _matrices(scene: Scene) -> list[Array]:
         if isinstance(holder, QuadraticPotential)
         else getattr(holder, "stiffness", None)
     )
-    nothing = np.zeros((scene.dimension,) * 2)
-    mass = nothing if scene.lagrangian is not None else scene.inertia.mass
-    return [mass, nothing if form is None else dense(form)]
+    zero = np.zeros((scene.dimension,) * 2)
+    mass = zero if scene.lagrangian is not None else scene.inertia.mass
+    return [mass, zero if form is None else dense(form)]
 
 
 def _formula(component: ForceComponent) -> NumberedFormula | None:
@@ -183,12 +183,12 @@ def rate_of_forcing(scene: Scene, rates: Sequence[Array]) -> Forcing | None:
             system, values = formula.rate(own)
             known = tuple(sorted(values.items()))
             changed = Expression("the derivative of a force", ("t",), known, system=system)
-        every: ForceComponent = changed or _NOTHING
+        every: ForceComponent = changed or _ZERO
         if isinstance(component, SampledForce):
             every = replace(component, coefficients=next(moving), formula=changed)
         elif isinstance(component, FunctionForce):
             every = replace(component, factor=float(next(moving)), formula=changed)
-        components = found.setdefault(id(piece), [_NOTHING] * scene.dimension)
+        components = found.setdefault(id(piece), [_ZERO] * scene.dimension)
         for place in places:
             components[place] = every
     pieces = [
@@ -198,4 +198,4 @@ def rate_of_forcing(scene: Scene, rates: Sequence[Array]) -> Forcing | None:
     return Forcing(pieces=tuple(pieces))
 
 
-_NOTHING = Expression.parse("0", variables=("t",))
+_ZERO = Expression.parse("0", variables=("t",))

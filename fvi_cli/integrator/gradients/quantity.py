@@ -100,9 +100,9 @@ class Quantity:
         point = np.stack(given).astype(complex)
         found = np.zeros(point.shape)
         for index in np.ndindex(*point.shape):
-            beside = point.copy()
-            beside[index] += 1j * COMPLEX_STEP
-            found[index] = complex(self.value(*beside)).imag / COMPLEX_STEP
+            shifted = point.copy()
+            shifted[index] += 1j * COMPLEX_STEP
+            found[index] = complex(self.value(*shifted)).imag / COMPLEX_STEP
         if not np.isfinite(found).all():
             raise ValueError("quantity: its derivatives by complex steps are not finite")
         self._check(point.real, found)

@@ -156,8 +156,8 @@ def loads_of(run: LinearisedRun, scene: Scene, part: str) -> Array:
     steps = run.steps
     fresh = np.isin(steps.time[:-1], [0.0, *scene.break_points])
     found = loads_along(getattr(StepLoads(scene, run.method, steps.tables), part), steps, fresh)
-    nothing = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
-    return nothing if found is None else found
+    zero = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
+    return zero if found is None else found
 
 
 def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:

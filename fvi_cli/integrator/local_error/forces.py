@@ -189,10 +189,10 @@ class SceneForces:
             found = self._potential.gradient_components(list(position), INTERVAL_FUNCTIONS)
             total = [one - value for one, value in zip(total, found, strict=True)]
         if self._lagrangian is not None:
-            _, pulls = self._lagrangian.first_on(
+            _, forces = self._lagrangian.first_on(
                 list(position), list(velocity), time, INTERVAL_FUNCTIONS
             )
-            total = [one + value for one, value in zip(total, pulls, strict=True)]
+            total = [one + value for one, value in zip(total, forces, strict=True)]
         if piece is not None:
             for i, component in enumerate(piece.components):
                 if isinstance(component, Expression):

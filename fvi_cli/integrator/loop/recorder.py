@@ -79,7 +79,7 @@ class Recorder:
         self._is_point: list[np.ndarray] = []
         self._last: tuple[float, Array, Array] = (0.0, np.zeros(0), np.zeros(0))
         self._waiting: list[Solved] = []
-        self._count = self._on_the_way = 0
+        self._count = self._inside_chunk = 0
         self._stops: Stops = {}
 
     # while steps go on
@@ -112,9 +112,9 @@ class Recorder:
     def add(self, solved: Solved) -> None:
         """The next steps."""
         if self._n_reported is not None:
-            report_progress(self.reported + self._on_the_way, self._n_reported)
+            report_progress(self.reported + self._inside_chunk, self._n_reported)
         self._waiting.append(solved)
-        self._on_the_way += solved.n_reported
+        self._inside_chunk += solved.n_reported
         self._count += solved.n_steps
 
     def stop(self, failure: Failure) -> None:
@@ -173,7 +173,7 @@ class Recorder:
         )
         self._last = _last(points, points.times.size)
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
-        self._waiting, self._count, self._on_the_way = [], 0, 0
+        self._waiting, self._count, self._inside_chunk = [], 0, 0
 
     def _stop_at_infinity(self, points: Points, stops: Stops) -> None:
         """Stop scenes behind their first step to numbers that are not finite."""

@@ -107,8 +107,8 @@ class Mesh:
         for time in breaks:
             one = self.stretches[min(bisect.bisect_left(ends, time), len(ends) - 1)]
             place = (time - one.begin) / one.step_size
-            beside = abs(place - round(place))
-            if beside > ON_GRID * max(1.0, place) + 4 * math.ulp(time) / one.step_size:
+            distance = abs(place - round(place))
+            if distance > ON_GRID * max(1.0, place) + 4 * math.ulp(time) / one.step_size:
                 raise ArgumentError(
                     "mesh",
                     f"the break point t = {time:g} of the forcing lies inside of a step of "

@@ -88,10 +88,10 @@ def damper_names(scene: Scene) -> tuple[str, ...]:
     return tuple(damper_values(scene))
 
 
-def damper_alone(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunSteps]:
+def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunSteps]:
     """A damper with its deformation in place of the coordinates, and the run of that."""
     parts = dampers_of(scene)[place]
-    alone = [replace(one, form=one.inner, factored=None) for one in parts]
+    single = [replace(one, form=one.inner, factored=None) for one in parts]
     count = parts[0].inner.shape[0]
     mass: Array | SparseMatrix = np.eye(count)
     if is_sparse(parts[0].inner):
@@ -103,8 +103,8 @@ def damper_alone(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunS
         initial_position=parts[0].deformation(scene.initial_position),
         initial_velocity=parts[0].deformation(scene.initial_velocity),
         final_time=scene.final_time,
-        damping=tuple(one for one in alone if isinstance(one, FractionalDamping)),
-        laws=tuple(one for one in alone if isinstance(one, Law)),
+        damping=tuple(one for one in single if isinstance(one, FractionalDamping)),
+        laws=tuple(one for one in single if isinstance(one, Law)),
         derivative=scene.derivative,
     )
     own = replace(

@@ -108,11 +108,11 @@ class Criterion(Protocol):
 
         After `depth` halvings the pieces have the steps ``(n,)``, Chebyshev points ``(n, POINTS)``
         and numbers of their parts ``(n,)``; they carry what the piece of which they are halves
-        gave, ``(n, 2)``, at first :data:`NOTHING_CARRIED`.
+        gave, ``(n, 2)``, at first :data:`NO_CARRY`.
         """
 
 
-NOTHING_CARRIED = (math.inf, 0.0)
+NO_CARRY = (math.inf, 0.0)
 
 
 def parts_of(first: int, count: int, end: float = 1.0) -> list[Part]:
@@ -142,7 +142,7 @@ def _divided(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
     part = np.repeat(np.arange(len(parts)), sizes)
     begin, end = np.zeros(step.size), np.ones(step.size)
     end[np.cumsum(sizes) - 1] = [one.end for one in parts]
-    carried = np.tile(NOTHING_CARRIED, (step.size, 1))
+    carried = np.tile(NO_CARRY, (step.size, 1))
     lost: list[float] = []
     done: list[tuple[NDArray[np.generic], ...]] = []
     depth = 0

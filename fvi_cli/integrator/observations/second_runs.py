@@ -14,7 +14,7 @@ from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.dampers import damper_alone
+from fvi_cli.integrator.observations.dampers import single_damper
 from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -66,8 +66,8 @@ def forces_along(
     deformation; None without damping.
     """
     if damper is not None:
-        alone = [damper_alone(s, damper, one) for s, one in zip(scenes, shapes, strict=True)]
-        scenes, shapes = [one[0] for one in alone], [one[1] for one in alone]
+        single = [single_damper(s, damper, one) for s, one in zip(scenes, shapes, strict=True)]
+        scenes, shapes = [one[0] for one in single], [one[1] for one in single]
     found: list[Array | None] = [None] * len(scenes)
     groups: dict[Hashable, list[int]] = {}
     for index, (scene, method, one) in enumerate(zip(scenes, methods, shapes, strict=True)):

@@ -28,8 +28,8 @@ def velocities_near(ends: Array, sizes: Array, stages: Array, points: Array, at:
     places = (ends - at[:, None] - sizes)[..., None] + sizes[..., None] * points
     places = (places / sizes.max(axis=1)[:, None, None]).reshape(n, -1)
     own = np.eye(places.shape[1], dtype=bool)
-    apart = np.where(own, 1.0, places[:, :, None] - places[:, None, :])
-    weights = np.where(own, 1.0, -places[:, None, :] / apart).prod(axis=2)
+    distance = np.where(own, 1.0, places[:, :, None] - places[:, None, :])
+    weights = np.where(own, 1.0, -places[:, None, :] / distance).prod(axis=2)
     values = stages.reshape(n, count * points.size, -1)
     return np.asarray(np.einsum("nk,nkd->nd", weights, values))
 
@@ -60,11 +60,11 @@ def smooth_momenta(
         (chosen,) = np.nonzero(last - first + 1 == count)
         for begin in range(0, chosen.size, AT_A_TIME):
             one = chosen[begin : begin + AT_A_TIME]
-            beside = first[one, None] + np.arange(count)
+            steps_near = first[one, None] + np.arange(count)
             velocity[one] = velocities_near(
-                steps.time[beside + 1],
-                steps.step_size[beside],
-                steps.velocity[beside],
+                steps.time[steps_near + 1],
+                steps.step_size[steps_near],
+                steps.velocity[steps_near],
                 steps.tables.points,
                 steps.time[one + 1],
             )

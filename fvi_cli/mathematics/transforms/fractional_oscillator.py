@@ -65,8 +65,8 @@ def contour_response(
     if np.any(time < 0):
         raise ValueError("time: negative times are not allowed")
     for zero in zeros:
-        apart = 4.0 * zero.radius <= zero.clearance
-        if zero.multiplicity > 1 and not (zero.is_real and apart):
+        is_separated = 4.0 * zero.radius <= zero.clearance
+        if zero.multiplicity > 1 and not (zero.is_real and is_separated):
             raise ValueError(f"characteristic function: zeros near {zero.center} nearly coincide")
     flat = time.ravel()
     at_start = sum(c for power, c in numerator.items() if power > top - 1 - _SAME_POWER)

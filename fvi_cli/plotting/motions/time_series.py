@@ -216,7 +216,7 @@ def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedR
 
     Of several methods the first is shown; lines that a member has for itself have their peaks.
     """
-    own = finest_of_first(_finest([one for one in finished if has_quantities(one)]))
+    own = finest_runs(_finest([one for one in finished if has_quantities(one)]))
     names = list(observed_of(own[0]).quantities)
     panels = []
     for name in names[:MOST_PANELS]:
@@ -376,7 +376,7 @@ def _finest(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
     return [one for one in moving if one.run.n_steps == finest]
 
 
-def finest_of_first(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+def finest_runs(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
     """The runs of the first method on the finest grid."""
     most = max((one.run.n_steps for one in finished), default=0)
     first = finished[0].run.method if finished else None

@@ -88,7 +88,7 @@ SUMMARY_COLUMNS = (
             f"seconds_to_{accuracy:.0e}",
             f"set-up plus stepping to an error of {accuracy:.0e}, interpolated",
             missing=NOT_REACHED,
-            get=_to(lambda curve, a: _or_none(curve.seconds_to(a)), accuracy),
+            get=_to(lambda curve, a: _finite(curve.seconds_to(a)), accuracy),
         )
         for accuracy in ACCURACIES
     ),
@@ -269,7 +269,7 @@ def _summary(table: CostTable, level: int) -> list[Block]:
         ),
         grid_of(_price_columns(), _curves(table), summary_rows=(("cheapest", "", "", "", *last),)),
         *_exact_methods(curves, names),
-        *_asked_for(table),
+        *_tolerance_blocks(table),
         Paragraph(words="Cheapest by accuracy:"),
         Bullets(
             items=tuple(
@@ -282,7 +282,7 @@ def _summary(table: CostTable, level: int) -> list[Block]:
     ]
 
 
-def _asked_for(table: CostTable) -> list[Block]:
+def _tolerance_blocks(table: CostTable) -> list[Block]:
     """What accuracies took that were asked for by tolerance."""
     if not table.by_tolerance:
         return []
@@ -317,7 +317,7 @@ def _price_columns() -> list[Column]:
     return [Column("method", title="method", get="label"), *_PRICES, *reached]
 
 
-def _or_none(value: float) -> float | None:
+def _finite(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 

@@ -55,12 +55,12 @@ def hard_case_report(found: HardCaseReport) -> Report:
                 columns=COLUMNS,
                 rows=rows_of(COLUMNS, found.findings),
                 keys=("case", "quantity", "method"),
-                left_to_round_off=_left_to_round_off,
+                below_floor=_below_floor,
             ),
         ),
         words=lambda sheets: _words(found),
         remake=lambda sheets: hard_case_report(_with_rows(found, sheets["findings"].rows)),
-        is_part=found.is_partial,
+        is_partial=found.is_partial,
     )
 
 
@@ -81,7 +81,7 @@ def _with_rows(found: HardCaseReport, rows: Sequence[Row]) -> HardCaseReport:
     return replace(found, findings=tuple(findings))
 
 
-def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:
+def _below_floor(stored: Row, fresh: Row) -> set[str]:
     """Numbers of runs that blow up, which grow from round-off, and verdicts on round-off."""
     if fresh["predicted"] == "unstable":
         return {"measured", "status", "holds"}

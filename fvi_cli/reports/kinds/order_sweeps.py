@@ -157,13 +157,13 @@ def sweep_details(
             counts_in_words(status for _, status in rows),
         )
 
-    none = number(math.nan, ".2e")
+    empty = number(math.nan, ".2e")
     grid = pivot(
         (
             (
                 (str(n), f"{sizes[n]:.4g}"),
                 case,
-                texts(found[n, case]) if (n, case) in found else (none, none, "not computed"),
+                texts(found[n, case]) if (n, case) in found else (empty, empty, "not computed"),
             )
             for n in sorted(sizes)
             for case in cases

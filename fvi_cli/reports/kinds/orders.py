@@ -128,7 +128,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         columns=columns,
         rows=rows_of(columns, items),
         keys=("experiment", "case", "n_steps", *(column.name for column in swept)),
-        left_to_round_off=_left_to_round_off,
+        below_floor=_below_floor,
     )
     experiments = Sheet(
         name="experiments",
@@ -159,7 +159,7 @@ def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
         yield from sweep_details(members, names, setting(members))
 
 
-def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:
+def _below_floor(stored: Row, fresh: Row) -> set[str]:
     """Errors near the floor with what is said of them, and how far a run diverged."""
     if fresh["status"] not in ("ok", "floor"):
         return {"error"}

@@ -143,5 +143,7 @@ def _words(name: str, sheets: Sheets) -> Iterator[Block]:
         yield from design_blocks(designs)
     runs = [sheets["runs"], sheets["events"]]
     # what tells a run from the others is repeated where a grid is split
-    tell = [column.name for column in runs[0].columns if column.title].index("n_steps") + 1
-    yield from (one.grid(text_columns=tell - 1, key_columns=tell) for one in runs if one.rows)
+    position = [column.name for column in runs[0].columns if column.title].index("n_steps") + 1
+    yield from (
+        one.grid(text_columns=position - 1, key_columns=position) for one in runs if one.rows
+    )

@@ -195,5 +195,7 @@ class CheckpointFile:
                     reason(error),
                 )
             self._has_logged_failure = True
-        ended = time.monotonic()
-        self._due = ended + max(self.seconds, LEAST_RATIO * (ended - began) if self.seconds else 0)
+        finished = time.monotonic()
+        self._due = finished + max(
+            self.seconds, LEAST_RATIO * (finished - began) if self.seconds else 0
+        )

@@ -92,7 +92,7 @@ class _Cluster:
     client: Client
     address: str
     compute: ComputeJob
-    under_way: dict[Future[Any], Job] = field(default_factory=dict)
+    running: dict[Future[Any], Job] = field(default_factory=dict)
     done: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
     ahead: int | None = None
     has_warned_idle: bool = False
@@ -103,13 +103,13 @@ class _Cluster:
     def room(self) -> tuple[bool, Pack | None]:
         if self.ahead is None:
             self.ahead = self._ahead()
-        return len(self.under_way) < self.ahead, None
+        return len(self.running) < self.ahead, None
 
     def send(self, job: Job, references: References) -> None:
         future: Future[Any] = self.client.submit(
             compute_one_at_a_time, self.compute, portable_job(job, references), pure=False
         )
-        self.under_way[future] = job
+        self.running[future] = job
         future.add_done_callback(self.done.put)
 
     def answers(self) -> Iterable[tuple[Job, Answer]]:
@@ -120,9 +120,9 @@ class _Cluster:
             self.ahead = None
             return []
         # of a job that was given up meanwhile
-        if future not in self.under_way:
+        if future not in self.running:
             return []
-        job = self.under_way.pop(future)
+        job = self.running.pop(future)
         return [(job, self._answer(future, job))]
 
     def _ahead(self) -> int:
@@ -168,8 +168,8 @@ class _Cluster:
 
     def stop(self) -> None:
         """Call back what is still under way."""
-        if self.under_way and self.client.status == "running":
-            self.client.cancel(list(self.under_way), force=True)
+        if self.running and self.client.status == "running":
+            self.client.cancel(list(self.running), force=True)
 
 
 def compute_one_at_a_time(compute: ComputeJob, portable: PortableJob) -> PortableResults:

@@ -24,11 +24,11 @@ from fvi_cli.studies.study import (
     assessed_pair,
     execute,
     is_refused,
-    kept_on_the_way,
     prediction_of,
     reference_of,
     refined_references,
     refused,
+    thinning_of,
     with_remark_on_thinning,
 )
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
@@ -58,22 +58,24 @@ def execute_batch(
     first = batch[0]
     if first.is_search:
         return [_searched(run, checkpoints) for run in batch]
-    asked = first.experiment.observations
+    observations = first.experiment.observations
     given = dict(zip(batch, references or [None] * len(batch), strict=True))
-    kept = None if checkpoints is None else checkpoints.of(batch, is_single_run=asked.is_empty)
+    kept = (
+        None if checkpoints is None else checkpoints.of(batch, is_single_run=observations.is_empty)
+    )
     is_single = len(batch) == 1 or first.experiment.grading != 1.0
     if (
         first.member is None
         or not isinstance(first.problem, Problem)
-        or (not asked.is_empty and (is_single or asked.impacts))
+        or (not observations.is_empty and (is_single or observations.impacts))
     ):
         return [execute(run, _own(kept, batch, run), given[run]) for run in batch]
     predictions = {run: prediction_of(run) for run in batch}
     going = [run for run in batch if not is_refused(run, predictions[run])]
     scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]
-    every, method, n_steps = kept_on_the_way(first), first.method, first.n_steps
+    every, method, n_steps = thinning_of(first), first.method, first.n_steps
     found: Sequence[Trajectory | Pair]
-    if not asked.is_empty:
+    if not observations.is_empty:
         each = [run.observations for run in going]
         found = integrate_observed_members(scenes, method, n_steps, each, checkpoints=kept)
     elif first.experiment.grading == 1.0:

@@ -97,13 +97,13 @@ def run_jobs(
     A job whose process has died is computed once more after all others, alone; when that dies as
     well, the job is lost.
     """
-    queue, under_way = workers.ordered(jobs), set[Job]()
+    queue, running = workers.ordered(jobs), set[Job]()
     suspects, deaths = deque[Job](), Counter[Job]()
     try:
         while True:
             while (room := workers.room())[0]:
                 job = queue.take(room[1])
-                if job is None and not under_way and suspects:
+                if job is None and not running and suspects:
                     job = suspects.popleft()
                 if job is None:
                     break
@@ -111,12 +111,12 @@ def run_jobs(
                 if lost is not None:
                     yield lost
                 if whole is not None:
-                    under_way.add(whole)
+                    running.add(whole)
                     workers.send(whole, references)
-            if not under_way:
+            if not running:
                 break
             for job, answer in workers.answers():
-                under_way.discard(job)
+                running.discard(job)
                 found = answer
                 if isinstance(found, Died):
                     is_suspect = job not in deaths

@@ -64,7 +64,7 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
             raise RequestError(
                 f"{path}: is of another configuration than {first}; `fvi show --config` prints them"
             )
-    name, experiments = _asked_for(first)
+    name, experiments = _configuration_of(first)
     target = output / f"{name}{STORED_SUFFIX}"
     with open_results(output, name, waits=waits) as store:
         for path in paths:
@@ -80,7 +80,7 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
     return Merged(path=target, runs=count, missing=missing)
 
 
-def _asked_for(path: Path) -> tuple[str, Sequence[Experiment]]:
+def _configuration_of(path: Path) -> tuple[str, Sequence[Experiment]]:
     """Name and experiments of the configuration of a file."""
     (request,) = gather([str(path)])
     return request.name, request.loaded.experiments

@@ -30,7 +30,7 @@ class DataFileError(Exception):
         self.messages = messages
         super().__init__("\n".join(messages))
 
-    def tell(self, at: Cursor) -> None:
+    def report_argument(self, at: Cursor) -> None:
         """Complain about the key ``file``."""
         for message in self.messages:
             at.refuse(message, "file")

@@ -62,7 +62,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     try:
         found, text = read_once(at, ("matrix", file, variable), read)
     except DataFileError as error:
-        error.tell(at)
+        error.report_argument(at)
         return INVALID
     if positive and not is_definite(found.form):
         return at.refuse(

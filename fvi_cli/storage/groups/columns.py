@@ -120,7 +120,7 @@ def add_row(columns: Columns, attributes: Mapping[str, Any], row: int) -> None:
             column.append(ABSENT)
 
 
-def row_of(columns: Columns, row: int) -> dict[str, Any]:
+def attributes_in_row(columns: Columns, row: int) -> dict[str, Any]:
     """What one run says."""
     found = {name: column[row] for name, column in columns.items()}
     return {name: value for name, value in found.items() if value is not ABSENT}

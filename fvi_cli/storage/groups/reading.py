@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.groups.columns import Column, Columns, row_of
+from fvi_cli.storage.groups.columns import Column, Columns, attributes_in_row
 from fvi_cli.storage.records.fields import OCCURRENCE, TIME
 from fvi_cli.storage.records.record import SWEPT
 
@@ -161,7 +161,7 @@ class StoredGroup:
 
     def attributes_of(self, row: int) -> dict[str, Any]:
         """All that is said of a run."""
-        return {**self.attributes, **row_of(self.columns, row)}
+        return {**self.attributes, **attributes_in_row(self.columns, row)}
 
     def shapes(self, row: int) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
         """Name, shape and axes of the arrays of a run."""

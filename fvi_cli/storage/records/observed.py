@@ -31,13 +31,13 @@ class ObservedSummary:
     stopped_by: str = ""
 
 
-NOTHING_OBSERVED: Final = ObservedSummary()
+EMPTY_SUMMARY: Final = ObservedSummary()
 
 
 def summary_of(observed: Observed | None) -> ObservedSummary:
     """What is said of what was observed."""
     if observed is None:
-        return NOTHING_OBSERVED
+        return EMPTY_SUMMARY
     return ObservedSummary(
         extents=observed.extents,
         counts={name: one.time.size for name, one in observed.events.items()},

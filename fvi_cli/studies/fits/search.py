@@ -72,8 +72,8 @@ def least_squares_from(
                 kept[key] = model.evaluate(point)
             except ValueError:
                 # no scene, or no run, there: the step was too long
-                nothing = np.full(model.size, np.nan)
-                kept[key] = Evaluation(residuals=nothing, jacobian=np.zeros((1, 1)))
+                empty = np.full(model.size, np.nan)
+                kept[key] = Evaluation(residuals=empty, jacobian=np.zeros((1, 1)))
         return kept[key]
 
     def residuals(point: Array) -> Array:

@@ -146,7 +146,7 @@ class _Search:
         if known.outcome == "unreliable" or not own <= ENOUGH * self.target:
             outcome: Outcome = "unreliable" if known.outcome == "unreliable" else "refused"
             run = integrate(self.scene, methods[0], max(self._first_steps(methods[0]), 1))
-            return methods[0], self._ended(run, outcome, self.unit * known.estimate, known.reason)
+            return methods[0], self._result(run, outcome, self.unit * known.estimate, known.reason)
         candidates = [
             _Candidate(method=method, next_steps=self._first_steps(method)) for method in methods
         ]
@@ -158,7 +158,7 @@ class _Search:
             chosen = min(options, key=self._work)
             self._advance(chosen)
             if chosen.run is not None and chosen.error + own <= self.target:
-                return chosen.method, self._ended(chosen.run, "met", chosen.error + own, "")
+                return chosen.method, self._result(chosen.run, "met", chosen.error + own, "")
         best = min(candidates, key=lambda one: one.error)
         if best.run is None:
             raise ValueError("no number of equal steps puts every break point on the grid")
@@ -166,7 +166,7 @@ class _Search:
         reason += f"{MOST_STEPS} steps at most and the memory there is"
         if math.isfinite(best.error):
             reason += f": the best error reached is {best.error:.2g}"
-        return best.method, self._ended(best.run, "refused", best.error + own, reason)
+        return best.method, self._result(best.run, "refused", best.error + own, reason)
 
     def _first_steps(self, method: AnyMethod) -> int:
         base = nearest_fitting(self.scene, 1)[1]
@@ -213,7 +213,9 @@ class _Search:
             factor = 1 << max(1, min(doublings, int(math.log2(FARTHEST))))
         one.next_steps = 0 if one.stalled > 1 else factor * n_steps
 
-    def _ended(self, run: Trajectory, outcome: Outcome, estimate: float, reason: str) -> Trajectory:
+    def _result(
+        self, run: Trajectory, outcome: Outcome, estimate: float, reason: str
+    ) -> Trajectory:
         found = self.witness.assessment
         assessment = Assessment(
             outcome=outcome,

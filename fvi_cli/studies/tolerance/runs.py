@@ -97,9 +97,9 @@ def knot_mesh(scene: Scene, knots: Sequence[float], per_interval: int) -> Mesh:
     breaks = set(scene.break_points)
     ends = np.array([0.0, *sorted({*knots, *breaks}), scene.final_time])
     # points that round-off alone keeps apart are one
-    apart = np.concatenate([[True], np.diff(ends) > 1e-12 * scene.final_time])
+    is_distinct = np.concatenate([[True], np.diff(ends) > 1e-12 * scene.final_time])
     is_break = np.isin(ends, list(breaks))
-    ends = ends[apart | is_break]
+    ends = ends[is_distinct | is_break]
     ends[-1] = scene.final_time
     lengths = np.diff(ends)
     stretches: list[Stretch] = []

@@ -37,14 +37,14 @@ def _quarter_period(scene: Scene) -> float:
     if potential is None:
         return final_time
     if isinstance(potential, QuadraticPotential):
-        pulls = diagonal(potential.form)
+        stiffness = diagonal(potential.form)
     else:
         with np.errstate(all="ignore"):
-            pulls = np.diagonal(potential.hessian(scene.initial_position))
-    if not np.isfinite(pulls).all():
+            stiffness = np.diagonal(potential.hessian(scene.initial_position))
+    if not np.isfinite(stiffness).all():
         return final_time
     # the Rayleigh quotients of the axes are all that is needed of the slowest mode
-    squares = np.abs(pulls) / diagonal(scene.inertia.form)
+    squares = np.abs(stiffness) / diagonal(scene.inertia.form)
     slowest = float(squares[squares > 0].min(initial=math.inf))
     if not 0 < slowest < math.inf:
         return final_time

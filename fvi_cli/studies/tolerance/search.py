@@ -207,7 +207,7 @@ class _Search:
             one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
             self._note(one)
             if amplitude == 0.0 and self.wanted.relative is not None:
-                return self._ended(
+                return self._result(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
             target = self.target(amplitude)
@@ -215,11 +215,11 @@ class _Search:
                 self.first_step = SHORTER_START * self.scene.final_time
                 continue
             if self.rounding is not None and self._rounded(run) > target:
-                return self._ended_by_rounding(one, target)
+                return self._is_limited_by_rounding(one, target)
             # what round-off makes of runs may agree by accident
             if one.estimate <= (target if still == 0 else BY_ACCIDENT * target):
                 if not run.doubts:
-                    return self._ended(one, "met", "")
+                    return self._result(one, "met", "")
                 if doubted:
                     break
                 doubted = True
@@ -259,7 +259,7 @@ class _Search:
         grown = 0.0 if self.rounding is None else float(self.rounding[1].max()) / SHIFT
         return own * max(amplitude_of(run), grown)
 
-    def _ended_by_rounding(self, one: Round, target: float) -> Trajectory:
+    def _is_limited_by_rounding(self, one: Round, target: float) -> Trajectory:
         times, differences = self.rounding or (one.times, one.differences)
         lengths = ROUNDED * EPSILON / SHIFT * differences
         growth = growth_of(one.run, times, lengths, target)
@@ -270,7 +270,7 @@ class _Search:
             f"a change of the start grows by a factor of {growth.factor:.1e} in the run; "
             f"the error is about {one.estimate:.2g}"
         )
-        return self._ended(one, "unreliable", reason, time=growth.time, place=growth.place)
+        return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
 
     def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
         """Equal steps between samples; None where these do not do."""
@@ -292,11 +292,11 @@ class _Search:
             one = self._compared(coarse, fine, SAMPLED_GAIN, line)
             self._note(one)
             if one.amplitude == 0.0 and self.wanted.relative is not None:
-                return self._ended(
+                return self._result(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
             if one.estimate <= self.target(one.amplitude):
-                return self._ended(one, "met", "")
+                return self._result(one, "met", "")
             if one.estimate > STILL * before:
                 return None
             before = one.estimate
@@ -314,18 +314,18 @@ class _Search:
             raise ValueError("tolerance: no run was made")
         run = one.run
         if run.status != "ok":
-            return self._ended(one, "refused", run.message)
+            return self._result(one, "refused", run.message)
         target = self.target(one.amplitude)
         one = replace(one, at_points=max(one.at_points, self.worst_since))
         if one.estimate <= target and run.doubts:
             time, why = run.doubts[0]
-            return self._ended(one, "unreliable", f"{why} near t = {time:.6g}", time=time)
+            return self._result(one, "unreliable", f"{why} near t = {time:.6g}", time=time)
         if one.estimate <= target:
             reason = (
                 f"the estimate {one.estimate:.2g} does not fall with the steps: it is round-off, "
                 f"too near to {target:.2g}"
             )
-            return self._ended(one, "refused", reason)
+            return self._result(one, "refused", reason)
         growth = growth_of(run, one.times, one.differences, target)
         reached = f"the best error reached is {one.estimate:.2g}, ask for no less"
         if growth.factor > SENSITIVE and float(one.differences.max()) > target:
@@ -335,10 +335,10 @@ class _Search:
                 f"{growth.time:.6g} on, at [{where}]: their difference grows by a factor of "
                 f"{growth.factor:.1e} in the run; {reached}"
             )
-            return self._ended(one, "unreliable", reason, time=growth.time, place=growth.place)
-        return self._ended(one, "refused", f"{target:.2g} is out of reach: {reached}")
+            return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
+        return self._result(one, "refused", f"{target:.2g} is out of reach: {reached}")
 
-    def _ended(
+    def _result(
         self,
         one: Round,
         outcome: Outcome,
