@@ -86,16 +86,16 @@ class MatrixForce(MatrixEffect):
         """Whether the force does anything: its matrix is not zero."""
         return not is_zero(self.form)
 
-
-def scale_and_direction(force: MatrixForce) -> tuple[float, Form]:
-    """The coefficient matrix as a number times a matrix whose largest entry is 1."""
-    kept = entries(force.form)
-    scale = float(kept[np.abs(kept).argmax()])
-    return scale, scaled(force.form, 1.0 / scale)
+    @cached_property
+    def scale_and_direction(self) -> tuple[float, Form]:
+        """The coefficient matrix as a number times a matrix whose largest entry is 1."""
+        kept = entries(self.form)
+        scale = float(kept[np.abs(kept).argmax()])
+        return scale, scaled(self.form, 1.0 / scale)
 
 
 def is_same_direction(a: Form, b: Form) -> bool:
-    """Whether two matrices from `scale_and_direction` are one."""
+    """Whether two matrices from `MatrixForce.scale_and_direction` are one."""
     if a.shape != b.shape or is_sparse(a) != is_sparse(b):
         return False
     if not isinstance(a, np.ndarray):
@@ -111,7 +111,7 @@ def distinct_directions(forces: Sequence[MatrixForce]) -> list[Form]:
     """The matrices of forces without their scales, each once."""
     found: list[Form] = []
     for force in forces:
-        _, direction = scale_and_direction(force)
+        _, direction = force.scale_and_direction
         if not any(is_same_direction(other, direction) for other in found):
             found.append(direction)
     return found

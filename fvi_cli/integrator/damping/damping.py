@@ -136,7 +136,7 @@ class Damping:
         """Whether the tables of all members are the same: they differ in matrices alone."""
         return all(len(one.weights) == len(one.factors) == 1 for one in self.combinations)
 
-    @property
+    @cached_property
     def operations_per_step(self) -> int:
         """Multiply-adds of the memory of a member in a step: force on it, and new states."""
         columns = self._velocity.shape[2] + (1 if self.has_column else 0)

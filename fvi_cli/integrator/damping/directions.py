@@ -10,7 +10,7 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, dense, form, is_sparse, scaled
-from fvi_cli.effects.matrix_force import is_same_direction, scale_and_direction
+from fvi_cli.effects.matrix_force import is_same_direction
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
@@ -47,7 +47,7 @@ def pattern_of(scene: Scene) -> Pattern:
     known: list[tuple[bool, Form, list[int]]] = []
     for place, force in enumerate(scene.active_forces):
         is_relative = caputo and isinstance(force, FractionalDamping) and force.order > 1
-        _, direction = scale_and_direction(force)
+        _, direction = force.scale_and_direction
         for other, matrix, places in known:
             if other == is_relative and is_same_direction(matrix, direction):
                 places.append(place)
@@ -115,7 +115,7 @@ def _matrix(force: DampingForce, reach: Reach | None) -> Form:
 
 
 def _scale(force: DampingForce) -> float:
-    scale, _ = scale_and_direction(force)
+    scale, _ = force.scale_and_direction
     return scale * force.size if isinstance(force, Law) else scale
 
 

@@ -165,8 +165,7 @@ class DenseMotion:
             if steps.jump is not None:
                 at_end = steps.momentum - steps.jump
                 before = scene.velocity(steps.position, at_end, steps.time)
-        slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
-        left, right = np.einsum("sk,nsd->knd", slopes, shape.unknowns)
+        left, right = np.einsum("sk,nsd->knd", _end_slopes(shape.tables.degree), shape.unknowns)
         return mean, velocity[:-1] - left, before[1:] - right
 
     def momentum_and_energy(
@@ -285,6 +284,12 @@ def join_series(series: Sequence[Array]) -> Array:
     for one, begin, end in zip(series, ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         found[: len(one), begin:end] = one
     return found
+
+
+@lru_cache(maxsize=32)
+def _end_slopes(degree: int) -> Array:
+    """From U to velocities at the beginning and the end of a step, ``(s, 2)``."""
+    return lobatto_basis(degree).derivatives([0.0, 1.0])[1:]
 
 
 @lru_cache(maxsize=1)

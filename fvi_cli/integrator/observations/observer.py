@@ -123,7 +123,9 @@ class Observer:
             columns = [np.split(one, edges) for one in every]
         found = []
         for k, run in enumerate(runs):
-            on_mesh = replace(run, remarks=(*run.remarks, *remarks[k]))
+            on_mesh = run
+            if remarks[k]:
+                on_mesh = replace(run, remarks=(*run.remarks, *remarks[k]))
             mesh = motion.steps[k].time
             observed = Observed(
                 mesh=mesh[mesh <= ends[k]],
@@ -132,12 +134,19 @@ class Observer:
                 events=events[k],
                 stopped_by=stopped[k],
             )
-            at_times = replace(on_mesh, observed=observed)
-            if columns:
-                t, x, p, e = (one[k] for one in columns)
-                at_times = replace(
-                    at_times, time=t, position=x, momentum=p, energy=e, diagnostics=None
-                )
+            if not columns:
+                found.append((on_mesh, replace(on_mesh, observed=observed)))
+                continue
+            t, x, p, e = (one[k] for one in columns)
+            at_times = replace(
+                on_mesh,
+                observed=observed,
+                time=t,
+                position=x,
+                momentum=p,
+                energy=e,
+                diagnostics=None,
+            )
             found.append((on_mesh, at_times))
         return found
 

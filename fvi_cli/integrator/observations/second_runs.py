@@ -100,7 +100,9 @@ def _second_runs(
 ) -> list[tuple[RunSteps | None, str]]:
     """For every run that by another method on the same mesh, or why there is none."""
     shorter = [
-        replace(scene, final_time=float(one.time[-1]))
+        scene
+        if scene.final_time == one.time[-1]
+        else replace(scene, final_time=float(one.time[-1]))
         for scene, one in zip(scenes, steps, strict=True)
     ]
     found: dict[int, tuple[RunSteps | None, str]] = {}
