@@ -206,7 +206,8 @@ class Engine:
         q = state.x.shape[0]
         damping = self.damping
         past = np.zeros((q, 0, e))
-        if damping is not None and frame.damping is not None:
+        # dampers of order 1 have no states, and no past; tables of blocks have a place for it
+        if damping is not None and frame.damping is not None and (self.n_states or count > 1):
             past = damping.past(frame.damping, state.z, state.column, count)
         if is_linear and self.is_batch and 1 < count == frame.count:
             return self._linear(op, state, past, loads, damping)
@@ -239,7 +240,8 @@ class Engine:
                 if count < frame.count:
                     kicks = kicks[:, :count, : inputs.shape[1]]
                 change -= along(np.matmul(kicks, inputs), one.matrix)
-            z = damping.push(frame.damping, state.z, inputs, count)
+            if self.n_states:
+                z = damping.push(frame.damping, state.z, inputs, count)
         moved = h * _sums(u[:, :, -1])
         if solution is None:
             change -= self._pulled(op, state, u, moved)
@@ -362,16 +364,16 @@ class Engine:
 
     def scene_positions(self, x: Array) -> Array:
         """Positions or velocities of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
-        if self.modes is None:
+        if self.modes is None or self.width == 1:
             return x
         k = self.width
         return np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)])
 
     def to_scene(self, x: Array, p: Array) -> tuple[Array, Array]:
         """Positions and momenta of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
-        if self.modes is None:
+        if self.modes is None or self.width == 1:
             return x, p
-        k = self.modes[0].batch
+        k = self.width
         return (
             np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
             np.array([m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]),

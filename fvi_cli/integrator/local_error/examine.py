@@ -64,7 +64,7 @@ class Examiner:
         rates = self._tail @ unknowns
         if self._stiff is not None:
             rates = self._stiff.resolved(rates, size)
-        before, last = np.abs(rates).max(axis=1).tolist()
+        before, last = np.maximum.reduce(np.abs(rates), axis=1).tolist()
         if not math.isfinite(before + last):
             return math.inf
         return float(size * last * min(1.0, last / (before + 1e-300)))

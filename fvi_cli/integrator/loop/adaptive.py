@@ -28,6 +28,7 @@ MOST_SHORTEST = 256.0
 INFINITE = "the force may be infinite"
 TOO_LONG = "no step is short enough for the local error"
 UNKEPT = "the local error cannot be kept"
+UNEXAMINED = Finding(error=math.inf)
 
 
 def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepController:
@@ -109,7 +110,7 @@ class AdaptiveSource:
         controller, h = self.controller, steps.h
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
-        scale, finding = _largest(position), Finding(error=math.inf)
+        scale, finding = _largest(position), UNEXAMINED
         if steps.has_failed:
             self._error = why_unsolved(steps, state)
         elif (outside := self._outside(position, unknowns, h)) is not None:
@@ -169,5 +170,5 @@ class AdaptiveSource:
 
 def _largest(values: Array) -> float:
     """Largest absolute value; zero if it is not finite."""
-    found = float(np.abs(values).max())
+    found = float(np.maximum.reduce(np.abs(values), axis=None))
     return found if math.isfinite(found) else 0.0
