@@ -11,7 +11,7 @@ command             call
 ``fvi show``        :func:`contents`, :func:`configuration`; every run: :func:`recall`
 ``fvi convergence`` :func:`order_tables` of what :func:`run` or :func:`recall` gives
 ``fvi plot``        :func:`figures` of the same
-``fvi quantities``  ``trajectory.observed`` of the same
+``fvi quantities``  :func:`quantities` of the same; every run: ``trajectory.observed``
 ``fvi stability``   :func:`stability`
 ``fvi modes``       :func:`modes`
 ``fvi response``    :func:`response`

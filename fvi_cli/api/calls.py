@@ -14,6 +14,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import Request, allowing_unstable, gather, ranges
 
 if TYPE_CHECKING:
+    from fvi_cli.effects.scene import Scene
     from fvi_cli.runner.outcome import Outcome
     from fvi_cli.runner.plan import PlannedRun
     from fvi_cli.storage import StoredConfiguration, StoredFile
@@ -369,6 +370,13 @@ def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
     from fvi_cli.storage.export import export_file
 
     return export_file(Path(path), form, Path(directory))
+
+
+def sandwich_beam(**keys: Any) -> Scene:
+    """Scene of a clamped beam with a viscoelastic core, by the keys of ``kind: sandwich-beam``."""
+    from fvi_cli.scenes.registry import build_scene
+
+    return build_scene({"kind": "sandwich-beam", **keys})
 
 
 def _request(

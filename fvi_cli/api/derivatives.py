@@ -80,8 +80,8 @@ def gradient(
     parameters
         Of a scene the names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
-        ``potential.<parameter>``, ``laws.0.order`` and the like; None: all of them. Of a function
-        its arguments with their values.
+        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``laws.0.order`` and the like; None:
+        all of them. Of a function its arguments with their values.
 
     Raises
     ------
@@ -107,8 +107,8 @@ def gradient(
 
         def resolve_names(index: int, number: float) -> Observations:
             potential = _scene(subject).potential
-            known = getattr(potential, "parameters", {})
-            own = changes[index].name.removeprefix("potential.") if index >= 0 else ""
+            known = getattr(_scene(subject).lagrangian or potential, "parameters", {})
+            own = changes[index].name.partition(".")[2] if index >= 0 else ""
             return _names(subject, {**known, own: number} if own in known else known)
 
     else:

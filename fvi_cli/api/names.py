@@ -16,6 +16,7 @@ from fvi_cli.api.calls import (
     recall,
     response,
     run,
+    sandwich_beam,
     stability,
 )
 from fvi_cli.api.derivatives import Gradient, gradient
@@ -35,7 +36,7 @@ from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
-from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry
@@ -55,15 +56,18 @@ from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_m
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
-from fvi_cli.render.results import as_text, compare, figures, order_tables, write
+from fvi_cli.render.results import as_text, compare, figures, order_tables, quantities, write
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.parts.merge import merge_files
 from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.runner.scenes import integrate, integrate_members, integrate_part, predict_stability
-from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.chains import chain, frame, string
+from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing, kepler
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.structures.structure import structure
 from fvi_cli.storage import StoredConfiguration, StoredFile
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -75,6 +79,10 @@ from fvi_cli.studies.study import study
 from fvi_cli.studies.tolerance.search import solve
 from fvi_cli.studies.vibration.modes import Mode, ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
+
+# kinds under their own names
+bagley_torvik = damped_oscillator = linear_oscillator
+lagrangian = lagrangian_scene
 
 __all__ = [
     "AdaptiveSteps",
@@ -104,6 +112,7 @@ __all__ = [
     "OrderTable",
     "Outcome",
     "PlannedRun",
+    "Potential",
     "Problem",
     "QuadraticPotential",
     "Quantity",
@@ -121,17 +130,23 @@ __all__ = [
     "Trajectory",
     "acceleration_at",
     "as_text",
+    "bagley_torvik",
     "build_problem",
+    "chain",
     "compare",
     "configuration",
     "contents",
     "cost",
+    "damped_oscillator",
+    "double_pendulum",
+    "duffing",
     "export",
     "figures",
     "fit",
     "forget",
     "fractional_maxwell",
     "fractional_zener",
+    "frame",
     "graded_mesh",
     "gradient",
     "hard_cases",
@@ -139,6 +154,8 @@ __all__ = [
     "integrate_members",
     "integrate_part",
     "json_schema",
+    "kepler",
+    "lagrangian",
     "lagrangian_scene",
     "linear_oscillator",
     "load",
@@ -154,16 +171,20 @@ __all__ = [
     "position_at",
     "predict_stability",
     "prony",
+    "quantities",
     "quantity_at",
     "recall",
     "response",
     "run",
+    "sandwich_beam",
     "shipped_configurations",
     "shipped_titles",
     "smoothed_peak",
     "solve",
     "stability",
     "starter_config",
+    "string",
+    "structure",
     "study",
     "tempered",
     "uniform_mesh",

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
+from fvi_cli.config.keys.experiment import FIGURES
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.nodes import node_of
+from fvi_cli.keys.settings import RaisingComplaints
 from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.figure_settings import EXTENTS, FigureSettings
 from fvi_cli.studies.members import Member
 
@@ -47,6 +52,20 @@ def check_figures(
             _check_word(one.of_, known, "a coordinate or velocity", here.under("of"), "")
         if one.after >= problem.final_time:
             here.refuse(f"not before final_time = {problem.final_time:g}", "after")
+
+
+def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | FigureSettings:
+    """The figure of an experiment that a word or a mapping means.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such figure.
+    """
+    at = Cursor(node=node_of([given]), complaints=RaisingComplaints())
+    figures: tuple[str | FigureSettings, ...] = FIGURES.build(FIGURES.read(at))
+    check_figures(figures, experiment.problem, experiment.observations, experiment.members, at)
+    return figures[0]
 
 
 _EVENTS = "; events are asked for by events: {turn: {when: vx, direction: falling}}"

@@ -86,7 +86,9 @@ class Setting(Built):
         if unknown := [name for name in given if name not in names]:
             raise TypeError(f"{type(self).__name__} has no {unknown[0]}")
         values = {names[name]: as_plain(one) for name, one in given.items() if one is not None}
-        read = record_of(type(self)).read(Cursor(node=node_of(values), complaints=_Raising()))
+        read = record_of(type(self)).read(
+            Cursor(node=node_of(values), complaints=RaisingComplaints())
+        )
         self._fill(read)
 
     @classmethod
@@ -157,8 +159,11 @@ class PlainSetting(Setting):
         return as_plain(self)
 
 
-class _Raising(Complaints):
+class RaisingComplaints(Complaints):
+    """Raises the first complaint as an ArgumentError."""
+
     def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:
+        """Raise it."""
         raise ArgumentError(".".join(map(str, path)), message)
 
 

@@ -357,6 +357,20 @@ def observed_report(outcomes: Sequence[Outcome], name: str) -> Report:
     return quantities_report(name, finished)
 
 
+def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None) -> Report:
+    """Quantities and events of all runs, and designs side by side, as ``fvi quantities`` has them.
+
+    The rows stand in its sheets; :func:`as_text` shows it, :func:`write` makes files of it.
+
+    Raises
+    ------
+    RequestError
+        Where none are asked for, or a name is needed.
+    """
+    listed = [outcomes] if isinstance(outcomes, Outcome) else list(outcomes)
+    return observed_report(listed, name or _only_name(listed))
+
+
 def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:
     """Experiments with their finished runs."""
     return [(outcome.experiment, outcome.finished) for outcome in outcomes]

@@ -7,12 +7,20 @@ import html
 import io
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from fvi_cli.errors import RequestError
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.reports.kinds.members import member_columns
 from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.figure_settings import EXTENTS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DOTS_PER_INCH = 80
 _NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
@@ -57,6 +65,76 @@ class Outcome:
             picture = base64.b64encode(file.getvalue()).decode()
             return f'<img src="data:image/png;base64,{picture}">'
         return ""
+
+    def plot(self, figure: str | Mapping[str, Any] | None = None) -> Figure:
+        """Draw one figure.
+
+        Parameters
+        ----------
+        figure
+            As an entry of ``figures``: a word such as ``trajectory``, or a mapping such as
+            ``{"plot": "peak_drift", "against": "problem.stiffness"}``. Default: the first figure
+            that the experiment asks for.
+
+        Raises
+        ------
+        RequestError
+            If there is nothing to draw, with the reason.
+        ValueError
+            For a figure that does not exist.
+        """
+        from fvi_cli.config.figures import one_figure
+        from fvi_cli.plotting import figures_for, left_out
+
+        experiment = self.experiment
+        if figure is not None:
+            experiment = replace(experiment, figures=(one_figure(figure, experiment),))
+        study = (experiment, self.finished)
+        for drawn in figures_for([study]).values():
+            return drawn
+        raise RequestError(*(left_out([study]) or [f"{experiment.name}: nothing to draw"]))
+
+    def to_dataframe(self, what: Literal["runs", "motions"] = "runs") -> Any:
+        """A pandas DataFrame.
+
+        ``runs``: a line for every run, with columns for the design and every swept key, error and
+        status, extents of quantities (``peak_drift``, ``rms_drift``, ...) and numbers of events.
+        ``motions``: the points of all runs, those columns as levels of the index beside the time.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        import pandas
+
+        runs = [self._row(one) for one in self.finished]
+        if what == "runs":
+            return pandas.DataFrame([{**key, **found} for key, found in runs])
+        frames = [one.trajectory.to_dataframe() for one in self.finished]
+        keys = [key for key, _ in runs]
+        names = list(keys[0]) if keys else []
+        return pandas.concat(
+            frames, keys=[tuple(key.values()) for key in keys], names=[*names, "time"]
+        )
+
+    def _row(self, one: FinishedRun) -> tuple[dict[str, Any], dict[str, Any]]:
+        """What tells a run from the others, and what was found of it."""
+        columns = member_columns(self.experiment.members, lambda finished: finished.run.member)
+        key = {column.name: column.of(one) for column in columns}
+        key |= {"method": one.run.method.label, "case": one.run.method.case}
+        key["n_steps"] = one.run.n_steps
+        found: dict[str, Any] = {
+            "step_size": one.run.step_size,
+            "error": one.error,
+            "status": one.status,
+        }
+        observed = one.trajectory.observed
+        if observed is not None:
+            for name, extent in observed.extents.items():
+                found |= {f"{which}_{name}": getattr(extent, which) for which in EXTENTS}
+            found |= {f"count_{name}": seen.time.size for name, seen in observed.events.items()}
+        return key, found
 
     def _by_method(self) -> list[tuple[str, str, str]]:
         """Case, numbers of runs by status, and the least error of every method."""

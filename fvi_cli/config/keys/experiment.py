@@ -51,7 +51,7 @@ class _FigureWord(Choice):
 _FIGURE: Final = ByForm(
     single=_FigureWord(words=FIGURE_KINDS), mappings=(record_of(FigureSettings),)
 )
-_FIGURES: Final = ListOf(shape=_FIGURE, least=0, example="[convergence]")
+FIGURES: Final = ListOf(shape=_FIGURE, least=0, example="[convergence]")
 _REFUSED: Final = {
     "methods": "not a key: write method",
     "steps": "not a key: write ladder: {steps: [16, 32, 64]}",
@@ -114,7 +114,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
     claims: Annotated[Mapping[str, float], Named(shape=Number(), names=_CASES)] = key(
         "Orders that the source states, to compare with the measured ones.", default={}
     )
-    figures: Annotated[tuple[str | FigureSettings, ...], _FIGURES] = key(
+    figures: Annotated[tuple[str | FigureSettings, ...], FIGURES] = key(
         "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
         "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
         "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "

@@ -22,8 +22,9 @@ class Entry:
     """A number, vector or symmetric matrix of a scene."""
 
     # what it is called: mass, stiffness, initial_position, initial_velocity, damping.<index>.order
-    # and .coefficient, potential.<parameter>, laws.<index>.size, .coefficient and the numbers of
-    # its kernel: .order and .time or .rate, or .rates and .weights of a Prony series
+    # and .coefficient, potential.<parameter>, lagrangian.<parameter>, laws.<index>.size,
+    # .coefficient and the numbers of its kernel: .order and .time or .rate, or .rates and .weights
+    # of a Prony series
     name: str
     value: Array  # its value, shape (), (d,) or (d, d)
     family: Callable[[Array], Scene]  # the scene for another value
@@ -54,7 +55,7 @@ class Entry:
 
 
 def entries_of(scene: Scene) -> dict[str, Entry]:
-    """All numbers of a scene by name; a general Lagrangian's own ones are not among them."""
+    """All numbers of a scene by name."""
     found: dict[str, Entry] = {}
 
     def add(name: str, value: object, changes: Callable[[Array], dict[str, Any]]) -> None:
@@ -67,6 +68,9 @@ def entries_of(scene: Scene) -> dict[str, Entry]:
     if isinstance(potential, QuadraticPotential):
         stiffness = potential.stiffness
         add("stiffness", stiffness, lambda v: {"potential": QuadraticPotential(stiffness=v)})
+    if scene.lagrangian is not None:
+        for name, own in scene.lagrangian.parameters.items():
+            add(f"lagrangian.{name}", own, partial(_of_lagrangian, scene, name))
     if isinstance(potential, ExpressionPotential):
         for name, number in potential.parameters.items():
             add(f"potential.{name}", number, partial(_parameter, potential, name))
@@ -100,6 +104,15 @@ def _field(name: str, value: Array) -> dict[str, Any]:
 def _parameter(potential: ExpressionPotential, name: str, value: Array) -> dict[str, Any]:
     parameters = {**potential.parameters, name: float(value)}
     return {"potential": replace(potential, parameters=parameters)}
+
+
+def _of_lagrangian(scene: Scene, name: str, value: Array) -> dict[str, Any]:
+    own = scene.lagrangian
+    if own is None:
+        return {}
+    changed = replace(own, parameters={**own.parameters, name: float(value)})
+    start = changed.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
+    return {"lagrangian": changed, "inertia": Inertia(mass=start.mass)}
 
 
 def _exchanged(

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, cast
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, added, entries, is_definite, scaled, sparse_unit
+from fvi_cli.effects.matrices import (
+    Form,
+    SparseMatrix,
+    added,
+    entries,
+    is_definite,
+    is_sparse,
+    scaled,
+    sparse_unit,
+)
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.scalars import Text
@@ -137,6 +146,8 @@ def matrix_of(value: object, dimension: int, *, sparse: bool = False) -> Form:
     from_file = file_form(value)
     if from_file is not None:
         return from_file
+    if is_sparse(value):
+        return cast("SparseMatrix", value)
     matrix = np.asarray(value, dtype=float)
     if matrix.ndim:
         return matrix

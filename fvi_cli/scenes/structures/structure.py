@@ -63,8 +63,10 @@ def structure(
     ValueError
         ``key: what is wrong``.
     """
-    size = int(np.size(data["initial_position"]))
-    sparse = any(is_sparse(matrix_of(one, 1)) for one in (mass, stiffness))
+    found = [matrix_of(one, 1) for one in (mass, stiffness)]
+    given = np.size(data.get("initial_position", 0.0))
+    size = max(int(given), *(one.shape[0] for one in found))
+    sparse = any(map(is_sparse, found))
     m = matrix_of(mass, size, sparse=sparse)
     k = matrix_of(stiffness, size, sparse=sparse)
     damping = list(data.get("damping", ()))
