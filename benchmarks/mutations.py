@@ -2,16 +2,20 @@
 
 Places are drawn by a seed, as many of every room. Each change is made in a copy of the tree, where
 the tests that stand nearest to the place are executed until one fails: those that import the
-module, then those of its room, then those that import whatever imports it.
+module, then those of its room, then those that import whatever imports it. Where a file
+``.coverage`` says which tests execute the line (``pytest --cov=fvi_cli --cov-context=test``), those
+that no file is near to are tried as well.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
 import os
 import random
 import shutil
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -206,6 +210,8 @@ def near(mutation: Mutation) -> list[Path]:
             return 2
         if room and (room == folder or room.startswith(f"{folder}/")):
             return 3
+        if path.stem in ("test_sessions", "test_every_route"):
+            return 3
         if "test_cli" in path.stem or "test_api" in path.stem:
             return 4
         return 9
@@ -214,12 +220,31 @@ def near(mutation: Mutation) -> list[Path]:
     return [path for away, _, path in near_by if away < 9][:MOST_FILES]
 
 
-def judge(mutation: Mutation, copy: Path) -> Verdict:
+def executing(mutation: Mutation, contexts: Path) -> list[str]:
+    """Tests that execute a line, at most one of a file and :data:`MOST_FILES` of them."""
+    asked = (
+        "select context.context, line_bits.numbits from line_bits, file, context "
+        "where file.id = line_bits.file_id and context.id = line_bits.context_id "
+        "and file.path like ? order by context.context"
+    )
+    found: dict[str, str] = {}
+    with contextlib.closing(sqlite3.connect(contexts)) as data:
+        for name, bits in data.execute(asked, (f"%/{mutation.path}",)):
+            byte, bit = divmod(mutation.line, 8)
+            test = name.partition("|")[0]
+            if test and byte < len(bits) and bits[byte] >> bit & 1:
+                found.setdefault(test.partition("::")[0], test)
+    return [test for file, test in found.items() if (ROOT / file).exists()][:MOST_FILES]
+
+
+def judge(mutation: Mutation, copy: Path, contexts: Path) -> Verdict:
     """Make the change in a copy of the tree, execute the tests near it, and take it back."""
     path = copy / mutation.path
     text = path.read_text(encoding="utf-8")
     changed = text[: mutation.begin] + mutation.new + text[mutation.end :]
     files = [one.relative_to(ROOT).as_posix() for one in near(mutation)]
+    further = executing(mutation, contexts) if contexts.exists() else []
+    files += [test for test in further if test.partition("::")[0] not in files]
     path.write_text(changed, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-rfE"]
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
@@ -250,6 +275,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mutations", description=__doc__)
     parser.add_argument("--count", type=int, default=60, metavar="N", help="changes (default 60)")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the places")
+    parser.add_argument("--contexts", type=Path, default=Path(".coverage"), metavar="FILE")
     parser.add_argument("--list", action="store_true", help="print the places and execute nothing")
     asked = parser.parse_args()
     rows = []
@@ -266,7 +292,7 @@ def main() -> int:
             if asked.list:
                 print(f"{place}: {change}")
                 continue
-            verdict = judge(mutation, copy)
+            verdict = judge(mutation, copy, asked.contexts)
             missed += not verdict.seen_by
             seen_by = verdict.seen_by or f"NOT SEEN by {verdict.n_files} files"
             print(f"{place}: {change}: {seen_by}", flush=True)

@@ -190,6 +190,12 @@ def test_convergence_draws_every_error_of_every_method():
     assert legend.get_title().get_text() == wanted
 
 
+@pytest.mark.parametrize("studies", [[], [(experiment(), [])]])
+def test_without_runs_there_is_nothing_to_draw(studies):
+    with pytest.raises(ValueError, match="none were given"):
+        plotting.convergence_figure(studies)
+
+
 def test_what_methods_have_in_common_is_said_of_those_alone():
     plain, gauss = NODES[1], Method(cq="gauss", degree=3)
     own = "degree 1, 1 Gauss point, damping sampled at the nodes"

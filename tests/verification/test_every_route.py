@@ -209,6 +209,8 @@ def check_parts(case: Case) -> None:
                 break
             checkpoint = Checkpoint.from_bytes(part.checkpoint.to_bytes())
     assert usual.status == parts[-1].status
+    works = [part.history_operations for part in parts]
+    assert sum(works) == pytest.approx(usual.history_operations, rel=1e-12)
     for name in FIELDS[: 1 if case.has_smoothed_momenta else 3]:
         joined = np.concatenate([getattr(part, name) for part in parts])[: usual.time.size]
         if case.kind == "modes":

@@ -8,10 +8,12 @@ from letters import in_pieces, spring, swing
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.kinks import first_crossing, root_between
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
@@ -121,3 +123,10 @@ def test_first_crossing():
 def test_roots():
     assert root_between(lambda x: x**3 - 0.3, 0.0, 1.0) == pytest.approx(0.3 ** (1 / 3), rel=1e-14)
     assert root_between(lambda x: math.copysign(1.0, x - 0.7), 0.0, 1.0) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("state", [(0.0, -1), (0.3, 0), (2.5, 7)])
+def test_an_examination_goes_on_behind_a_checkpoint(state):
+    examiner = Examiner(spring((0.5, 0.1), T=1.0, x=1.0), step_tables(Method(cq="gauss", degree=4)))
+    examiner.restore(*state)
+    assert examiner.state == state
