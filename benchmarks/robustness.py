@@ -12,6 +12,7 @@ import importlib
 import math
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -88,12 +89,13 @@ class Attack:
 
 
 RUN = ("run", "quick.yaml", "-q")
+SAYING = ("run", "quick.yaml", "-v")
 MERGED = ("results/quick.shard-1-of-2.h5", "results/quick.shard-2-of-2.h5")
 CLUSTER = "--dask={address}"
 ATTACKS = (
-    Attack(name="run", config=LADDER, killed=RUN),
+    Attack(name="run", config=LADDER, killed=SAYING),
     Attack(name="sweep", config=SWEEP, killed=RUN),
-    Attack(name="two workers", config=SWEEP, killed=(*RUN, "--workers", "2")),
+    Attack(name="two workers", config=SWEEP, killed=(*SAYING, "--workers", "2")),
     Attack(name="cluster", config=SWEEP, killed=(*RUN, CLUSTER)),
     Attack(name="run with checkpoints", config=LONG, killed=(*RUN, "--checkpoint-every", "0")),
     Attack(name="consolidation", config=LADDER, killed=RUN, late=0.85),
@@ -324,7 +326,7 @@ def _fresh(folder: Path, config: str) -> Path:
     return own
 
 
-def try_kills(folder: Path, attack: Attack, times: int, address: str, seed: int) -> Tally:
+def try_kills(folder: Path, attack: Attack, times: int, address: str, seed: int | str) -> Tally:
     """Kill a command at random moments and repeat it: nothing is lost, torn or left over."""
     tally = Tally(name=f"kill: {attack.name}")
     chance = random.Random(f"{attack.name} {seed}")  # noqa: S311
@@ -350,6 +352,7 @@ def try_kills(folder: Path, attack: Attack, times: int, address: str, seed: int)
             os.kill(process, signal.SIGKILL)
         interrupted += end(process) == -signal.SIGKILL
         tally.count += 1
+        finished = len(re.findall(r"^quick \S+ N=\d+.*: \w+, error", said(own), re.MULTILINE))
         try:
             between = stored(own)
             done(own, killed)
@@ -358,6 +361,8 @@ def try_kills(folder: Path, attack: Attack, times: int, address: str, seed: int)
             tally.wrong.append(str(error))
             continue
         kept += len(between - before)
+        if finished > len(between):
+            tally.wrong.append(f"{finished} runs were said to be finished, {len(between)} are kept")
         if not before <= between <= after:
             tally.wrong.append("runs that were stored are lost")
         if (files_of(own), after) != expected:
@@ -367,7 +372,7 @@ def try_kills(folder: Path, attack: Attack, times: int, address: str, seed: int)
     return tally
 
 
-def try_interrupts(folder: Path, times: int, seed: int) -> Tally:
+def try_interrupts(folder: Path, times: int, seed: int | str) -> Tally:
     """Interrupt ``run --fresh`` where all runs are stored: none is lost."""
     tally = Tally(name="Ctrl-C in `run --fresh`")
     chance = random.Random(seed)  # noqa: S311

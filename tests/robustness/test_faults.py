@@ -26,8 +26,9 @@ from commands import (
     fvi,
     started,
 )
-from spread import spread
+from spread import SEED, spread
 
+from benchmarks.robustness import ATTACKS
 from fvi_cli.cli import app as app_module
 from fvi_cli.config import load_config
 from fvi_cli.planning.plan import plan_run
@@ -50,71 +51,50 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def told_runs(lines):
-    """Runs that a command with ``-v`` has told to be finished."""
-    return set(re.findall(r"^quick (\S+ N=\d+): \w+, error", "".join(lines), re.MULTILINE))
-
-
 # --- death ----------------------------------------------------------------------------------------
 
 
-def kill_and_resume(folder, chance, *options):
-    """Kill a command at a random moment; what it had told is stored, and the rest is computed."""
-    stored = folder / "results" / "quick.h5"
-    process = started(folder, "run", "quick.yaml", "-v", *options)
-    lines = []
-    with process:
-        moment = chance.randrange(N_RUNS + 2)
-        for line in process.stderr:
-            lines.append(line)
-            if len(lines) > moment:
-                break
-        time.sleep(chance.uniform(0, 0.03))
-        process.kill()
-        lines += process.stderr.readlines()
-    assert process.returncode in (0, -signal.SIGKILL)
-    # a process that is just being started misses its parent before it has read a line of ours
-    tracebacks = "".join(lines).split("Traceback")[1:]
-    assert all("forkserver" in one and "EOFError" in one for one in tracebacks), tracebacks
-    assert not tracebacks or options
-    found = complete_runs(stored)
-    told = told_runs(lines)
-    assert told <= found
-    resumed = here("run", "quick.yaml", code=0)
-    assert f"quick: {N_RUNS} runs, {len(found)} of them stored" in resumed.stderr
-    assert len(complete_runs(stored)) == N_RUNS
-    assert sorted(p.name for p in stored.parent.iterdir()) == [".quick.h5.lock", "quick.h5"]
-    return len(found), resumed.stdout
+ATTACK = """
+import sys
+from pathlib import Path
+from benchmarks.robustness import ATTACKS, preload, try_interrupts, try_kills
+
+if __name__ == "__main__":
+    folder, name, times, seed = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), sys.argv[4]
+    preload()
+    if name == "interrupts":
+        tally = try_interrupts(folder, times, seed)
+    else:
+        (attack,) = (one for one in ATTACKS if one.name == name)
+        tally = try_kills(folder, attack, times, "", seed)
+    print(tally.count, *tally.wrong, sep="\\n")
+"""
+"""Commands are forked from a process that has imported what they need, and is no test."""
+KILLS = ["interrupts", *(one.name for one in ATTACKS if one.name != "cluster")]
+TODAY = random.Random(os.environ[SEED]).sample(KILLS, 2)
 
 
-def kill_many_times(folder, times, *options):
-    expected = here("run", "quick.yaml", "--output", "undisturbed").stdout.splitlines()[:-1]
-    chance = random.Random(times)
-    survived = []
-    for _ in range(times):
-        count, table = kill_and_resume(folder, chance, *options)
-        assert table.splitlines()[:-1] == expected
-        survived.append(count)
-        (folder / "results" / "quick.h5").unlink()
-    return survived
-
-
-def test_killed_at_random_moments_nothing_that_was_finished_is_lost(folder):
-    survived = kill_many_times(folder, 4)
-    # the moments differ: not always everything, not always nothing
-    assert len(set(survived)) > 1
-
-
-def test_killed_with_processes_of_its_own_nothing_that_was_finished_is_lost(folder):
-    kill_many_times(folder, 2, "--workers", "2")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("options", [(), ("--workers", "2")])
-def test_killed_fifty_times(folder, options):
-    survived = kill_many_times(folder, 50, *options)
-    assert len(set(survived)) > 10
-    assert 0 < min(n for n in survived if n) < max(survived)
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        *((name, 3) for name in TODAY),
+        *(pytest.param(name, 30, marks=pytest.mark.slow) for name in KILLS),
+    ],
+)
+def test_killed_or_interrupted_at_random_moments_nothing_that_was_finished_is_lost(
+    folder, name, times
+):
+    (folder / "attack.py").write_text(ATTACK)
+    done = subprocess.run(
+        [sys.executable, "attack.py", ".", name, str(times), os.environ[SEED]],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n") == [str(times), ""]
 
 
 @spread(number=[signal.SIGINT, signal.SIGTERM], options=[(), ("--workers", "2")])
