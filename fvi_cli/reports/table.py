@@ -59,6 +59,8 @@ class Column:
         What stands for None in the CSV form.
     is_extra
         Whether it stands in the JSON form only.
+    follows
+        Whether a stored value must be what the stored rows give (:attr:`Report.remake`).
     get
         How its value is got from what a row is about: a function, or a path of attributes; default
         the attribute of its name.
@@ -71,6 +73,7 @@ class Column:
     compared: Within | None = SAME_NUMBER
     missing: str = ""
     is_extra: bool = False
+    follows: bool = False
     get: str | Callable[[Any], Any] = ""
 
     def of(self, item: object) -> Any:

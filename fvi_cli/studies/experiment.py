@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
@@ -281,3 +281,17 @@ class FinishedRun:
     def __repr__(self) -> str:
         """The run in one line, with its error."""
         return f"<FinishedRun {self.run.title}: {self.status}, error {self.error:.3g}>"
+
+
+def finest_of_members(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """Of every member the run on the finest grid by the first method."""
+    found: dict[int, FinishedRun] = {}
+    first: dict[int, str] = {}
+    for one in finished:
+        number = -1 if one.run.member is None else one.run.member.number
+        # a search for a tolerance may choose another method for every member
+        case = first.setdefault(number if one.run.is_search else -1, one.run.method.case)
+        best = found.get(number)
+        if one.run.method.case == case and (best is None or one.run.n_steps > best.run.n_steps):
+            found[number] = one
+    return [found[number] for number in sorted(found)]

@@ -17,10 +17,9 @@ from fvi_cli.plotting.motions.time_series import observed_of
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import coordinates_of, typeset_name, with_unit
-from fvi_cli.reports.kinds.designs import finest_of_members
 from fvi_cli.reports.kinds.members import DESIGN
 from fvi_cli.reports.naming import key_in_words
-from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member, value_in_words
 

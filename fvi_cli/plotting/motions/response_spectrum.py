@@ -10,12 +10,11 @@ from matplotlib.figure import Figure
 
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.plotting.curves import Curve, Panel
-from fvi_cli.plotting.motions.time_series import finest_runs
 from fvi_cli.plotting.panels import over_time
 from fvi_cli.plotting.words import with_unit
 from fvi_cli.reports.naming import key_in_words
 from fvi_cli.scenes.registry import build_scene
-from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.members import Member, value_in_words
 
 OF_PERIOD = ("problem.mass", "problem.stiffness")
@@ -35,7 +34,7 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
     """
     others = [key for key in experiment.swept if key not in OF_PERIOD]
     lines: dict[str, list[tuple[float, float]]] = {}
-    for one in finest_runs(finished):
+    for one in finest_of_members(finished):
         if (member := one.run.member) is not None:
             label = ", ".join(value_in_words(member.values[key]) for key in others)
             largest = float(np.abs(one.trajectory.position).max())

@@ -13,7 +13,6 @@ from fvi_cli.plotting.looks import Look, method_looks
 from fvi_cli.plotting.motions.paths import position_label
 from fvi_cli.plotting.motions.time_series import (
     MOST_COMPONENTS,
-    finest_runs,
     observed_of,
     select_runs,
 )
@@ -27,7 +26,7 @@ from fvi_cli.plotting.words import (
     typeset_name,
     with_unit,
 )
-from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 
 MANY = 200
 """Points from which on they are drawn as dots."""
@@ -61,7 +60,7 @@ def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]
     position below in the colours of a bar. Of several methods the first is shown, on the finest
     grid.
     """
-    having = finest_runs([item for item in finished if has_events(item)])
+    having = finest_of_members([item for item in finished if has_events(item)])
     found = [
         (item.run.member, event, one)
         for item in having

@@ -25,7 +25,7 @@ from fvi_cli.plotting.words import (
     with_unit,
 )
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.study import reference_of
 
 _FINE_POINTS = 2001
@@ -190,23 +190,25 @@ def _balance(
 
 
 def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the first coordinate of the members over time on the finest grid, a panel a method."""
-    moving = _finest(finished)
-    names = method_looks([one.run.method for one in moving])
-    label = _position_label(experiment, coordinates_of(experiment)[0])
+    """Draw the first coordinate of members over time, a panel a method, each on its finest grid.
+
+    Runs for a tolerance, which have a method and a grid of their own, share a panel.
+    """
+    moving = [one for one in finished if one.trajectory.time.size > 1]
+    looks = method_looks([one.run.method for one in moving])
+    names = {"": ""} if experiment.accuracy else {case: one.label for case, one in looks.items()}
     panels = [
         Panel(
-            title=names[case].label if len(names) > 1 else "",
-            y=label,
+            title=label if len(names) > 1 else "",
+            y=_position_label(experiment, coordinates_of(experiment)[0]),
             is_ensemble=True,
             height=2.0 if len(names) == 1 else 1.7,
             curves=[
                 member_curve(one, one.trajectory.time, one.trajectory.position[:, 0])
-                for one in moving
-                if one.run.method.case == case
+                for one in finest_of_members([o for o in moving if case in ("", o.run.method.case)])
             ],
         )
-        for case in names
+        for case, label in names.items()
     ]
     return _figure(experiment, (), panels, is_sweep=True, columns=min(2, len(panels)))
 
@@ -216,7 +218,7 @@ def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedR
 
     Of several methods the first is shown; lines that a member has for itself have their peaks.
     """
-    own = finest_runs(_finest([one for one in finished if has_quantities(one)]))
+    own = finest_of_members([one for one in finished if has_quantities(one)])
     names = list(observed_of(own[0]).quantities)
     panels = []
     for name in names[:MOST_PANELS]:
@@ -367,20 +369,6 @@ def most_accurate(shown: Sequence[FinishedRun]) -> FinishedRun:
     """The run with the smallest error; the last one where none has an error."""
     measured = [item for item in shown if np.isfinite(item.error)]
     return min(measured, key=lambda item: item.error) if measured else shown[-1]
-
-
-def _finest(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
-    """Runs that got beyond their start, on the finest grid."""
-    moving = [one for one in finished if one.trajectory.time.size > 1]
-    finest = max((one.run.n_steps for one in moving), default=0)
-    return [one for one in moving if one.run.n_steps == finest]
-
-
-def finest_runs(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
-    """The runs of the first method on the finest grid."""
-    most = max((one.run.n_steps for one in finished), default=0)
-    first = finished[0].run.method if finished else None
-    return [one for one in finished if one.run.method == first and one.run.n_steps == most]
 
 
 def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:

@@ -10,7 +10,7 @@ from typing import Any
 from fvi_cli.reports.document import Block, Paragraph
 from fvi_cli.reports.kinds.members import DESIGN, member_columns
 from fvi_cli.reports.table import Column, Sheet, Within, rows_of
-from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.studies.experiment import FinishedRun, finest_of_members
 
 CLOSE = Within(relative=1e-3, absolute=1e-12)
 _CHANGE = Within(absolute=2e-3)
@@ -38,20 +38,6 @@ def _peak(one: FinishedRun, quantity: str) -> float:
     observed = one.trajectory.observed
     found = None if observed is None else observed.extents.get(quantity)
     return math.nan if found is None else float(found.peak)
-
-
-def finest_of_members(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
-    """Of every member the run on the finest grid by the first method."""
-    found: dict[int, FinishedRun] = {}
-    first: dict[int, str] = {}
-    for one in finished:
-        number = -1 if one.run.member is None else one.run.member.number
-        # a search for a tolerance may choose another method for every member
-        case = first.setdefault(number if one.run.is_search else -1, one.run.method.case)
-        best = found.get(number)
-        if one.run.method.case == case and (best is None or one.run.n_steps > best.run.n_steps):
-            found[number] = one
-    return [found[number] for number in sorted(found)]
 
 
 def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:

@@ -59,8 +59,8 @@ COLUMNS = (
         Column("step_size", "h, in the scene's unit of time"),
         Column("error", "error of the position, in its unit", compared=ERROR),
         # what follows from errors must follow from those beside it: within 0.01 of the fresh one
-        Column("pairwise_order", "order against the row before", compared=None),
-        Column("used_in_fit", "whether the slope uses the row"),
+        Column("pairwise_order", "order against the row before", compared=None, follows=True),
+        Column("used_in_fit", "whether the slope uses the row", follows=True),
     ),
     *within(
         "case",
@@ -68,8 +68,11 @@ COLUMNS = (
             "slope",
             "least-squares slope of log(error) against log(h) over the rows used",
             compared=None,
+            follows=True,
         ),
-        Column("fit_residual", "rms residual of that fit in log10(error)", compared=None),
+        Column(
+            "fit_residual", "rms residual of that fit in log10(error)", compared=None, follows=True
+        ),
     ),
     *within(
         "row",
