@@ -3,8 +3,8 @@
 Places are drawn by a seed, as many of every room. Each change is made in a copy of the tree, where
 the tests that stand nearest to the place are executed until one fails: those that import the
 module, then those of its room, then those that import whatever imports it. Where a file
-``.coverage`` says which tests execute the line (``pytest --cov=fvi_cli --cov-context=test``), those
-that no file is near to are tried as well.
+``.coverage`` says which tests execute the line (``pytest --cov=fvi_cli --cov-context=test``), their
+files are tried as well.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -221,20 +222,19 @@ def near(mutation: Mutation) -> list[Path]:
 
 
 def executing(mutation: Mutation, contexts: Path) -> list[str]:
-    """Tests that execute a line, at most one of a file and :data:`MOST_FILES` of them."""
+    """Files of tests that execute a line, those with most such tests first."""
     asked = (
         "select context.context, line_bits.numbits from line_bits, file, context "
         "where file.id = line_bits.file_id and context.id = line_bits.context_id "
         "and file.path like ? order by context.context"
     )
-    found: dict[str, str] = {}
+    found: Counter[str] = Counter()
     with contextlib.closing(sqlite3.connect(contexts)) as data:
         for name, bits in data.execute(asked, (f"%/{mutation.path}",)):
             byte, bit = divmod(mutation.line, 8)
-            test = name.partition("|")[0]
-            if test and byte < len(bits) and bits[byte] >> bit & 1:
-                found.setdefault(test.partition("::")[0], test)
-    return [test for file, test in found.items() if (ROOT / file).exists()][:MOST_FILES]
+            if "::" in name and byte < len(bits) and bits[byte] >> bit & 1:
+                found[name.partition("::")[0]] += 1
+    return [file for file, _ in found.most_common(MOST_FILES) if (ROOT / file).exists()]
 
 
 def judge(mutation: Mutation, copy: Path, contexts: Path) -> Verdict:
@@ -244,7 +244,7 @@ def judge(mutation: Mutation, copy: Path, contexts: Path) -> Verdict:
     changed = text[: mutation.begin] + mutation.new + text[mutation.end :]
     files = [one.relative_to(ROOT).as_posix() for one in near(mutation)]
     further = executing(mutation, contexts) if contexts.exists() else []
-    files += [test for test in further if test.partition("::")[0] not in files]
+    files += [one for one in further if one not in files]
     path.write_text(changed, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-rfE"]
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}

@@ -172,3 +172,12 @@ def test_final_time_is_reached_exactly():
     trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
     assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
     assert trajectory.time.size == 4
+
+
+@pytest.mark.parametrize("degree", [1, 3, 6])
+def test_series_of_values_at_the_points_have_these_values(degree):
+    tables = step_tables(Method(cq="gauss", degree=degree))
+    values = np.random.default_rng(degree).normal(size=tables.points.size)
+    series = tables.stages_to_series @ values
+    found = np.polynomial.chebyshev.chebval(2.0 * tables.points - 1.0, series)
+    assert found == pytest.approx(values, rel=1e-12)

@@ -8,6 +8,7 @@ import pytest
 from spread import spread
 
 from fvi_cli.integrator.meshes.adaptive import (
+    AFTER_KINK,
     FIRST_STEP,
     SHORTEST_STEP,
     SMOOTH_FIRST_STEP,
@@ -125,3 +126,16 @@ def test_what_is_no_tolerance_is_refused(name, bad):
         AdaptiveSteps(**({"tolerance": 1e-6} | {name: bad}))
     with pytest.raises(ValueError, match="most_steps: 0 is not allowed"):
         AdaptiveSteps(tolerance=1e-6, most_steps=0)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_behind_a_kink_steps_are_a_share_of_those_before_it(scale):
+    one = controller()
+    for _ in range(20):
+        size = one.propose()
+        assert one.judge(size, scale * size**5)
+    before = one.propose()
+    one.cut(0.5 * before)
+    assert one.judge(one.propose(), 0.0, ends_on_kink=True)
+    # sizes are rounded down
+    assert AFTER_KINK / 2 * before < one.propose() <= AFTER_KINK * before
