@@ -1,6 +1,5 @@
 """A sweep from the command line: few lines, all members stored, resumed, listed and exported."""
 
-import csv
 import json
 
 import command_line
@@ -26,52 +25,6 @@ def fvi(tmp_path, monkeypatch):
         return command_line.fvi(*arguments, code=expected).stdout
 
     return call
-
-
-def test_a_sweep_is_told_in_few_lines_unless_all_are_asked_for(fvi, tmp_path):
-    lines = fvi("run", "many.yaml").splitlines()
-    assert len(lines) == 1 + 3 + 1
-    assert all("12" in line and "stiffness = 4" in line for line in lines[1:4])
-    with h5py.File(tmp_path / "results" / "many.h5") as file:
-        assert file["/many/gauss-s2-graded/n000016/position"].shape == (12, 17, 1)
-    planned = fvi("run", "many.yaml", "--dry-run").splitlines()
-    assert len(planned) == 1 + 3
-    assert all("reuse 12 members" in line for line in planned[1:])
-    assert sum("stiffness =" in line for line in fvi("run", "many.yaml", "-v").splitlines()) > 36
-
-
-def test_members_that_are_missing_are_planned_and_computed(fvi):
-    fvi("run", "many.yaml")
-    longer = ("--set", "sweep.problem.stiffness.number=23")
-    planned = fvi("run", "many.yaml", "--dry-run", *longer)
-    # every other one of 23 equal steps is one of the 12
-    assert planned.count("reuse 12 members") == 3
-    assert planned.count("compute 11 members") == 3
-    assert "  23  " in fvi("run", "many.yaml", *longer)
-    assert "compute" not in fvi("run", "many.yaml", "--dry-run", *longer)
-
-
-def test_a_stored_sweep_is_shown_tabled_drawn_and_exported(fvi, tmp_path):
-    fvi("run", "many.yaml")
-    shown = fvi("show", "results/many.h5")
-    assert "many: 12 members, problem.stiffness = 1 ... 4 (12 values)" in shown
-    fvi("convergence", "results/many.h5")
-    fvi("convergence", "--check", "results/many.h5")
-    with (tmp_path / "results" / "tables" / "many.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 36
-    assert len({row["problem.stiffness"] for row in rows}) == 12
-    fvi("plot", "results/many.h5")
-    fvi("plot", "--check", "results/many.h5")
-    assert (tmp_path / "results" / "figures" / "many-convergence.png").is_file()
-    for form in ("csv", "npz", "mat"):
-        fvi("export", "results/many.h5", "--to", form)
-
-
-def test_a_mistake_in_a_sweep_is_told_and_nothing_is_computed(fvi, tmp_path):
-    result = command_line.fvi("run", "many.yaml", "--set", "sweep.problem.stifness=[1]", code=2)
-    assert "did you mean 'stiffness'" in result.stderr
-    assert not (tmp_path / "results").exists()
 
 
 @pytest.mark.parametrize(
