@@ -77,19 +77,19 @@ class Decoupling:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        modal = np.moveaxis(values[..., 0], 0, -1)
+        modal = _joined(values)
         if self.modes.ndim == 1:
             return np.asarray(modal * self.modes)
-        return np.asarray(modal @ self.modes.T)
+        return _rows(self.modes, modal)
 
     def scene_forces(self, values: Array) -> Array:
         """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        modal = np.moveaxis(values[..., 0], 0, -1)
+        modal = _joined(values)
         if self.modes.ndim == 1:
             return np.asarray(modal / self.modes)
-        return np.asarray(modal @ (self.modes.T @ self.mass))
+        return _rows(self.mass @ self.modes, modal)
 
 
 def decouple_forms(mass: Array, stiffness: Array | None, directions: Sequence[Array]) -> Decoupling:
@@ -136,3 +136,13 @@ def linear_decoupling(scene: Scene) -> Decoupling | None:
 def _split(values: Array) -> Array:
     """Components first, each a system of its own: ``(..., d)`` to ``(d, ..., 1)``."""
     return np.moveaxis(values, -1, 0)[..., None]
+
+
+def _joined(values: Array) -> Array:
+    """Systems as components, ``(d, ..., 1)`` to ``(..., d)``."""
+    return np.ascontiguousarray(np.moveaxis(values[..., 0], 0, -1))
+
+
+def _rows(matrix: Array, values: Array) -> Array:
+    """A matrix on every row: one product for all rounds by their number."""
+    return np.asarray(np.matmul(matrix, values[..., None])[..., 0])

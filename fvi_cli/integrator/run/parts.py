@@ -37,7 +37,8 @@ def integrate_part(
     """Integrate from a checkpoint to the next place to stop.
 
     The trajectories of successive parts, one after the other, are that of the whole run to the
-    last bit.
+    last bit; but with a Riemann-Liouville derivative of an order above 1 and a start velocity,
+    momenta and energies are those of the steps, which keep the error of the first one.
 
     Arguments as for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run.
     It begins at the checkpoint, or the start, and stops when `until` steps of the mesh are done, or
