@@ -20,7 +20,7 @@ from fvi_cli.config.keys.sweep import (
 from fvi_cli.config.member_trees import tree_of, with_value
 from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem import make_problem, problem_keys
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.complaints import excerpt, listed, no_member, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode
 from fvi_cli.keys.settings import keys_of
@@ -151,6 +151,8 @@ def _check_members(
     check: CheckMember,
 ) -> None:
     n_reported = 0
+    if at.complaints.checks_member is no_member:
+        return
     if len(members) >= MANY:
         _logger.info("checking %d members of a sweep", len(members))
     for member, combination in zip(members, sweep.combinations, strict=True):

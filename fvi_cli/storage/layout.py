@@ -6,17 +6,16 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping
 
 from fvi_cli.storage.identity import answered_by_own_code, sha256
-from fvi_cli.storage.records.placed import Placed
+from fvi_cli.storage.records.placed import Description, Placed
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
     Entry,
     Kind,
     group_path,
 )
-from fvi_cli.studies.experiment import Run
 
-Requested = Mapping[tuple[str, str], tuple[int, Run | None]]
-"""By path of a group and identity: number of a member, and the run if the record says otherwise."""
+Requested = Mapping[tuple[str, str], tuple[int, Description | None]]
+"""By path of a group and identity: number of a member, and how the record is described anew."""
 
 
 def layout_of(
@@ -45,8 +44,8 @@ def layout_of(
                 return
 
     # members in the order of the sweep, whenever they were computed
-    for (path, identity), (_, run) in sorted(requested.items(), key=lambda one: one[1][0]):
-        placed = Placed(entries[identity], run)
+    for (path, identity), (_, description) in sorted(requested.items(), key=lambda one: one[1][0]):
+        placed = Placed(entries[identity], description)
         variants[path.split("/")[1]] = placed.variant
         put(placed, _from(path, placed.entry.kind))
     taken = {identity for _, identity in requested}
@@ -59,11 +58,11 @@ def layout_of(
             continue
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
-        put(Placed(entry, None), _from(kind.path, kind) if is_own else _neighbours(kind))
+        put(Placed(entry), _from(kind.path, kind) if is_own else _neighbours(kind))
     # in one order, whoever has found them first
     for entry in sorted(entries.values(), key=lambda one: one.request):
         if entry.is_reference and entry.identity == answered_by_own_code(entry.request):
-            put(Placed(entry, None), _numbered(entry.kind.path))
+            put(Placed(entry), _numbered(entry.kind.path))
     return found
 
 

@@ -27,8 +27,8 @@ from fvi_cli.storage.groups.reading import (
     INDEX,
     INPUTS,
     POINTS,
+    Block,
     StoredGroup,
-    StoredRow,
     axes_from_words,
     plain,
     run_groups,
@@ -44,7 +44,8 @@ from fvi_cli.storage.provenance import origin, package_versions, platform_name
 from fvi_cli.storage.records.placed import Placed
 from fvi_cli.storage.records.record import Entry, Kind, Record, kind_of
 
-BLOCKS_KEPT: Final = 2
+HELD_BYTES: Final = 2**26
+"""Arrays that are kept of an open file: who reads members in another order finds them again."""
 GROUPS_KEPT: Final = 8
 
 DIGESTS: Final = ("identity", "request", "checksum")
@@ -68,7 +69,8 @@ class ResultFile:
         self.path = path
         self._stack = contextlib.ExitStack()
         self._groups: OrderedDict[str, StoredGroup] = OrderedDict()
-        self._blocks: OrderedDict[tuple[str, int], list[StoredRow]] = OrderedDict()
+        self._blocks: OrderedDict[tuple[str, int], tuple[int, Block]] = OrderedDict()
+        self._held = 0
         self.is_sealed, file = self._stack.enter_context(open_stored(path))
         self._file: h5py.File | None = file
         try:
@@ -143,16 +145,14 @@ class ResultFile:
         """As :meth:`fvi_cli.storage.records.record.Source.read`."""
         with explain_damage(self.path):
             group = self.group(entry.path)
-            size = group.rows_at_a_time
-            number, within = divmod(entry.row, size)
-            block = self._blocks.get((entry.path, number))
-            if block is None:
-                start = number * size
-                block = group.rows(start, min(start + size, len(group)))
-                self._blocks[entry.path, number] = block
-                while len(self._blocks) > BLOCKS_KEPT:
-                    self._blocks.popitem(last=False)
-            attributes, arrays = block[within]
+            key = entry.path, entry.row // group.rows_at_a_time
+            if key not in self._blocks:
+                self._blocks[key] = group.block(entry.row)
+                self._held += _size(self._blocks[key])
+                while len(self._blocks) > 1 and self._held > HELD_BYTES:
+                    self._held -= _size(self._blocks.popitem(last=False)[1])
+            self._blocks.move_to_end(key)
+            attributes, arrays = group.row(entry.row, *self._blocks[key])
             return Record(
                 identity=entry.identity,
                 request=entry.request,
@@ -181,7 +181,12 @@ class ResultFile:
         self._file = None
         self._groups.clear()
         self._blocks.clear()
+        self._held = 0
         self._stack.close()
+
+
+def _size(held: tuple[int, Block]) -> int:
+    return sum(values.nbytes for values in held[1].values())
 
 
 MOST_REOPENED: Final = 16

@@ -38,7 +38,7 @@ from fvi_cli.storage.identity import (
 )
 from fvi_cli.storage.journal import Journal
 from fvi_cli.storage.layout import layout_of
-from fvi_cli.storage.records.placed import Placed
+from fvi_cli.storage.records.placed import Description, Placed, description_of
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
     Entry,
@@ -127,7 +127,7 @@ class Store:
         self.path, self.is_fresh = path, is_fresh
         self._entries: dict[str, Entry] = {}
         self._by_request: dict[str, Entry] = {}
-        self._requested: dict[tuple[str, str], tuple[int, Run | None]] = {}
+        self._requested: dict[tuple[str, str], tuple[int, Description | None]] = {}
         self._merged: list[Store] = []
         self._added: set[str] = set()
         self._inputs: Inputs = {}
@@ -192,12 +192,15 @@ class Store:
         if entry is None:
             return None
         record = entry.record()
+        finished = self._read_back(run, record)
+        if finished is not None:
+            self._mark(finished.run, entry, (record, finished))
+        return finished
+
+    def _read_back(self, run: Run, record: Record) -> FinishedRun | None:
         with explain_damage(self.path):
             found = run_of(run, record.attributes)
-            finished = None if found is None else finished_of(record, found)
-        if finished is not None:
-            self._mark(finished.run, entry)
-        return finished
+            return None if found is None else finished_of(record, found)
 
     def add(self, batch: Sequence[FinishedRun]) -> None:
         """Keep finished runs; a kill after this loses none of them."""
@@ -232,15 +235,19 @@ class Store:
         if found:
             self._learn(self._journal.append([reference_record_of(*one) for one in found]))
 
-    def _mark(self, run: Run, entry: Entry) -> None:
+    def _mark(
+        self, run: Run, entry: Entry, known: tuple[Record, FinishedRun] | None = None
+    ) -> None:
         """What is requested belongs where the file's configuration points to."""
         kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
         number = -1 if run.member is None else run.member.number
-        is_described = (kind.experiment, kind.norm, kind.swept) == (name, norm, swept_by(run))
-        if not is_described:
+        description = None
+        if (kind.experiment, kind.norm, kind.swept) != (name, norm, swept_by(run)):
             self._inputs |= specification_of(run)[1]
+            record, finished = known or (found := entry.record(), self._read_back(run, found))
+            description = None if finished is None else description_of(record, finished)
         path = group_path(name, kind.case, kind.n_steps)
-        self._requested[path, entry.identity] = (number, None if is_described else run)
+        self._requested[path, entry.identity] = (number, description)
 
     def mark_requested(self, runs: Iterable[Run]) -> tuple[int, int]:
         """Say what a configuration requests, in its order.
@@ -348,7 +355,11 @@ class Store:
             # another comment, or the same values written in another way, change no run
             return False
         wanted = [
-            (path, row, one.identity if one.run is None and one.entry.source is self._file else "")
+            (
+                path,
+                row,
+                one.identity if one.description is None and one.entry.source is self._file else "",
+            )
             for path, rows in layout.items()
             for row, one in enumerate(rows)
         ]

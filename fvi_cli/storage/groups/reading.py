@@ -110,6 +110,7 @@ def plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
+Block = dict[str, NDArray[Any]]
 StoredRow = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
@@ -200,23 +201,26 @@ class StoredGroup:
         held = sum(int(node.nbytes) for node in self.datasets.values())
         return max(1, min(len(self), MOST_ROWS, BLOCK_BYTES * len(self) // max(held, 1)))
 
-    def rows(self, start: int, stop: int) -> list[StoredRow]:
-        """What is said of some runs, and their arrays."""
-        held: dict[str, NDArray[Any]] = {}
-        found: list[StoredRow] = []
-        for row in range(start, stop):
-            own = self.attributes_of(row)
-            axes = axes_from_words(own[ARRAYS])
-            mine = {}
-            for name, along in axes.items():
-                shared = is_shared(name, axes) or not self.keys
-                if name not in held:
-                    node = self.datasets[name]
-                    held[name] = node[()] if shared else node[start:stop]
-                values = held[name] if shared else held[name][row - start]
-                mine[name] = values[: count_along(along[0], own)] if self.keys else values
-            found.append((own, mine))
-        return found
+    def block(self, row: int) -> tuple[int, Block]:
+        """The arrays of the runs around one, as they lie, and the first of these runs."""
+        start = row - row % self.rows_at_a_time
+        whole = slice(start, min(start + self.rows_at_a_time, len(self)))
+        shared = {n for n in self._axes_of_all if not self.keys or is_shared(n, self._axes_of_all)}
+        held = {n: self.datasets[n] for n in self._axes_of_all if n in self.datasets}
+        return start, {n: node[()] if n in shared else node[whole] for n, node in held.items()}
+
+    def row(self, row: int, start: int, block: Block) -> StoredRow:
+        """What is said of a run, and its arrays, from the block that it lies in."""
+        own = self.attributes_of(row)
+        axes = axes_from_words(own[ARRAYS])
+        mine = {}
+        for name, along in axes.items():
+            values = block[name]
+            if self.keys:
+                values = values if is_shared(name, axes) else values[row - start]
+                values = values[: count_along(along[0], own)]
+            mine[name] = values
+        return own, mine
 
 
 def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:

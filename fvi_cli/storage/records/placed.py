@@ -8,9 +8,52 @@ from typing import Any
 
 from fvi_cli.storage.identity import specification_of
 from fvi_cli.storage.records.fields import field_named
-from fvi_cli.storage.records.record import SWEPT, Entry, Record, swept_by, variant_of
-from fvi_cli.storage.records.runs import ORIGIN, finished_of, record_of, run_of
-from fvi_cli.studies.experiment import Run
+from fvi_cli.storage.records.record import (
+    SWEPT,
+    Entry,
+    Record,
+    same_value,
+    swept_by,
+    variant_of,
+)
+from fvi_cli.storage.records.runs import ORIGIN, record_of
+from fvi_cli.studies.experiment import FinishedRun, Run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Description:
+    """What is said of a run that was written as another one: of another experiment, sweep or norm.
+
+    Parameters
+    ----------
+    run
+        As it is requested.
+    changed, without
+        Attributes that are other ones, and names of those that it has no more.
+    """
+
+    run: Run
+    changed: Mapping[str, Any]
+    without: frozenset[str]
+
+
+def description_of(record: Record, finished: FinishedRun) -> Description:
+    """How the record of a run is to be changed for the run as it was read back."""
+    again = record_of(finished).attributes
+    own = {
+        name: value
+        for name, value in record.attributes.items()
+        # what a later version has written stays
+        if name not in ORIGIN
+        and (field_named(name) is not None or name == SWEPT or name.startswith("problem."))
+    }
+    changed = {
+        name: value
+        for name, value in again.items()
+        if name not in ORIGIN and (name not in own or not same_value(own[name], value))
+    }
+    without = frozenset(own) - frozenset(again)
+    return Description(run=finished.run, changed=changed, without=without)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,13 +64,12 @@ class Placed:
     ----------
     entry
         Where it is read.
-    run
-        What it is to be described as, if it was written as another one: of another experiment or
-        sweep, in another norm.
+    description
+        What it is to be described as, if it was written as another one.
     """
 
     entry: Entry
-    run: Run | None
+    description: Description | None = None
 
     @property
     def identity(self) -> str:
@@ -41,9 +83,7 @@ class Placed:
 
     def attributes(self) -> Mapping[str, Any]:
         """What is said of it."""
-        if self.run is not None:
-            return self.record().attributes
-        return self.entry.source.attributes(self.entry)
+        return self._described(self.entry.source.attributes(self.entry))
 
     def shapes(self) -> Sequence[tuple[str, tuple[int, ...], tuple[str, ...]]]:
         """How large its arrays are."""
@@ -52,35 +92,25 @@ class Placed:
     def record(self) -> Record:
         """All of it, verified."""
         record = self.entry.record()
-        return record if self.run is None else _described_as(record, self.run)
+        return replace(record, attributes=self._described(record.attributes))
+
+    def _described(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
+        if self.description is None:
+            return attributes
+        kept = {k: v for k, v in attributes.items() if k not in self.description.without}
+        return {**kept, **self.description.changed}
 
     @property
     def group_key(self) -> tuple[object, ...]:
         """What the members of a group have in common."""
         kind = self.entry.kind
-        swept = kind.swept if self.run is None else swept_by(self.run)
+        swept = kind.swept if self.description is None else swept_by(self.description.run)
         return self.variant, kind.method, kind.is_refusal, swept
 
     @property
     def variant(self) -> str:
         """As of the kind that it will have."""
-        if self.run is None:
+        if self.description is None:
             return self.entry.kind.variant
-        specification, _ = specification_of(self.run)
-        return variant_of(specification, swept_by(self.run), self.run.experiment.norm)
-
-
-def _described_as(record: Record, run: Run) -> Record:
-    found = run_of(run, record.attributes)
-    if found is None:
-        return record
-    again = record_of(finished_of(record, found)).attributes
-    kept = {
-        name: value
-        for name, value in record.attributes.items()
-        if name in ORIGIN
-        # what a later version has written stays
-        or (field_named(name) is None and name != SWEPT and not name.startswith("problem."))
-    }
-    origin: dict[str, Any] = {name: kept[name] for name in ORIGIN if name in kept}
-    return replace(record, attributes={**kept, **again, **origin})
+        run = self.description.run
+        return variant_of(specification_of(run)[0], swept_by(run), run.experiment.norm)
