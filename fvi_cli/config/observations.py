@@ -45,6 +45,9 @@ def check_units(settings: ExperimentKeys, problem: AnyProblem, at: Cursor) -> No
     """Units must belong to something that is drawn."""
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
     known = (*UNITS, *coordinates, *_named(settings.quantities))
+    length = _named(settings.units).get("length", "m")
+    if length != "m" and (found := _in_g(at.under("problem"))) is not None:
+        found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
     for name in _named(settings.units):
         if name not in known:
             at.under("units").refuse_key(
@@ -52,6 +55,14 @@ def check_units(settings: ExperimentKeys, problem: AnyProblem, at: Cursor) -> No
                 f"has no unit of its own{suggestion(name, known)} "
                 f"(known here: {listed_words(known[:12])}); {IN_G}",
             )
+
+
+def _in_g(at: Cursor) -> Cursor | None:
+    """Where ``scale: g`` stands, if it does."""
+    if at.has("file") and at.has("scale") and at.under("scale").scalar == "g":
+        return at.under("scale")
+    inner = [*at.items(), *(under for _, under in at.entries())]
+    return next((found for one in inner if (found := _in_g(one)) is not None), None)
 
 
 def read_observations(

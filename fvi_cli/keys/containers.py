@@ -46,7 +46,8 @@ class ListOf(Shape):
     def _meant(self, at: Cursor) -> str:
         """How something that would do as an entry is written; else nothing."""
         word = at.word_for(self.shape)
-        return f"; write [{word}]" if word and f"[{word}]" != self.example else ""
+        written = f"[{', '.join([word] * max(self.least, 1))}]" if self.least < 4 else ""
+        return f"; write {written}" if word and written and written != self.example else ""
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""

@@ -20,6 +20,8 @@ from fvi_cli.keys.nodes import (
     node_at,
     read_scalar,
 )
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 
 
 class Missing(Enum):
@@ -142,7 +144,7 @@ def _number_before(text: str) -> str:
     """What to write for a fraction, a percentage, or a number with a unit."""
     found = _WITH_MORE.fullmatch(text.strip())
     if found is None:
-        return ""
+        return _constant_in(text)
     number, over, unit = found.groups()
     if over is not None:
         return f"; write {float(number) / float(over):.15g}" if float(over) else ""
@@ -151,6 +153,16 @@ def _number_before(text: str) -> str:
     if unit in ("°", "deg"):
         return f"; angles are in radians: write {math.radians(float(number)):.15g}"
     return f"; numbers have no unit: write {number}"
+
+
+def _constant_in(text: str) -> str:
+    """What to write for an expression of numbers, such as ``10*pi``."""
+    try:
+        value = Expression.parse(text, variables=()).evaluate({}, NUMPY_FUNCTIONS)
+        number = float(value)
+    except (ExpressionError, TypeError, ValueError, OverflowError):
+        return ""
+    return f"; write {number:.15g}" if math.isfinite(number) else ""
 
 
 _WITH_MORE: Final = re.compile(

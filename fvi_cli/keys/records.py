@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, Protocol
 
-from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.containers import MappingShape
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Cursor, Missing, is_complete
 from fvi_cli.keys.nodes import MappingNode, ScalarNode
@@ -216,6 +216,9 @@ class ByKind(Shape):
         if plain in self.aliases or (plain != word and plain in self.kinds):
             kind = self.aliases.get(plain, plain)
             _logger.info("%s: %s: %s is read as %s", at.node.place, self.word, word, kind)
+        elif plain not in self.kinds and (inside := [k for k in self.kinds if k in plain]):
+            message = f"{excerpt(plain)!r} is not known; did you mean {inside[0]!r}?"
+            kind = at.refuse(message, self.word)
         elif at.has(self.word):
             kind = choice.read(at.under(self.word))
         elif not self.default:

@@ -214,6 +214,8 @@ class Formula(Shape):
                 known = (*self.variables, *at.names)
                 if not suggestion(error.unknown, known):
                     hint = f"; a number of your own: problem.parameters: {{{error.unknown}: 1.0}}"
+            if re.fullmatch(r"[\w./\\-]+\.(at2|csv|txt|dat)", str(value), re.IGNORECASE):
+                hint = f"; a file is written {{file: {value}}}, with its column if it is a CSV"
             if error.column is None or exact is None or not exact.line:
                 return at.refuse(str(error) + hint)
             at.complaints.add(exact.shifted(error.column - 1), at.path, error.message + hint)

@@ -21,7 +21,15 @@ _STEPS: Final = Integer(least=1, most=MOST_STEPS)
 Exponent = Annotated[int | None, Integer(least=0, most=30)]
 
 
-class Ladder(Setting, words=EXAMPLE, forms=(("steps",), ("from", "to", "base?"))):
+class Ladder(
+    Setting,
+    words=EXAMPLE,
+    forms=(("steps",), ("from", "to", "base?")),
+    refused={
+        **dict.fromkeys(("dt", "h", "step", "step_size"), "not a key: write steps: final_time / h"),
+        **dict.fromkeys(("N", "n", "n_steps", "number"), "not a key: write steps"),
+    },
+):
     """Numbers of steps; powers of a base are read as the numbers."""
 
     steps: Annotated[tuple[int, ...], OneOrMany(shape=_STEPS, most=100)] = key(

@@ -45,7 +45,20 @@ KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
 """Every kind by its name, in the order in which they are shown."""
 
 PROBLEM: Final = ByKind(
-    name="Problem", kinds={name: record_of(kind) for name, kind in KINDS.items()}
+    name="Problem",
+    kinds={name: record_of(kind) for name, kind in KINDS.items()},
+    meant={
+        **dict.fromkeys(
+            ("oscillator", "harmonic-oscillator", "spring", "mass-spring", "sdof"),
+            "write kind: damped-oscillator",
+        ),
+        **dict.fromkeys(("building", "shear-building", "storeys"), "write kind: frame"),
+        **dict.fromkeys(("mdof", "fem", "matrices"), "write kind: structure"),
+        **dict.fromkeys(
+            ("custom", "general", "own", "henon-heiles", "spring-pendulum"),
+            "write kind: lagrangian, with coordinates and lagrangian",
+        ),
+    },
 )
 """What may stand under ``problem``."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -242,8 +243,24 @@ _LAWS: Final[Mapping[str, type[Setting]]] = {
     "prony": Prony,
     "tempered": Tempered,
 }
+_STOREYS: Final[Mapping[str, Refusal]] = {
+    **dict.fromkeys(("floor", "level", "at", "between"), "not a key: write storey: 1"),
+    "acts_on": "not a key here: write storey, or give the term under damping",
+    **dict.fromkeys(("c", "viscosity"), "not a key: write coefficient"),
+}
+
+
+def _describe(law: type[Setting], members: dict[str, Any]) -> None:
+    members["__doc__"] = law.__doc__
+
+
 _AT_STOREYS: Final[Mapping[str, type[Setting]]] = {
-    word: type(f"Storey{law.__name__}", (AtStorey, law), {"__doc__": law.__doc__})
+    word: types.new_class(
+        f"Storey{law.__name__}",
+        (AtStorey, law),
+        {"refused": {**law.options.get("refused", {}), **_STOREYS}},
+        partial(_describe, law),
+    )
     for word, law in _LAWS.items()
 }
 _ALIASES: Final[Mapping[str, str]] = {

@@ -14,7 +14,7 @@ from fvi_cli.scenes.data import Damper
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import Term, damping_terms
 from fvi_cli.scenes.kinds.kind import SceneKind
-from fvi_cli.scenes.kinds.shared_keys import dampers
+from fvi_cli.scenes.kinds.shared_keys import WRONG_AT_PROBLEM, dampers
 from fvi_cli.scenes.kinds.storeys import USUAL_STOREYS, frame_of_keys
 from fvi_cli.scenes.structures.rayleigh import Rayleigh
 
@@ -56,7 +56,21 @@ class Chain(SceneKind):
     dampers: Dampers = key("Fractional dampers c D^gamma parallel to every spring.", default=[])
 
 
-class Frame(SceneKind):
+class Frame(
+    SceneKind,
+    refused={
+        **WRONG_AT_PROBLEM,
+        **dict.fromkeys(
+            ("proportional", "modal_damping", "damping_ratio", "damping_ratios", "ratios"),
+            "not a key of frame: write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]}",
+        ),
+        **dict.fromkeys(
+            ("forcing", "force", "earthquake", "quake", "record", "ground"),
+            "not a key of frame: write ground_acceleration",
+        ),
+        **dict.fromkeys(("floors", "stories", "levels"), "not a key: write storeys"),
+    },
+):
     """A building of storeys that shear, shaken by the ground."""
 
     kind = "frame"

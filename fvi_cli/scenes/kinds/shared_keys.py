@@ -23,7 +23,12 @@ WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
     **dict.fromkeys(("gamma", "mu"), "not a key: write damping: [{order: ..., coefficient: ...}]"),
     "m": "not a key: write mass",
     "k": "not a key: write stiffness",
-    **dict.fromkeys(("T", "end_time"), "not a key: write final_time"),
+    **dict.fromkeys(
+        ("T", "end_time", "tmax", "t_max", "t_end", "tend", "t_final", "duration"),
+        "not a key: write final_time",
+    ),
+    **dict.fromkeys(("x0", "q0", "u0"), "not a key: write initial: {position: ...}"),
+    "v0": "not a key: write initial: {velocity: ...}",
     "initial_position": "not a key: write initial: {position: ...}",
     "initial_velocity": "not a key: write initial: {velocity: ...}",
     "force": "not a key: write forcing",
@@ -55,7 +60,14 @@ _NUMBERS: Final = ByForm(
 Numbers = Annotated[float | tuple[float, ...] | Mapping[str, Any], _NUMBERS]
 
 
-class Initial(Setting):
+class Initial(
+    Setting,
+    words="a mapping such as {position: 1.0, velocity: 0.0}",
+    refused={
+        **dict.fromkeys(("x", "q", "u", "x0", "displacement"), "not a key: write position"),
+        **dict.fromkeys(("v", "v0", "vx", "dx", "speed"), "not a key: write velocity"),
+    },
+):
     """Position and velocity at t = 0."""
 
     position: Numbers = key(

@@ -22,6 +22,7 @@ LARGEST_DENSE: Final = 400
 
 class Rayleigh(
     Setting,
+    words="a mapping such as {ratios: [0.02, 0.05], modes: [1, 3]}",
     refused=dict.fromkeys(
         ("alpha", "beta", "mass", "stiffness"),
         "not a key: write ratios and modes; a structure also has proportional: {mass: a, "
@@ -32,7 +33,7 @@ class Rayleigh(
 
     ratios: Annotated[
         tuple[float, float],
-        ListOf(shape=Number(least=0.0), least=2, most=2, example="[0.02, 0.05]"),
+        ListOf(shape=Number(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
     ] = key("Damping ratios of the two modes (no unit).")
     modes: Annotated[
         tuple[int, int],
