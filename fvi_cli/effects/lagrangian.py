@@ -12,10 +12,10 @@ import numpy as np
 from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES
 from fvi_cli.mathematics.algebra.at_points import PointFormulas
-from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import find_roots
+from fvi_cli.mathematics.expressions import slopes_system
 
 T = TypeVar("T")
 
@@ -36,10 +36,6 @@ class Derivatives:
     mass: Array  # by v and v, (..., d, d)
     mixed: Array  # by v and q
     stiffness: Array  # by q and q
-
-
-def _along(system: FormulaSystem, names: Sequence[str]) -> FormulaSystem:
-    return derivatives(system, [{name: 1.0} for name in names])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,13 +61,13 @@ class Lagrangian:
     @cached_property
     def first(self) -> FormulaSystem:
         r""":math:`\partial L/\partial v`, d values, and :math:`\partial L/\partial q`, d values."""
-        return _along(self.value, (*self.velocities, *self.coordinates))[1:]
+        return slopes_system(self.value, (*self.velocities, *self.coordinates))[1:]
 
     @cached_property
     def second(self) -> FormulaSystem:
         """The values of `first`, then the matrices of :class:`Derivatives` row by row."""
         d = self.dimension
-        found = _along(self.first, (*self.velocities, *self.coordinates))
+        found = slopes_system(self.first, (*self.velocities, *self.coordinates))
         # by direction, then momenta and forces
         place = np.arange(4 * d * d).reshape(2, d, 2, d) + 2 * d
         matrices = (place[0, :, 0].T, place[1, :, 0].T, place[1, :, 1].T)
@@ -81,12 +77,12 @@ class Lagrangian:
     @cached_property
     def drift(self) -> FormulaSystem:
         r""":math:`\partial^2 L / \partial v \partial t`, d values."""
-        return _along(self.first[: self.dimension], (TIME,))[self.dimension :]
+        return slopes_system(self.first[: self.dimension], (TIME,))[self.dimension :]
 
     @cached_property
     def rate(self) -> FormulaSystem:
         r""":math:`\partial L/\partial t`."""
-        return _along(self.value, (TIME,))[1:]
+        return slopes_system(self.value, (TIME,))[1:]
 
     @property
     def depends_on_time(self) -> bool:

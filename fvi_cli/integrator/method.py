@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fvi_cli.errors import ArgumentError
+from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
     gauss_rule,
@@ -49,8 +50,6 @@ _LABELS: Mapping[str, str] = {
 DEFAULT_TOLERANCE = 1e-9
 TOLERANCES = (1e-13, 0.1)
 """Least and largest tolerance of ``dop853``."""
-
-LARGEST_DEGREE = 20
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,15 +13,13 @@ from functools import cache
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
     gauss_rule,
     lobatto_rule,
     radau_right_rule,
 )
-
-LARGEST_STAGES = 21
-"""Largest number of stages that the tableaux are made for."""
 
 _RULES = {"gauss": gauss_rule, "radau-iia": radau_right_rule, "lobatto-iiic": lobatto_rule}
 
@@ -63,8 +61,10 @@ def tableau(name: str, n_stages: int) -> ButcherTableau:
     if name not in _RULES:
         raise ValueError(f"tableau: {name!r} is not one of {', '.join(_RULES)}")
     least = 2 if name == "lobatto-iiic" else 1
-    if not least <= n_stages <= LARGEST_STAGES:
-        raise ValueError(f"{name}: {n_stages} stages; permitted are {least} to {LARGEST_STAGES}")
+    if not least <= n_stages <= LARGEST_DEGREE + 1:
+        raise ValueError(
+            f"{name}: {n_stages} stages; permitted are {least} to {LARGEST_DEGREE + 1}"
+        )
     rule = _RULES[name](n_stages)
     matrix, stage_order = _collocation(rule), n_stages
     if name == "lobatto-iiic":

@@ -9,7 +9,6 @@ from typing import Any, Final, get_args
 
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
-    LARGEST_DEGREE,
     ForcingQuadrature,
     History,
     Sampling,
@@ -17,6 +16,7 @@ from fvi_cli.integrator.method import (
 from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Schema, Shape
+from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 
 EXAMPLES: Final = "gauss3, radau-iia2, bdf2, bdf2-nodes"
 _FAMILY: Final = re.compile(

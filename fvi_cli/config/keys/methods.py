@@ -13,7 +13,6 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
     BDF_NAMES,
-    LARGEST_DEGREE,
     RUNGE_KUTTA_NAMES,
     AnyMethod,
     Baseline,
@@ -29,6 +28,7 @@ from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.scalars import Choice, Integer, Number, Shape
 from fvi_cli.keys.settings import Setting, key, record_of
+from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
 
 MOST_METHODS: Final = 500

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal, get_args
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
+T = TypeVar("T", "Event", "Impact")
 Direction = Literal["any", "rising", "falling"]
 
 DIRECTIONS: tuple[str, ...] = get_args(Direction)
@@ -67,6 +68,8 @@ class Event:
     def __post_init__(self) -> None:
         if self.direction not in DIRECTIONS:
             raise ValueError(f"direction: {self.direction!r} is not one of {', '.join(DIRECTIONS)}")
+        if self.stop not in (True, False):
+            raise ValueError(f"stop: {self.stop!r} is neither True nor False")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +87,10 @@ class Impact:
     restitution: float = 1.0  # e from 0 to 1: the normal velocity is reversed and multiplied by it
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.restitution <= 1.0:
+        is_number = isinstance(self.restitution, int | float)
+        if not (is_number and 0.0 <= self.restitution <= 1.0):
             raise ValueError(f"restitution: {self.restitution!r} is not allowed; it must be 0 to 1")
+        object.__setattr__(self, "restitution", float(self.restitution))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,35 +209,24 @@ def observations(
         except ValueError as error:
             raise ValueError(f"{place}: {error}") from None
 
-    found: dict[str, Event] = {}
-    for name, given in (events or {}).items():
-        place = f"events.{name}"
-        if isinstance(given, Event):
-            found[name] = given
-            continue
-        if not isinstance(given, Mapping):
-            found[name] = Event(when=read(given, place))
-            continue
-        if set(given) - {"when", "direction", "stop"} or "when" not in given:
-            raise ValueError(f"{place}: it takes when, direction and stop")
-        direction, stop = given.get("direction", "any"), given.get("stop", False)
-        if direction not in DIRECTIONS or not isinstance(stop, bool):
-            raise ValueError(
-                f"{place}: direction is one of {', '.join(DIRECTIONS)}, stop True or False"
-            )
-        when = read(given["when"], f"{place}.when")
-        found[name] = Event(when=when, direction=direction, stop=stop)  # type: ignore[arg-type]
-    surfaces: dict[str, Impact] = {}
-    for name, surface in (impacts or {}).items():
-        if set(surface) - {"when", "restitution"} or "when" not in surface:
-            raise ValueError(f"impacts.{name}: it takes when and restitution")
-        factor = surface.get("restitution", 1.0)
-        if not isinstance(factor, int | float):
-            raise ValueError(f"impacts.{name}: restitution must be a number from 0 to 1")
-        when = read(surface["when"], f"impacts.{name}.when", of_surfaces)
-        if reason := surface_objection(when, coordinates):
+    def change(kind: type[T], given: object, place: str, names: tuple[str, ...]) -> T:
+        known = tuple(one.name for one in fields(kind))
+        rest: dict[str, Any] = dict(given) if isinstance(given, Mapping) else {"when": given}
+        if "when" not in rest or not set(rest) <= set(known):
+            raise ValueError(f"{place}: it takes {', '.join(known)}")
+        rest["when"] = read(rest["when"], f"{place}.when", names)
+        try:
+            return kind(**rest)
+        except ValueError as error:
+            raise ValueError(f"{place}.{error}") from None
+
+    surfaces = {
+        name: change(Impact, given, f"impacts.{name}", of_surfaces)
+        for name, given in (impacts or {}).items()
+    }
+    for name, surface in surfaces.items():
+        if reason := surface_objection(surface.when, coordinates):
             raise ValueError(f"impacts.{name}.when: {reason}")
-        surfaces[name] = Impact(when=when, restitution=float(factor))
     return Observations(
         impacts=surfaces,
         coordinates=tuple(coordinates),
@@ -240,7 +234,10 @@ def observations(
         quantities={
             name: read(one, f"quantities.{name}") for name, one in (quantities or {}).items()
         },
-        events=found,
+        events={
+            name: one if isinstance(one, Event) else change(Event, one, f"events.{name}", names)
+            for name, one in (events or {}).items()
+        },
         parameters=dict(parameters or {}),
     )
 
