@@ -128,7 +128,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--most",
         type=int,
         metavar="N",
-        help="floors: measure at most so many cases that are not there yet; constants: so many",
+        help="floors: measure at most so many cases that are not there yet; constants: so many, 0: "
+        "make the page of what is known",
     )
     parser.add_argument(
         "--seconds",
