@@ -112,8 +112,8 @@ class PlaneDeterminants:
     r"""Step determinants of scalar systems as polynomials in their stiffness and damping.
 
     A step of :math:`m x'' + \mu D^\gamma x + k x` knows the scene by :math:`\kappa = h^2 k / m`
-    and :math:`\delta = h^{2 - \gamma} \mu / m` only. Many systems take a matrix product, an
-    eighth of the time of their determinants.
+    and :math:`\delta = h^{2 - \gamma} \mu / m` only. Many systems take one matrix product: a
+    fourth to an eighth of the time of their determinants (1,600 systems, BDF3, BDF6, Radau IIA).
     """
 
     patterns: Patterns
