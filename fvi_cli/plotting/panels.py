@@ -322,7 +322,7 @@ def _name_axes(
             axes is column[-1] for column in grid if len(column) == len(grid[0])
         )
         if panel.x or is_lowest:
-            axes.set_xlabel(wrap(panel.x or x, wide - 0.1 * (columns > 1), label_size()))
+            axes.set_xlabel(wrap(panel.x or x, wide - 0.25 * (columns > 1), label_size()))
 
 
 def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
