@@ -34,6 +34,15 @@ def pytest_report_header() -> str:
     return f"combinations are drawn by {SEED}={os.environ[SEED]}"
 
 
+@pytest.fixture
+def folder(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A current folder of its own, with the files that ``FILES`` of the module has by name."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in getattr(request.module, "FILES", {}).items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
 @pytest.fixture(autouse=True)
 def _log_of_a_new_process() -> None:
     """Take back what commands of other tests have set up for the log of this process."""

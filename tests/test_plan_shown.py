@@ -17,11 +17,7 @@ SCENE = configuration(
 )
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "planned.yaml").write_text(SCENE)
-    return tmp_path
+FILES = {"planned.yaml": SCENE}
 
 
 def test_a_dry_run_tells_what_every_run_takes(folder):

@@ -22,12 +22,11 @@ ladder: {steps: [16]}
 DATA = "t,x,v\n" + "".join(f"{0.1 * k:.1f},{1 - 0.1 * k:.2f},{-0.1 * k:.2f}\n" for k in range(12))
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "decay.csv").write_text(DATA)
-    (tmp_path / "late.csv").write_text("t,x\n0,1\n4,1\n6,1\n")
-    (tmp_path / "short.csv").write_text("t,x\n0,1\n")
-    return tmp_path
+FILES = {
+    "decay.csv": DATA,
+    "late.csv": "t,x\n0,1\n4,1\n6,1\n",
+    "short.csv": "t,x\n0,1\n",
+}
 
 
 def read(folder: Path, fit: str, overrides: tuple[str, ...] = ()):

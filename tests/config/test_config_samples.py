@@ -25,11 +25,7 @@ ladder: {steps: [8]}
 """
 
 
-@pytest.fixture
-def folder(tmp_path):
-    (tmp_path / "quake.csv").write_text(CSV)
-    (tmp_path / "shaken.yaml").write_text(CONFIG)
-    return tmp_path
+FILES = {"quake.csv": CSV, "shaken.yaml": CONFIG}
 
 
 def load(folder, text=CONFIG):

@@ -196,6 +196,13 @@ def test_without_runs_there_is_nothing_to_draw(studies):
         plotting.convergence_figure(studies)
 
 
+def test_a_panel_has_its_height_beside_a_legend():
+    figure = usual()
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    assert axes.get_position().height * figure.get_figheight() > 1.5
+
+
 def test_what_methods_have_in_common_is_said_of_those_alone():
     plain, gauss = NODES[1], Method(cq="gauss", degree=3)
     own = "degree 1, 1 Gauss point, damping sampled at the nodes"

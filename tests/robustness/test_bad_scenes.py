@@ -22,12 +22,6 @@ def run_text(folder, text, code):
     return fvi("run", "bad.yaml", code=code)
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def lagrangian(
     formula: str,
     *,

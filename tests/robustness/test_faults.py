@@ -43,12 +43,7 @@ pytestmark = pytest.mark.processes
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "quick.yaml").write_text(QUICK)
-    (tmp_path / "slow.yaml").write_text(SLOW)
-    return tmp_path
+FILES = {"quick.yaml": QUICK, "slow.yaml": SLOW}
 
 
 # --- death ----------------------------------------------------------------------------------------

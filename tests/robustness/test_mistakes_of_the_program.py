@@ -16,11 +16,8 @@ CONFIG = configuration(
 )
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "small.yaml").write_text(CONFIG)
-    return tmp_path
+FILES = {"small.yaml": CONFIG}
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def breaking(real, at):

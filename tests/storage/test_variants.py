@@ -25,11 +25,8 @@ STIFF = ("--set", "problem.stiffness=2")
 FILE = "results/quick.h5"
 
 
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "quick.yaml").write_text(CONFIG)
-    return tmp_path
+FILES = {"quick.yaml": CONFIG}
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def fvi(*arguments: object, code: int = 0):
