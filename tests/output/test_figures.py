@@ -784,7 +784,7 @@ def test_a_style_file_sets_the_size_and_the_dots(tmp_path):
         ("font.size\n", "line 1: 'font.size' is not a setting"),
         ("font.size: big\n", "font.size"),
         ("font.sizes: 8\n", "did you mean 'font.size'"),
-        ("backend: svg\n", "line 1: 'backend' is no matter of looks"),
+        ("backend: svg\n", "line 1: 'backend' is not a property of the drawing"),
         ("savefig.format: svg\n", "remove the line and write --format"),
         ("font.family: Times Nwe Roman\n", "Times Nwe Roman is not installed; write another"),
         ("font.family: serif\nfont.serif: Garamondo\n", "Garamondo is not installed"),
