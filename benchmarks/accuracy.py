@@ -11,7 +11,7 @@ from fvi_cli.api import cost, load
 from fvi_cli.integrator.method import Method
 from fvi_cli.render.cost import PAGE_CONFIGS
 from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.price import Curve, cost_curves
+from fvi_cli.studies.price import CostCurve, cost_curves
 
 YARDSTICK_STEPS = 2**19
 """Half the length of the transform that times are compared with."""
@@ -167,7 +167,7 @@ def _oscillator_goals(table: CostTable) -> list[Goal]:
             if theirs is None or point.error > 1e-9:
                 continue
             n_steps = point.n_steps
-            same = Curve(
+            same = CostCurve(
                 key=theirs.key,
                 methods=theirs.methods,
                 points=tuple(p for p in theirs.points if p.n_steps == n_steps),
@@ -193,16 +193,16 @@ def _oscillator_goals(table: CostTable) -> list[Goal]:
     ]
 
 
-def _is_ours(curve: Curve) -> bool:
+def _is_ours(curve: CostCurve) -> bool:
     return isinstance(curve.methods[0], Method)
 
 
-def _least_seconds(curves: list[Curve], accuracy: float) -> float:
+def _least_seconds(curves: list[CostCurve], accuracy: float) -> float:
     times = [curve.seconds_to(accuracy) for curve in curves]
     return min((time for time in times if not math.isnan(time)), default=math.nan)
 
 
-def _seconds(curve: Curve, accuracy: float) -> tuple[float, str]:
+def _seconds(curve: CostCurve, accuracy: float) -> tuple[float, str]:
     """Time to an accuracy and how it is known."""
     seconds = curve.seconds_to(accuracy)
     if not math.isnan(seconds):

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.entries import Entry, entries_of
+from fvi_cli.integrator.gradients.entries import GradientEntry, entries_of
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
@@ -117,7 +117,9 @@ def gradient(
         family, values = scene, {name: float(value) for name, value in parameters.items()}
         subject = family(**values)
         entries = [
-            Entry(name=name, value=np.array(value), family=partial(_made, family, values, name))
+            GradientEntry(
+                name=name, value=np.array(value), family=partial(_made, family, values, name)
+            )
             for name, value in values.items()
         ]
         parts = {one.name: list(one.variations()) for one in entries}
@@ -173,7 +175,9 @@ def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
     return replace(given, parameters={**given.parameters, **own})
 
 
-def _named(scene: Scene, parameters: Sequence[str] | Mapping[str, float] | None) -> list[Entry]:
+def _named(
+    scene: Scene, parameters: Sequence[str] | Mapping[str, float] | None
+) -> list[GradientEntry]:
     if isinstance(parameters, Mapping):
         raise ValueError("parameters: their values stand in the scene; give names")
     known = entries_of(scene)

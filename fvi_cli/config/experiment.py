@@ -19,7 +19,7 @@ from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.fit import Fit
 from fvi_cli.config.keys.ladder import MOST_STEPS, Ladder, check_grading, refuse_step
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
-from fvi_cli.config.keys.store import Store
+from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
@@ -82,12 +82,12 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     observed = Observations()
     if problem is not None:
         _check_meeting(problem, methods)
-        every = settings.store.every if isinstance(settings.store, Store) else None
+        every = settings.store.every if isinstance(settings.store, StoreKeys) else None
         if isinstance(every, int):
             _check_memory(problem, methods, steps, every, at)
         if isinstance(settings.accuracy, Accuracy):
             accuracy = accuracy_of(settings.accuracy, problem, methods, at)
-        if isinstance(settings.store, Store) and is_complete(settings.store):
+        if isinstance(settings.store, StoreKeys) and is_complete(settings.store):
             diagnostics = settings.store.request(problem, at)
         observed = read_observations(
             settings, described.get("parameters", {}), problem, methods, at

@@ -69,8 +69,8 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
 
 
 _EVENTS = "; events are asked for by events: {turn: {when: vx, direction: falling}}"
-_QUANTITIES = "; quantities are asked for by quantities: {drift: x2 - x1}"
-_SWEEP = "nothing is swept; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"
+_QUANTITIES = "; write them as quantities: {drift: x2 - x1}"
+_SWEEP = "the experiment has no sweep; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"
 
 
 def _swept(members: Sequence[Member]) -> list[str]:

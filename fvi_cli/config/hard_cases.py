@@ -14,7 +14,7 @@ from fvi_cli.keys.complaints import Complaints, SourcePosition
 from fvi_cli.keys.nodes import plain
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.studies.hard_cases.case import Claim, HardCase, Sense, Setting
+from fvi_cli.studies.hard_cases.case import CaseSetting, Claim, HardCase, Sense
 from fvi_cli.studies.hard_cases.judges import JUDGES, JUDGES_OF_PREDICTIONS, judge_of
 from fvi_cli.studies.members import with_values
 
@@ -62,7 +62,7 @@ def _claim(entry: Mapping[str, Any], case: Mapping[str, Any], values: Mapping[st
         {f"problem.{path}": value for path, value in entry.get("changes", {}).items()},
     )
     settings = [
-        Setting(
+        CaseSetting(
             json.dumps(_filled(problem, known)),
             case["steps"],
             json.dumps(_filled(entry.get("truth"), known)),

@@ -10,7 +10,7 @@ from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.ladder import Ladder
 from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
-from fvi_cli.config.keys.store import Store
+from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
@@ -25,7 +25,7 @@ from fvi_cli.integrator.observations.request import (
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
-from fvi_cli.keys.scalars import Formula
+from fvi_cli.keys.scalars import FormulaText
 from fvi_cli.keys.settings import as_plain
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
@@ -141,8 +141,10 @@ def _check_neighbours(
         except ValueError as error:
             at.refuse_key(name, str(error))
             break
-    has_diagnostics = isinstance(settings.store, Store) and settings.store.diagnostics is not None
-    if at.has("output") and isinstance(settings.store, Store):
+    has_diagnostics = (
+        isinstance(settings.store, StoreKeys) and settings.store.diagnostics is not None
+    )
+    if at.has("output") and isinstance(settings.store, StoreKeys):
         if settings.store.every != 1:
             at.refuse("not together with output, which says what is kept", "store", "every")
         if has_diagnostics:
@@ -172,5 +174,5 @@ def _expression(
     if name in (*problem.coordinates, *_TAKEN):
         under.refuse_key(name, "is the name of something that is stored already; take another")
         return None
-    text = Formula(variables=names).read(under.under(name, *inner))
+    text = FormulaText(variables=names).read(under.under(name, *inner))
     return Expression.parse(text, variables=names) if isinstance(text, str) else None

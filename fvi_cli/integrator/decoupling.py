@@ -77,7 +77,7 @@ class Decoupling:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        modal = _joined(values)
+        modal = _join(values)
         if self.modes.ndim == 1:
             return np.asarray(modal * self.modes)
         return _rows(self.modes, modal)
@@ -86,7 +86,7 @@ class Decoupling:
         """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        modal = _joined(values)
+        modal = _join(values)
         if self.modes.ndim == 1:
             return np.asarray(modal / self.modes)
         return _rows(self.mass @ self.modes, modal)
@@ -138,7 +138,7 @@ def _split(values: Array) -> Array:
     return np.moveaxis(values, -1, 0)[..., None]
 
 
-def _joined(values: Array) -> Array:
+def _join(values: Array) -> Array:
     """Systems as components, ``(d, ..., 1)`` to ``(..., d)``."""
     return np.ascontiguousarray(np.moveaxis(values[..., 0], 0, -1))
 

@@ -57,7 +57,7 @@ class ListNode:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Entry:
+class NodeEntry:
     """A key with its place, and what stands under it."""
 
     key_place: SourcePosition
@@ -69,7 +69,7 @@ class MappingNode:
     """Keys, each once, with their nodes."""
 
     place: SourcePosition
-    entries: dict[str, Entry]
+    entries: dict[str, NodeEntry]
 
 
 Node = ScalarNode | ListNode | MappingNode
@@ -104,7 +104,7 @@ def node_of(value: Any, place: SourcePosition = NOWHERE) -> Node:
     """JSON values as a tree, all of which stands at one place."""
     if isinstance(value, Mapping):
         items = value.items()
-        entries = {str(k): Entry(key_place=place, node=node_of(v, place)) for k, v in items}
+        entries = {str(k): NodeEntry(key_place=place, node=node_of(v, place)) for k, v in items}
         return MappingNode(place=place, entries=entries)
     if isinstance(value, list | tuple):
         return ListNode(place=place, items=tuple(node_of(one, place) for one in value))
@@ -175,7 +175,7 @@ def with_node(node: Node, path: KeyPath, value: Node, place: SourcePosition) -> 
         else:
             is_kept = part in outer.entries and depth < len(passed) - 1
             key_place = outer.entries[part].key_place if is_kept else place
-            entry = Entry(key_place=key_place, node=value)
+            entry = NodeEntry(key_place=key_place, node=value)
             value = replace(outer, entries={**outer.entries, part: entry})
     return value
 

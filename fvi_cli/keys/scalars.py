@@ -186,7 +186,7 @@ class Choice(Shape):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Formula(Shape):
+class FormulaText(Shape):
     """An expression or a number, read as the text of the expression; or one of a few words."""
 
     variables: tuple[str, ...] = ("t",)

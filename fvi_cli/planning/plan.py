@@ -130,7 +130,7 @@ class Plan:
         if mesh.systems == 1:
             return "one system" if mesh.coupled == 1 else f"{mesh.coupled} coupled components"
         kind = "modes" if mesh.has_modes else "components"
-        return f"{mesh.systems} uncoupled {kind} side by side"
+        return f"{mesh.systems} uncoupled {kind} in one batch"
 
     @property
     def history(self) -> str:

@@ -334,8 +334,8 @@ def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
     if high / low < 10:
         low, high = low / 3, high * 3
     margin = (high / low) ** 0.06
-    beside = (max(steps) / min(steps)) ** 0.06 if len(set(steps)) > 1 else 2.0
-    axes.set_xlim(min(steps) / beside, max(steps) * beside)
+    side_margin = (max(steps) / min(steps)) ** 0.06 if len(set(steps)) > 1 else 2.0
+    axes.set_xlim(min(steps) / side_margin, max(steps) * side_margin)
     axes.set_ylim(low / margin, high * margin)
     logarithmic_ticks(axes, steps)
     if not errors.size:

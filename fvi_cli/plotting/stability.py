@@ -289,7 +289,7 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
     if len(keys) == 1:
         limits = {a: row.lasting_step for row, a in zip(rows, across, strict=True)}
         line = np.array([limits[a] for a in x])
-        axes.plot(x, line, color=INK, linewidth=1.3, label="nothing grows below")
+        axes.plot(x, line, color=INK, linewidth=1.3, label="all modes stable below")
     places = np.array([across, up])
     seen = places[:, [_seen(row) == "unstable" for row in rows]]
     axes.plot(*seen, ".", markersize=1.8, color=INK, label="_unstable")
@@ -329,6 +329,6 @@ def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2
         if any(_kind(row) == kind for row in table.rows)
     ]
     if number == 1:
-        entries.append(Line2D([], [], color=INK, linewidth=1.3, label="nothing grows below"))
+        entries.append(Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below"))
     seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
     return [*entries, *_observed_entries(table, [seen])]

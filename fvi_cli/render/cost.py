@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fvi_cli.plotting.ladders.cost import cost_figure_names
-from fvi_cli.reports.document import Block, Code, Heading, Paragraph
+from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.cost import cost_summary
 from fvi_cli.reports.writers.markdown import to_markdown
 from fvi_cli.storage.atomic import replace_file
@@ -29,10 +29,10 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
         Paragraph(
             words=(
                 "Made by ",
-                Code("fvi cost"),
+                CodeSpan("fvi cost"),
                 f" in one process on one core: {platform_name()}, {made_by}; runnable processes "
                 f"{load} on {os.cpu_count()} processors. Every run is in ",
-                Code("tables/<name>-cost.csv"),
+                CodeSpan("tables/<name>-cost.csv"),
                 ". Times mean little where others compute as well.",
             )
         ),

@@ -49,7 +49,7 @@ Found: TypeAlias = Sequence[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class ResultKind:
     """A kind of result, and what is made of results of it.
 
     Parameters
@@ -105,8 +105,8 @@ def _mode_shapes(beginning: Path, tables: Sequence[ModeTable]) -> list[Path]:
     return [path]
 
 
-KINDS: Mapping[type, Kind] = {
-    Outcome: Kind(
+KINDS: Mapping[type, ResultKind] = {
+    Outcome: ResultKind(
         report=lambda name, found: order_report(name, order_tables(found)),
         figures=_outcome_figures,
         text=runs_as_text,
@@ -114,11 +114,11 @@ KINDS: Mapping[type, Kind] = {
         key="runs",
         values=lambda outcome: [run_as_json(one) for one in outcome.finished],
     ),
-    PlannedRun: Kind(text=plans_as_text, is_written=False, is_compared=False),
-    StoredFile: Kind(text=lambda found: contents_as_text(found[0]), is_written=False),
-    Report: Kind(report=lambda name, found: found[0]),
-    OrderTable: Kind(report=order_report),
-    StabilityTable: Kind(
+    PlannedRun: ResultKind(text=plans_as_text, is_written=False, is_compared=False),
+    StoredFile: ResultKind(text=lambda found: contents_as_text(found[0]), is_written=False),
+    Report: ResultKind(report=lambda name, found: found[0]),
+    OrderTable: ResultKind(report=order_report),
+    StabilityTable: ResultKind(
         report=stability_report,
         figures=_drawing("fvi_cli.plotting.stability", "stability_figures"),
         failures=lambda found: [row.failure for one in found for row in one.rows if row.failure],
@@ -128,13 +128,13 @@ KINDS: Mapping[type, Kind] = {
             for row in one.disagreements
         ],
     ),
-    CostTable: Kind(
+    CostTable: ResultKind(
         report=cost_report,
         figures=_drawing("fvi_cli.plotting.ladders.cost", "cost_figures"),
         failures=lambda found: [line for one in found for line in one.unexpected],
         is_compared=False,
     ),
-    FitResult: Kind(
+    FitResult: ResultKind(
         report=fit_report,
         figures=_drawing("fvi_cli.plotting.fits", "fit_figures"),
         failures=lambda found: [one.name for one in found if not one.is_converged],
@@ -142,18 +142,18 @@ KINDS: Mapping[type, Kind] = {
         key="fits",
         values=fit_as_json,
     ),
-    ModeTable: Kind(
+    ModeTable: ResultKind(
         report=mode_report,
         figures=_drawing("fvi_cli.plotting.spectra", "mode_figures"),
         failures=lambda found: [one.name for one in found if not one.is_complete],
         words="tables may lack modes",
         further=_mode_shapes,
     ),
-    ResponseTable: Kind(
+    ResponseTable: ResultKind(
         report=response_report,
         figures=_drawing("fvi_cli.plotting.spectra", "response_figures"),
     ),
-    HardCaseReport: Kind(
+    HardCaseReport: ResultKind(
         report=lambda name, found: hard_case_report(found[0]),
         violations=lambda found: broken_claims(found[0]),
         # the page stands beside the tables
@@ -162,7 +162,7 @@ KINDS: Mapping[type, Kind] = {
 }
 
 
-def kind_of(results: Results) -> tuple[Kind, Found]:
+def kind_of(results: Results) -> tuple[ResultKind, Found]:
     """The kind of `results`, and the results one by one; none at all are outcomes.
 
     Raises

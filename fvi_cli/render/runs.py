@@ -110,7 +110,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
     for outcome in outcomes:
         labels = _labels(outcome)
         found += [
-            _Watched(
+            _ObservedRun(
                 experiment=outcome.experiment.name,
                 method=labels[one.run.method.case].label,
                 n_steps=one.run.n_steps,
@@ -120,7 +120,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
             for one in outcome.finished
             if one.run.member is None
         ]
-    return _watched_as_text(found, "method")
+    return _quantities_as_text(found, "method")
 
 
 def _labels(outcome: Outcome) -> dict[str, MethodName]:
@@ -129,7 +129,7 @@ def _labels(outcome: Outcome) -> dict[str, MethodName]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Watched:
+class _ObservedRun:
     """A run by its words, and what was observed of it; then one of these things."""
 
     experiment: str
@@ -152,7 +152,7 @@ _EVENT_COLUMNS = (
 )
 
 
-def _watched_as_text(runs: Sequence[_Watched], method: str) -> list[str]:
+def _quantities_as_text(runs: Sequence[_ObservedRun], method: str) -> list[str]:
     """A table of the quantities and one of the events; `method` is the heading of that column."""
     titles = {"experiment": "experiment", "method": method, "n_steps": "n_steps"}
     named = [Column(name, title=title) for name, title in titles.items()]
@@ -225,7 +225,7 @@ def contents_as_text(stored: StoredFile) -> str:
         if run.members
     )
     observed = [
-        _Watched(
+        _ObservedRun(
             experiment=run.experiment,
             method=run.case,
             n_steps=run.n_steps,
@@ -234,7 +234,7 @@ def contents_as_text(stored: StoredFile) -> str:
         )
         for run in stored.runs
     ]
-    tables = [line for table in _watched_as_text(observed, "case") for line in ("", table)]
+    tables = [line for table in _quantities_as_text(observed, "case") for line in ("", table)]
     return "\n".join([text, *tables, *(["", *swept] if swept else [])])
 
 

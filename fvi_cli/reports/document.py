@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
-class Code:
+class CodeSpan:
     """Words that are to be read letter by letter: names of files and cases."""
 
     text: str
@@ -35,7 +35,7 @@ class Near:
     text: str
 
 
-Piece = str | Code | Equation | Rough | Near
+Piece = str | CodeSpan | Equation | Rough | Near
 Words = str | tuple[Piece, ...]
 """Running text; every piece is literal, nothing in it is markup."""
 

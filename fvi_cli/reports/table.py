@@ -126,7 +126,7 @@ def pivot(
     cells: Iterable[Cell],
     *,
     corner: Sequence[str],
-    beside: Mapping[str, Sequence[str]],
+    headings: Mapping[str, Sequence[str]],
     absent: str = "-",
     summary: Iterable[tuple[tuple[str, ...], Mapping[str, Sequence[str]]]] = (),
     **layout: Any,
@@ -137,16 +137,16 @@ def pivot(
         lines.setdefault(begin, {})[column] = texts
 
     def line(begin: tuple[str, ...], found: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-        own = (found.get(c, (absent, *[""] * (len(t) - 1))) for c, t in beside.items())
+        own = (found.get(c, (absent, *[""] * (len(t) - 1))) for c, t in headings.items())
         return (*begin, *(text for texts in own for text in texts))
 
     layout.setdefault("text_columns", len(corner))
     return Grid(
-        header=(*corner, *(title for titles in beside.values() for title in titles)),
+        header=(*corner, *(title for titles in headings.values() for title in titles)),
         rows=tuple(line(*one) for one in lines.items()),
         summary_rows=tuple(line(*one) for one in summary),
         key_columns=len(corner),
-        groups=tuple(map(len, beside.values())),
+        groups=tuple(map(len, headings.values())),
         **layout,
     )
 

@@ -92,7 +92,7 @@ class Outcome:
         study = (experiment, self.finished)
         for drawn in figures_for([study]).values():
             return drawn
-        raise RequestError(*(left_out([study]) or [f"{experiment.name}: nothing to draw"]))
+        raise RequestError(*(left_out([study]) or [f"{experiment.name}: no figure to draw"]))
 
     def to_dataframe(self, what: Literal["runs", "motions"] = "runs") -> Any:
         """A pandas DataFrame.

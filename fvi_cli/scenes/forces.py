@@ -17,7 +17,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
-from fvi_cli.keys.scalars import Formula, Number, Schema, Text
+from fvi_cli.keys.scalars import FormulaText, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
@@ -186,7 +186,9 @@ PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
 
 
 _UNTIL: Final = key("Last time of the piece; the last piece has none.", unit="time", default=None)
-_VALUE: Final = ByForm(single=Formula(), several=ListOf(shape=Formula(), example="[sin(t), 0]"))
+_VALUE: Final = ByForm(
+    single=FormulaText(), several=ListOf(shape=FormulaText(), example="[sin(t), 0]")
+)
 
 
 class ForcePiece(PlainSetting):
@@ -202,7 +204,7 @@ class GroundPiece(PlainSetting):
     """An acceleration in a part of the time."""
 
     until: Positive | None = _UNTIL
-    value_: Annotated[str, Formula()] = key(
+    value_: Annotated[str, FormulaText()] = key(
         "Acceleration in this piece: number or expression in t."
     )
 
@@ -226,7 +228,7 @@ class GroundPieces(PlainSetting):
     pieces: Annotated[Any, _list_of(GroundPiece)] = _PIECES
 
 
-_COMPONENT: Final = ByForm(single=Formula(), mappings=(SAMPLES,))
+_COMPONENT: Final = ByForm(single=FormulaText(), mappings=(SAMPLES,))
 
 
 class ForcesAt(PlainSetting):
@@ -239,14 +241,14 @@ class ForcesAt(PlainSetting):
 
 
 _FORCES: Final = ByForm(
-    single=Formula(),
+    single=FormulaText(),
     several=ListOf(shape=_COMPONENT, example="[sin(t), {file: quake.csv, column: a}]"),
     mappings=(record_of(ForcePieces), record_of(ForcesAt), SAMPLES),
     example=f"{PIECES_EXAMPLE}, where the value may be a list",
     name="Force",
 )
 _GROUND: Final = ByForm(
-    single=Formula(),
+    single=FormulaText(),
     mappings=(record_of(GroundPieces), SAMPLES),
     example=PIECES_EXAMPLE,
     name="GroundMotion",
@@ -306,11 +308,10 @@ def build_forcing(
         return found
 
     if isinstance(value, Mapping) and "at" in value:
-        nothing = _expression("0", key)
+        zero = _expression("0", key)
         given = by_coordinate(value["at"], names, f"{key}.at")
         components: tuple[ForceComponent, ...] = tuple(
-            component(given[name], f"{key}.at.{name}") if name in given else nothing
-            for name in names
+            component(given[name], f"{key}.at.{name}") if name in given else zero for name in names
         )
     else:
         components = _per_coordinate(value, dimension, key, component)
@@ -323,10 +324,10 @@ def _with_ends(
     components: tuple[ForceComponent, ...], ends: Mapping[int, float]
 ) -> tuple[ForcingPiece, ...]:
     """Pieces of a force whose samples end, given by the identity of the component."""
-    nothing = _expression("0", "")
+    zero = _expression("0", "")
     pieces = []
     for until in (*sorted(set(ends.values())), math.inf):
-        left = tuple(c if ends.get(id(c), math.inf) >= until else nothing for c in components)
+        left = tuple(c if ends.get(id(c), math.inf) >= until else zero for c in components)
         pieces.append(ForcingPiece(components=left, until=until))
     return tuple(pieces)
 

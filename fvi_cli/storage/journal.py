@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import explain_os_error, followed
-from fvi_cli.storage.records.record import Entry, Record, kind_of, same_value
+from fvi_cli.storage.records.record import Entry, StoredRecord, kind_of, same_value
 
 _logger = logging.getLogger(__name__)
 
@@ -131,7 +131,7 @@ class Journal:
             at += 8 * math.prod(shape)
         self._end = end
 
-    def append(self, records: Sequence[Record]) -> list[Entry]:
+    def append(self, records: Sequence[StoredRecord]) -> list[Entry]:
         """Write records as one frame, or leave the journal as it was."""
         content = self._encoded(records)
         with explain_os_error(self.path):
@@ -156,7 +156,7 @@ class Journal:
         self._learn(self._end, *found)
         return self.entries[known:]
 
-    def _encoded(self, records: Sequence[Record]) -> bytes:
+    def _encoded(self, records: Sequence[StoredRecord]) -> bytes:
         """A frame; what its records have in common is said once."""
         first = records[0].attributes
         common = {
@@ -207,18 +207,18 @@ class Journal:
         return self._heads[place]
 
     def attributes(self, entry: Entry) -> dict[str, Any]:
-        """As :meth:`fvi_cli.storage.records.record.Source.attributes`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.attributes`."""
         head, _ = self._known(entry.place)
         return {**head["common"], **head["runs"][entry.row][3]}
 
     def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
-        """As :meth:`fvi_cli.storage.records.record.Source.shapes`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         head, _ = self._known(entry.place)
         layout = head["layouts"][head["runs"][entry.row][4]]
         return [(name, tuple(shape), tuple(axes)) for name, _, shape, axes in layout]
 
-    def read(self, entry: Entry) -> Record:
-        """As :meth:`fvi_cli.storage.records.record.Source.read`."""
+    def read(self, entry: Entry) -> StoredRecord:
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.read`."""
         head, begins = self._known(entry.place)
         layout = head["layouts"][head["runs"][entry.row][4]]
         at, raw = (
@@ -230,7 +230,7 @@ class Journal:
             size = math.prod(shape)
             arrays[name] = np.frombuffer(raw, dtype, size, at).reshape(shape)
             at += 8 * size
-        return Record(
+        return StoredRecord(
             identity=entry.identity,
             request=entry.request,
             attributes=self.attributes(entry),
@@ -239,11 +239,11 @@ class Journal:
         )
 
     def has_input(self, digest: str) -> bool:
-        """As :meth:`fvi_cli.storage.records.record.Source.has_input`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.has_input`."""
         return digest in self.inputs
 
     def read_input(self, digest: str) -> NDArray[Any]:
-        """As :meth:`fvi_cli.storage.records.record.Source.read_input`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.read_input`."""
         at, dtype, shape = self.inputs[digest]
         return np.frombuffer(self._bytes(at, 8 * math.prod(shape)), dtype).reshape(shape)
 

@@ -10,7 +10,7 @@ from fvi_cli.storage.records.placed import Description, Placed
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
     Entry,
-    Kind,
+    GroupKind,
     group_path,
 )
 
@@ -66,7 +66,7 @@ def layout_of(
     return found
 
 
-def _from(path: str, kind: Kind) -> Iterator[str]:
+def _from(path: str, kind: GroupKind) -> Iterator[str]:
     """Paths for runs that the configuration requests, and for others of their values."""
     if kind.has_own_times:
         yield from _numbered(path)
@@ -74,7 +74,7 @@ def _from(path: str, kind: Kind) -> Iterator[str]:
     yield from _neighbours(kind)
 
 
-def _neighbours(kind: Kind) -> Iterator[str]:
+def _neighbours(kind: GroupKind) -> Iterator[str]:
     """Paths for runs of other values, the first of which holds all methods."""
     what = [kind.variant, repr((kind.variant, kind.method, kind.is_refusal, kind.swept))]
     paths = [

@@ -42,7 +42,7 @@ from fvi_cli.storage.groups.writing import (
 from fvi_cli.storage.identity import FORMAT, INPUT, canonical_json, digest_of
 from fvi_cli.storage.provenance import origin, package_versions, platform_name
 from fvi_cli.storage.records.placed import Placed
-from fvi_cli.storage.records.record import Entry, Kind, Record, kind_of
+from fvi_cli.storage.records.record import Entry, GroupKind, StoredRecord, kind_of
 
 HELD_BYTES: Final = 2**26
 """Arrays that are kept of an open file: who reads members in another order finds them again."""
@@ -113,8 +113,10 @@ class ResultFile:
             return list(self._entries())
 
     def _entries(self) -> Iterator[Entry]:
-        groups = [(str(one["path"]), Kind(**one["kind"] | {"swept": tuple(one["kind"]["swept"])}))
-                  for one in self.groups]  # fmt: skip
+        groups = [
+            (str(one["path"]), GroupKind(**one["kind"] | {"swept": tuple(one["kind"]["swept"])}))
+            for one in self.groups
+        ]
         digests = ([bytes(row).hex() for row in self._index[name]] for name in DIGESTS)
         numbers = (self._index[name].tolist() for name in NUMBERS)
         for row in zip(*digests, *numbers, strict=True):
@@ -131,18 +133,18 @@ class ResultFile:
         return self._groups[path]
 
     def attributes(self, entry: Entry) -> dict[str, Any]:
-        """As :meth:`fvi_cli.storage.records.record.Source.attributes`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.attributes`."""
         with explain_damage(self.path):
             found = self.group(entry.path).attributes_of(entry.row)
             return {k: v for k, v in found.items() if k not in (IDENTITY, POINTS, ARRAYS)}
 
     def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
-        """As :meth:`fvi_cli.storage.records.record.Source.shapes`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         with explain_damage(self.path):
             return self.group(entry.path).shapes(entry.row)
 
-    def read(self, entry: Entry) -> Record:
-        """As :meth:`fvi_cli.storage.records.record.Source.read`."""
+    def read(self, entry: Entry) -> StoredRecord:
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.read`."""
         with explain_damage(self.path):
             group = self.group(entry.path)
             key = entry.path, entry.row // group.rows_at_a_time
@@ -153,7 +155,7 @@ class ResultFile:
                     self._held -= _size(self._blocks.popitem(last=False)[1])
             self._blocks.move_to_end(key)
             attributes, arrays = group.row(entry.row, *self._blocks[key])
-            return Record(
+            return StoredRecord(
                 identity=entry.identity,
                 request=entry.request,
                 attributes={
@@ -164,12 +166,12 @@ class ResultFile:
             )
 
     def has_input(self, digest: str) -> bool:
-        """As :meth:`fvi_cli.storage.records.record.Source.has_input`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.has_input`."""
         with explain_damage(self.path):
             return f"{INPUTS}/{digest}" in self._opened()
 
     def read_input(self, digest: str) -> NDArray[Any]:
-        """As :meth:`fvi_cli.storage.records.record.Source.read_input`."""
+        """As :meth:`fvi_cli.storage.records.record.RecordSource.read_input`."""
         with explain_damage(self.path):
             values = np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
             if digest_of(values) != digest:

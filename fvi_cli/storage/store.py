@@ -43,7 +43,7 @@ from fvi_cli.storage.records.record import (
     VARIANT_MARK,
     Entry,
     Place,
-    Record,
+    StoredRecord,
     group_path,
     stored_place,
     swept_by,
@@ -173,7 +173,7 @@ class Store:
         """Where every run lies."""
         return [one for one in self._entries.values() if not one.is_reference]
 
-    def read(self, identity: str) -> Record | None:
+    def read(self, identity: str) -> StoredRecord | None:
         """The record of this identity, verified; None if there is none."""
         entry = self._entries.get(identity)
         return None if entry is None else entry.record()
@@ -197,7 +197,7 @@ class Store:
             self._mark(finished.run, entry, (record, finished))
         return finished
 
-    def _read_back(self, run: Run, record: Record) -> FinishedRun | None:
+    def _read_back(self, run: Run, record: StoredRecord) -> FinishedRun | None:
         with explain_damage(self.path):
             found = run_of(run, record.attributes)
             return None if found is None else finished_of(record, found)
@@ -236,7 +236,7 @@ class Store:
             self._learn(self._journal.append([reference_record_of(*one) for one in found]))
 
     def _mark(
-        self, run: Run, entry: Entry, known: tuple[Record, FinishedRun] | None = None
+        self, run: Run, entry: Entry, known: tuple[StoredRecord, FinishedRun] | None = None
     ) -> None:
         """What is requested belongs where the file's configuration points to."""
         kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm

@@ -24,7 +24,7 @@ LEAST_DECREASE = 1.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Curve:
+class CostCurve:
     """The runs of one method that reached something, as points of error and time.
 
     ``dop853`` chooses its own steps: its runs of all tolerances are one curve.
@@ -132,7 +132,7 @@ class Curve:
         return float(10.0**slope)
 
 
-def cost_curves(table: CostTable) -> list[Curve]:
+def cost_curves(table: CostTable) -> list[CostCurve]:
     """One curve per method, dop853 in one; methods without a usable run are left out."""
     grouped: dict[str, list[CostCase]] = {}
     for case in table.cases:
@@ -148,7 +148,7 @@ def cost_curves(table: CostTable) -> list[Curve]:
             points.sort(key=lambda point: -point.error)
         if points:
             methods = tuple(case.method for case in cases)
-            curves.append(Curve(key=key, methods=methods, points=tuple(points)))
+            curves.append(CostCurve(key=key, methods=methods, points=tuple(points)))
     return curves
 
 
@@ -158,7 +158,7 @@ class Band:
 
     coarse: float
     fine: float
-    curve: Curve
+    curve: CostCurve
     least_seconds: float
     most_seconds: float
 
@@ -171,7 +171,7 @@ TIE = 1.1
 """Times that differ by less than this factor are taken for equal."""
 
 
-def cheapest_bands(curves: Sequence[Curve]) -> list[Band]:
+def cheapest_bands(curves: Sequence[CostCurve]) -> list[Band]:
     """Who is cheapest from an error of 1 down to 1e-13; gaps where nobody comes.
 
     A method stays in its band until another one is quicker by a tenth: less is within what times
@@ -207,17 +207,17 @@ def cheapest_bands(curves: Sequence[Curve]) -> list[Band]:
     return bands
 
 
-def cheapest_at(bands: Sequence[Band], error: float) -> Curve | None:
+def cheapest_at(bands: Sequence[Band], error: float) -> CostCurve | None:
     """The method of the band that holds an error; None where nobody reaches it."""
     return next((band.curve for band in bands if band.coarse > error >= band.fine), None)
 
 
-def pareto_front(curves: Sequence[Curve]) -> list[tuple[Curve, CostRow]]:
+def pareto_front(curves: Sequence[CostCurve]) -> list[tuple[CostCurve, CostRow]]:
     """The runs that no other run beats in both error and time, the quickest first."""
     rated = [curve for curve in curves if not curve.is_exact_by_chance]
     everything = [(curve, point) for curve in rated for point in curve.points]
     everything.sort(key=lambda one: (one[1].seconds, one[1].error))
-    front: list[tuple[Curve, CostRow]] = []
+    front: list[tuple[CostCurve, CostRow]] = []
     for curve, point in everything:
         if not front or point.error < front[-1][1].error:
             front.append((curve, point))

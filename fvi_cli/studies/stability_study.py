@@ -49,7 +49,7 @@ _SEED = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Observation:
+class ObservedStability:
     """What a run from random data did."""
 
     verdict: Verdict
@@ -81,7 +81,7 @@ class StabilityRow:
     where there is none, or where nothing is predicted."""
     lasting_step: float
     """The same over a thousand times that time: up to it nothing grows, however slowly."""
-    observation: Observation | None = None
+    observation: ObservedStability | None = None
     """None where it was not asked for, or cannot be made."""
     failure: str = ""
     """What the program's own mistake was, where nothing came of it."""
@@ -188,7 +188,7 @@ def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
     return largest_stable_step(scene, method) or math.nan, lasting
 
 
-def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None:
+def observe(scene: Scene, method: AnyMethod, n_steps: int) -> ObservedStability | None:
     """What random data do in steps of T / `n_steps`.
 
     None for a scene that cannot be linearised, and where the equations of a step have no unique
@@ -224,7 +224,7 @@ def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None
     resolved = RESOLVED * 0.75 * count * predicted.exact_growth
     has_overflowed = sizes.size <= count
     is_unstable = has_overflowed or excess > max(math.log(TOLERATED_GROWTH), resolved)
-    return Observation(
+    return ObservedStability(
         verdict="unstable" if is_unstable else "stable",
         n_steps=count,
         growth_per_step=growth,

@@ -13,7 +13,7 @@ from stored_results import stored_hard_cases
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Method
 from fvi_cli.reports import Column, Report, Sheet, rendered
-from fvi_cli.reports.document import Code, Equation, Grid, Heading, Paragraph
+from fvi_cli.reports.document import CodeSpan, Equation, Grid, Heading, Paragraph
 from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
@@ -184,7 +184,7 @@ def test_a_table_that_is_too_wide_and_a_mistake_are_found(tmp_path):
 def test_whatever_the_words_they_compile(tmp_path):
     blocks = [
         Heading(level=1, words=HOSTILE),
-        Paragraph(words=(Equation(HOSTILE), Code(HOSTILE))),
+        Paragraph(words=(Equation(HOSTILE), CodeSpan(HOSTILE))),
         Grid(header=("[a]", HOSTILE), rows=(("[1pt]", HOSTILE),), text_columns=2),
     ]
     report = Report(

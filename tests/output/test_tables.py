@@ -22,7 +22,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecifica
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.reports.document import (
     Bullets,
-    Code,
+    CodeSpan,
     Grid,
     Heading,
     Paragraph,
@@ -667,7 +667,7 @@ def test_hostile_words_are_letters_in_markdown():
     escaped = escape_markdown(HOSTILE)
     assert re.sub(r"\\(.)", r"\1", escaped) == HOSTILE.replace("\n", " ")
     grid = Grid(header=("a", "b"), rows=((HOSTILE, "1"),))
-    text = to_markdown([grid, Paragraph(words=(Code("a`b``c"), HOSTILE))])
+    text = to_markdown([grid, Paragraph(words=(CodeSpan("a`b``c"), HOSTILE))])
     (cells,) = markdown_tables(text)
     assert len(cells[1]) == 2
     assert "``` a`b``c ```" in text
@@ -748,7 +748,7 @@ def test_latex_is_balanced_and_its_tables_have_the_columns_they_declare():
 def test_any_words_make_balanced_latex_and_one_line_of_markdown(words):
     blocks = [
         Heading(level=1, words=words),
-        Bullets(items=(words, (Code(words),))),
+        Bullets(items=(words, (CodeSpan(words),))),
         Grid(header=(words, "n"), rows=((words, words),)),
     ]
     check_latex(to_latex(blocks))

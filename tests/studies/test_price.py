@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.studies.cost import CostCase, CostRow
 from fvi_cli.studies.price import (
-    Curve,
+    CostCurve,
     cheapest_at,
     cheapest_bands,
     cost_curves,
@@ -19,11 +19,11 @@ from fvi_cli.studies.price import (
 )
 
 
-def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> Curve:
-    return Curve(key=key, methods=(method,), points=tuple(rows))
+def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> CostCurve:
+    return CostCurve(key=key, methods=(method,), points=tuple(rows))
 
 
-def power_law(key: str, order: float, exponent: float, scale: float = 1e-4) -> Curve:
+def power_law(key: str, order: float, exponent: float, scale: float = 1e-4) -> CostCurve:
     return curve(key, [row(n, n**-order, scale * n**exponent) for n in COUNTS])
 
 

@@ -26,11 +26,11 @@ from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.studies.hard_cases.case import (
     FLAGSHIP,
+    CaseSetting,
     Claim,
     Finding,
     HardCase,
     HardCaseReport,
-    Setting,
     examine,
     examined_methods,
 )
@@ -51,7 +51,7 @@ def of(case: HardCase, *methods: str) -> HardCaseReport:
 
 def setting(
     n_steps: int = 1000, *, order: float = 1.0, coefficient: float = 0.0, stiffness: float = 1.0
-) -> Setting:
+) -> CaseSetting:
     """A free oscillator on [0, 50] from x(0) = 1, whose truth is cos t."""
     problem = {
         "kind": "damped-oscillator",
@@ -60,10 +60,10 @@ def setting(
         "initial": {"position": 1.0},
         "final_time": 50.0,
     }
-    return Setting(json.dumps(problem), n_steps, '"cos(t)"')
+    return CaseSetting(json.dumps(problem), n_steps, '"cos(t)"')
 
 
-def measured(claim: Claim, one: Setting) -> float:
+def measured(claim: Claim, one: CaseSetting) -> float:
     """What the judge of a claim finds in a run of another setting, with the flagship."""
     judge = functools.partial(claim.judge.func, (one,), **claim.judge.keywords)
     return judge(integrate(one.scene, METHODS[FLAGSHIP], one.n_steps))
@@ -248,7 +248,7 @@ def test_the_energy_balance_of_the_double_pendulum_sees_a_wrong_coefficient():
             "joints": [{"order": 0.5, "coefficient": coefficient}],
             "final_time": 5.0,
         }
-        changed = Setting(json.dumps(problem), 400)
+        changed = CaseSetting(json.dumps(problem), 400)
         return judge_of("energy_defect", [changed], {"hanging": -3.0})(trajectory)
 
     scene = dataclasses.replace(one.scene, final_time=5.0)

@@ -20,9 +20,9 @@ from fvi_cli.config.keys.sweep import (
 from fvi_cli.keys.complaints import SourcePosition, excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, Missing
 from fvi_cli.keys.nodes import (
-    Entry,
     MappingNode,
     Node,
+    NodeEntry,
     NowhereError,
     ScalarNode,
     node_at,
@@ -124,7 +124,7 @@ def _read_designs(at: Cursor) -> Sweep | None:
     if len(at.complaints) > before:
         return None
     if not keys:
-        under.refuse(f"nothing is changed; it must be {_EXPECTED}")
+        under.refuse(f"a change is missing; it must be {_EXPECTED}")
         return None
     values: dict[str, list[Node]] = {key: [] for key in keys}
     combinations: list[tuple[int, ...]] = []
@@ -165,12 +165,12 @@ def designs_in_full(members: Sweep, at: Cursor) -> Node:
     entries = {}
     for name, combination in zip(members.names, members.combinations, strict=True):
         own = {
-            key: Entry(key_place=members.key_places[key], node=value)
+            key: NodeEntry(key_place=members.key_places[key], node=value)
             for key, value in members.nodes_of(combination).items()
             if key in members.named
         }
         changes = MappingNode(place=given[name].node.place, entries=own)
-        entries[name] = Entry(key_place=given[name].key_place, node=changes)
+        entries[name] = NodeEntry(key_place=given[name].key_place, node=changes)
     return MappingNode(place=at.node.place, entries=entries)
 
 

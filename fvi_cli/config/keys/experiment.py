@@ -17,7 +17,7 @@ from fvi_cli.config.keys.observations import (
     Quantities,
     Units,
 )
-from fvi_cli.config.keys.store import Store
+from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import SweepShape
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.scalars import Choice, Number, Text
@@ -67,7 +67,7 @@ _REFUSED: Final = {
 }
 
 
-class Report(Setting):
+class ReportKeys(Setting):
     """How errors are measured."""
 
     norm: Norm = key(
@@ -107,7 +107,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "with the values of each member, and its name if it has one. They are computed together.",
         default=None,
     )
-    report: Report = key("How errors are measured.", default={"norm": "max"})
+    report: ReportKeys = key("How errors are measured.", default={"norm": "max"})
     expect: Annotated[Mapping[str, str], Named(shape=_FAILURES, names=_CASES)] = key(
         "Failures that are known; they do not make the exit code 1.", default={}
     )
@@ -124,7 +124,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         default=[],
     )
     allow_unstable: bool = key("Compute runs that are predicted to blow up.", default=False)
-    store: Store = key("What is kept in files.", default={"every": 1})
+    store: StoreKeys = key("What is kept in files.", default={"every": 1})
     output: Output | None = key(
         "Times at which a run is stored, whatever its steps: "
         f"{EXAMPLE}. Default: the points of the mesh. For Runge-Kutta methods.",

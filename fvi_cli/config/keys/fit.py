@@ -164,7 +164,7 @@ class Fit(Setting):
     )
     parameters: Parameters = key("Numbers of the problem that are fitted.")
     noise: Annotated[str | float | Mapping[str, float], Noise()] = key(
-        "Standard deviation of the noise: auto (estimated from what is left), a number, or a "
+        "Standard deviation of the noise: auto (estimated from the residuals), a number, or a "
         "mapping from columns to numbers.",
         default="auto",
     )

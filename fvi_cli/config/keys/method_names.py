@@ -86,7 +86,7 @@ def _no_method(name: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodName(Shape):
+class MethodWord(Shape):
     """The name of a method, read as its keys."""
 
     expected: str = f"the name of a method, such as {EXAMPLES}"

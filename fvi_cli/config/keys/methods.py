@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
-from fvi_cli.config.keys.method_names import MethodName
+from fvi_cli.config.keys.method_names import MethodWord
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
@@ -130,7 +130,7 @@ class MethodKeys(Setting, refused=_REFUSED):
 
 
 METHODS: Final = OneOrMany(
-    shape=ByForm(single=MethodName(), mappings=(record_of(MethodKeys),), name="Method")
+    shape=ByForm(single=MethodWord(), mappings=(record_of(MethodKeys),), name="Method")
 )
 
 

@@ -76,7 +76,7 @@ _SYMMETRIES: Final = ListOf(
 _DIAGNOSTICS: Final = ListOf(shape=_WORDS, least=0, example=f"[{ENERGY}, {MAPS}]")
 
 
-class Store(Setting):
+class StoreKeys(Setting):
     """What is kept in files."""
 
     every: Annotated[int, Integer(least=1, most=MOST_STEPS)] = key(

@@ -41,7 +41,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     """
     if kind not in KINDS:
         raise RequestError(
-            f"{kind!r} is no kind of problem{suggestion(kind, KINDS)} (known: {listed(KINDS)})"
+            f"{kind!r}: unknown kind of problem{suggestion(kind, KINDS)} (known: {listed(KINDS)})"
         )
     described = KINDS[kind]
     lines = [

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, excerpt
-from fvi_cli.keys.nodes import Entry, ListNode, MappingNode, Node, ScalarNode, read_scalar
+from fvi_cli.keys.nodes import ListNode, MappingNode, Node, NodeEntry, ScalarNode, read_scalar
 
 LARGEST_DOCUMENT = 1_000_000
 DEEPEST_NESTING = 50
@@ -63,7 +63,7 @@ class _Open:
     anchor: str | None
     is_mapping: bool
     items: list[Node] = field(default_factory=list)
-    entries: dict[str, Entry] = field(default_factory=dict)
+    entries: dict[str, NodeEntry] = field(default_factory=dict)
     key: ScalarNode | None = None
     size: int = 1
 
@@ -220,7 +220,7 @@ class _Builder:
                 f"given twice, first in line {first.line}" if first.line else "given twice",
             )
         else:
-            frame.entries[key.text] = Entry(key_place=key.place, node=node)
+            frame.entries[key.text] = NodeEntry(key_place=key.place, node=node)
 
     def path(self) -> KeyPath:
         """Keys that lead to the innermost open list or mapping."""

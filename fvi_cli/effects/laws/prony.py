@@ -13,7 +13,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exponentials:
+class PronyKernel:
     r"""The kernel :math:`k(t) = \sum_i g_i e^{-x_i t}`: point masses, and nothing to be quadrated.
 
     .. math:: \hat k(s) = \sum_i \frac{g_i}{s + x_i}
@@ -95,7 +95,7 @@ def prony(
         positive(value, f"times.{index}")
     masses = tuple((1.0 / time, float(g)) for g, time in zip(moduli, times, strict=True))
     return Law(
-        kernel=Exponentials(masses=masses),
+        kernel=PronyKernel(masses=masses),
         size=1.0,
         relaxed=relaxed,
         coefficient=coefficient,

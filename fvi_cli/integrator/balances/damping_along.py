@@ -60,8 +60,8 @@ class DampingAlong:
             found.append(np.array(forces).reshape(len(forces), q, count, -1, e))
             states = damping.push(tables, states, driven, count)
             column = damping.push_column(tables, column, count)
-        nothing = np.zeros((len(damping.directions), q, n, 0, e))
-        whole = np.concatenate(found, axis=2) if found else nothing
+        zero = np.zeros((len(damping.directions), q, n, 0, e))
+        whole = np.concatenate(found, axis=2) if found else zero
         return whole if self.reach is None else self.reach.spread(whole)
 
     def stored(self) -> Array | None:

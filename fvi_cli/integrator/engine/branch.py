@@ -15,7 +15,7 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame
-from fvi_cli.integrator.engine.law import Law
+from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, largest
@@ -29,7 +29,7 @@ CLOSE = 1e-6
 
 
 def follow(
-    law: Law, damping: Damping | None, frame: Frame, state: State, known: Array
+    law: StepLaw, damping: Damping | None, frame: Frame, state: State, known: Array
 ) -> Array | None:
     """U of a step of one member, ``(1, s, e)``; None where the solution ends before.
 
@@ -61,7 +61,7 @@ def follow(
 
 
 def _solve(
-    law: Law, damping: Damping | None, frame: Frame, state: State, known: Array, guess: Array
+    law: StepLaw, damping: Damping | None, frame: Frame, state: State, known: Array, guess: Array
 ) -> Array | None:
     """Newton's iteration with its own derivatives each time; None where it does not contract."""
     begin = np.concatenate([state.x, state.p], axis=1)

@@ -16,7 +16,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import Frame, longest_block, sampling_of
-from fvi_cli.integrator.engine.law import Law, force_of, law_of, modes_of
+from fvi_cli.integrator.engine.law import StepLaw, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.operators import Operators
@@ -72,7 +72,7 @@ class Engine:
         self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
         self.sampling = sampling_of(method)
         self.modes, reach = modes_of(scenes), None
-        self.law: Law
+        self.law: StepLaw
         if is_structure(scenes, method, self.modes):
             self.modes, self.law = None, StructureLaw(scene)
             reach = self.law.reach

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
-from fvi_cli.integrator.engine.law import Law
+from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.tables import apply_to_each, on_every_component, on_steps
 from fvi_cli.integrator.memory.lag_sequences import constant_lags, expand
 from fvi_cli.integrator.method import Method
@@ -260,7 +260,7 @@ class Frame:
         return np.asarray(np.matmul(by_step, self.tests.T).reshape(len(rest), -1))
 
 
-def longest_block(law: Law, members: int, inputs: int) -> int:
+def longest_block(law: StepLaw, members: int, inputs: int) -> int:
     """Steps of the longest block of members with so many inputs of a step."""
     size, largest = inputs, SIZE_OF_LINEAR if law.is_linear else SIZE_OF_NEWTON
     if law.has_rates:

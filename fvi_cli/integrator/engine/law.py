@@ -77,7 +77,7 @@ class Linearisation(NamedTuple):
                 own[places] = new
 
 
-class Law(Protocol):
+class StepLaw(Protocol):
     """The conservative part of q scenes of one kind.
 
     Attributes
@@ -93,7 +93,7 @@ class Law(Protocol):
     is_linear: bool
     has_rates: bool
 
-    def of(self, places: Places) -> "Law":
+    def of(self, places: Places) -> "StepLaw":
         """That of some members."""
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
@@ -341,7 +341,7 @@ def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
     return known if len(known) == len(found) else None
 
 
-def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> Law:
+def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepLaw:
     """The conservative part of scenes of one kind, in these coordinates."""
     if modes is not None:
         mass, stiffness = [], []

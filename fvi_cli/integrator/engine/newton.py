@@ -15,7 +15,7 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.branch import follow
-from fvi_cli.integrator.engine.law import Law
+from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import Mask, State
@@ -51,7 +51,7 @@ class Newton:
 
     def __init__(
         self,
-        law: Law,
+        law: StepLaw,
         damping: Damping | None,
         op: Operator,
         state: State,

@@ -9,7 +9,7 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
-from fvi_cli.integrator.engine.law import Law
+from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.method import Method
@@ -29,7 +29,9 @@ class Operators:
         Of the engine.
     """
 
-    def __init__(self, law: Law, damping: Damping | None, method: Method, components: int) -> None:
+    def __init__(
+        self, law: StepLaw, damping: Damping | None, method: Method, components: int
+    ) -> None:
         self.law, self.damping, self._method, self._e = law, damping, method, components
         self._tables, self._sampling = step_tables(method), sampling_of(method)
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()

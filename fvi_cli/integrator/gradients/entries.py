@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.prony import Exponentials
+from fvi_cli.effects.laws.prony import PronyKernel
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.variation import Variation
@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Entry:
+class GradientEntry:
     """A number, vector or symmetric matrix of a scene."""
 
     # what it is called: mass, stiffness, initial_position, initial_velocity, damping.<index>.order
@@ -54,13 +54,13 @@ class Entry:
         return found
 
 
-def entries_of(scene: Scene) -> dict[str, Entry]:
+def entries_of(scene: Scene) -> dict[str, GradientEntry]:
     """All numbers of a scene by name."""
-    found: dict[str, Entry] = {}
+    found: dict[str, GradientEntry] = {}
 
     def add(name: str, value: object, changes: Callable[[Array], dict[str, Any]]) -> None:
         family = partial(_changed, scene, changes)
-        found[name] = Entry(name=name, value=np.array(value, dtype=float), family=family)
+        found[name] = GradientEntry(name=name, value=np.array(value, dtype=float), family=family)
 
     potential = scene.potential
     if scene.lagrangian is None:
@@ -135,4 +135,4 @@ def _with_kernel(law: Any, name: str, value: Array) -> Any:
         return replace(law, kernel=_with(law.kernel, name, value))
     masses = np.array(law.kernel.masses)
     masses[:, int(name == "weights")] = value
-    return replace(law, kernel=Exponentials(masses=tuple(map(tuple, masses.tolist()))))
+    return replace(law, kernel=PronyKernel(masses=tuple(map(tuple, masses.tolist()))))

@@ -13,7 +13,7 @@ from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.law import law_of
 from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components
-from fvi_cli.integrator.gradients.past import Stretch
+from fvi_cli.integrator.gradients.past import LinearisedStretch
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.integrator.memory.lag_sequences import expand
@@ -56,7 +56,7 @@ class Equations:
         whole = [Decoupling(mass=scene.inertia.mass, modes=None)] if scene.is_linear else None
         self._law = law_of([scene], whole)
 
-    def maps(self, stretch: Stretch, points: Points | None) -> Maps:
+    def maps(self, stretch: LinearisedStretch, points: Points | None) -> Maps:
         """The matrices of a stretch; of nonlinear scenes at positions, velocities and times.
 
         Raises
@@ -106,7 +106,7 @@ class Equations:
         whole = np.concatenate([behind, driven.reshape(a, -1, by_begin.shape[2])], axis=1)
         return Maps(by_begin, by_load, ends, whole)
 
-    def _of_blocks(self, stretch: Stretch) -> tuple[Array, Array, Array, Array]:
+    def _of_blocks(self, stretch: LinearisedStretch) -> tuple[Array, Array, Array, Array]:
         """Of a linear scene: U by (x, p) and loads, what p gains by K along U, and by x."""
         h, count, damping = float(stretch.sizes[0]), stretch.count, None
         if self._memory is not None:
@@ -127,7 +127,7 @@ class Equations:
         return op.start, op.by_load, gained, -h * count * at.stiffness
 
     def _of_steps(
-        self, stretch: Stretch, points: Points | None
+        self, stretch: LinearisedStretch, points: Points | None
     ) -> tuple[Array, Array, Array, Array]:
         """The same of every step, with the second derivatives at its stages."""
         t, d, n = self.tables, self.d, stretch.blocks

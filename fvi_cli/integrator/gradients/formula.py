@@ -22,7 +22,7 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
-from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.observations.dampers import DamperForce, damper_values, dampers_of
 from fvi_cli.integrator.observations.motion import DenseMotion
@@ -68,7 +68,7 @@ class Formula:
             scenes=(run.scene,), steps=(run.steps,), shapes=(run.steps,), find_forces=forces
         )
         self._places = self._motion.located(0, times)
-        self.observation = Observation(run.steps, self._places)
+        self.observation = MotionAt(run.steps, self._places)
         self.values = Observer(self._motion, [own]).along(expression)(*self._places)
 
     def slopes(self) -> tuple[Array, Array, Array, Mapping[int, Array]]:

@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.gradients.formula import Formula, NameResolver
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
-from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.gradients.variation import Variation, disturbance, loads_of
 from fvi_cli.integrator.integrate import integrate
@@ -31,7 +31,7 @@ class RunFailedError(ValueError):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gradient:
+class RunGradient:
     """A number of a trajectory and its derivatives by p parameters, ``(p,)``."""
 
     value: float
@@ -63,7 +63,7 @@ def gradient_of(
     quantity: Quantity,
     variations: Sequence[Variation],
     resolve_names: NameResolver | None = None,
-) -> Gradient:
+) -> RunGradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
     By default the names in expressions are t and the coordinates with what derives from them.
@@ -80,7 +80,7 @@ def gradient_of(
     expression = quantity.expression(named(-1, 0.0), scene)
     run = LinearisedRun(scene, method, run_steps(scene, method, steps))
     if expression is None:
-        observation = Observation(run.steps, run.steps.located(quantity.times))
+        observation = MotionAt(run.steps, run.steps.located(quantity.times))
         given: tuple[Array, ...] = observation.motion()
         by_position, by_velocity = quantity.derivatives(*given)
         by_force, rates = np.zeros_like(by_position), np.zeros(len(variations))
@@ -103,7 +103,7 @@ def gradient_of(
     derivatives, value = np.array(found) + rates, float(quantity.value(*given))
     if not (math.isfinite(value) and np.isfinite(derivatives).all()):
         raise ValueError("quantity: it, or a derivative of it, is not finite at these times")
-    return Gradient(
+    return RunGradient(
         value=value, derivatives=derivatives, step_solves=run.step_solves, n_steps=run.steps.n_steps
     )
 
@@ -159,7 +159,7 @@ def sensitivities(
         run = linear_run(scene, method, steps)
     else:
         run = LinearisedRun(scene, method, run_steps(scene, method, steps))
-    observation = Observation(run.steps, run.steps.located(times))
+    observation = MotionAt(run.steps, run.steps.located(times))
     position, velocity = observation.motion()
     change = disturbance(run, variations)
     tangent = run.tangent(change)

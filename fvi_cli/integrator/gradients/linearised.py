@@ -31,7 +31,7 @@ from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.gradients.equations import Equations, Maps
-from fvi_cli.integrator.gradients.past import Past, Stretch, are_regular
+from fvi_cli.integrator.gradients.past import LinearisedMemory, LinearisedStretch, are_regular
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -116,7 +116,7 @@ class LinearisedRun:
         slopes = [Slope(one) for one in exponents]
         every = [*terms, *slopes], above + [False] * len(laws) + above
         is_regular = scene.is_linear and are_regular(steps.step_size)
-        self._past = self._known = Past(
+        self._past = self._known = LinearisedMemory(
             method,
             *every,
             steps.step_size,
@@ -135,11 +135,11 @@ class LinearisedRun:
             is_regular=is_regular,
         )
 
-    def _past_of(self, terms: Sequence[Term], is_relative: Sequence[bool]) -> Past:
+    def _past_of(self, terms: Sequence[Term], is_relative: Sequence[bool]) -> LinearisedMemory:
         """The past of motions that are known, in long blocks."""
         sizes, m = self.steps.step_size, self.method.stages
         longest = LARGEST_BLOCK // m if are_regular(sizes) else 1
-        return Past(
+        return LinearisedMemory(
             self.method,
             terms,
             is_relative,
@@ -206,7 +206,7 @@ class LinearisedRun:
 
     # --- from block to block ---
 
-    def _maps(self, stretch: Stretch) -> Maps:
+    def _maps(self, stretch: LinearisedStretch) -> Maps:
         if not self.scene.is_linear:
             return self._equations.maps(stretch, self.points)
         # they serve the motion and its changes
@@ -216,7 +216,14 @@ class LinearisedRun:
         return maps
 
     def _sweep(
-        self, stretch: Stretch, whole: Array, added: Array, end: Array, states: Array, *, back: bool
+        self,
+        stretch: LinearisedStretch,
+        whole: Array,
+        added: Array,
+        end: Array,
+        states: Array,
+        *,
+        back: bool,
     ) -> tuple[Array, Array, Array, Array]:
         """Through a stretch by T ``(k or 1, .., ..)``, or back by its transpose.
 
@@ -340,13 +347,13 @@ class LinearisedRun:
         return np.asarray(np.matmul(self._to_inputs.T, shaped).reshape(k, -1, p))
 
 
-def _blocks(values: Array, stretch: Stretch) -> Array:
+def _blocks(values: Array, stretch: LinearisedStretch) -> Array:
     """Values ``(p, n, .., d)`` of steps as ``(k, features, p)``."""
     own = values[:, stretch.steps]
     return own.reshape(len(own), stretch.blocks, -1).transpose(1, 2, 0)
 
 
-def _steps(values: Array, stretch: Stretch) -> Array:
+def _steps(values: Array, stretch: LinearisedStretch) -> Array:
     """The way back, ``(p, steps, features / B)``."""
     own = values.transpose(2, 0, 1)
     return own.reshape(len(own), stretch.blocks * stretch.count, -1)

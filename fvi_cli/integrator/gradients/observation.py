@@ -10,7 +10,7 @@ from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 
-class Observation:
+class MotionAt:
     """Positions, velocities and damping forces of a run at k places, ``(k,)`` each."""
 
     def __init__(self, steps: RunSteps, places: tuple[Places, Array]) -> None:

@@ -24,7 +24,7 @@ EQUAL_STEPS = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stretch:
+class LinearisedStretch:
     """Blocks of B steps, one behind the other, and what they are to the memory.
 
     Tables are for all u different lengths of steps, in the first axis; f terms, J states.
@@ -47,7 +47,7 @@ class Stretch:
         return slice(self.first, self.first + self.blocks * self.count)
 
 
-class Past:
+class LinearisedMemory:
     """What damping terms make of the velocities along a run of a Runge-Kutta method.
 
     Relative terms subtract the start velocity. A block has at most `longest` steps, with 1 of any
@@ -78,7 +78,7 @@ class Past:
         self._places = [] if self.memory is None else [self.memory.terms.index(o) for o in terms]
         self.n_states = 0 if self.memory is None else self.memory.n_states
         relative, column = np.array(is_relative, dtype=bool), np.ones((self.n_states, 1))
-        self.stretches: list[Stretch] = []
+        self.stretches: list[LinearisedStretch] = []
         for first, blocks, count in _blocks(sizes, longest, together):
             lengths, places = np.unique(sizes[first : first + blocks * count], return_inverse=True)
             which = places[::count].tolist()
@@ -94,7 +94,7 @@ class Past:
                     start[relative] += (response[index] @ column)[relative, :, 0]
                     column = decay[index] * column
             self.stretches.append(
-                Stretch(
+                LinearisedStretch(
                     first=first,
                     blocks=blocks,
                     count=count,

@@ -26,7 +26,7 @@ MOST_CUTS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class StepFinding:
     """What was found out about a step."""
 
     error: float  # its local error, a length
@@ -69,7 +69,9 @@ class Examiner:
             return math.inf
         return float(size * last * min(1.0, last / (before + 1e-300)))
 
-    def examine(self, path: StepPath, tolerance: float, *, fresh: bool, shortest: float) -> Finding:
+    def examine(
+        self, path: StepPath, tolerance: float, *, fresh: bool, shortest: float
+    ) -> StepFinding:
         """Look at a step.
 
         Of steps that keep the local tolerance more is looked at; a fresh one begins where a force
@@ -77,21 +79,21 @@ class Examiner:
         """
         error = self.spectrum(path.unknowns, path.size)
         if not math.isfinite(error) or self._forces.are_absent_at(path.middle):
-            return Finding(error=error)
+            return StepFinding(error=error)
         seen = self._between.look(path)
         ends_on: int | None = None
         if seen.kinks.size:
             cut, ends_on = self._kink(path, seen.kinks, shortest)
             if cut is not None:
-                return Finding(error=error, cut=cut)
+                return StepFinding(error=error, cut=cut)
         error = max(error, self._between.defect(path, seen, fresh=fresh))
         unresolved = None
         if error <= tolerance and self._forces.may_hide:
             hidden = self._hidden.search(path, seen, tolerance)
             error, unresolved = max(error, hidden.error), hidden.unresolved_at
-        return Finding(error=error, ends_on=ends_on, unresolved_at=unresolved)
+        return StepFinding(error=error, ends_on=ends_on, unresolved_at=unresolved)
 
-    def go_on(self, finding: Finding) -> None:
+    def go_on(self, finding: StepFinding) -> None:
         """The step is accepted."""
         self._starts_on = finding.ends_on
         self._cuts = 0

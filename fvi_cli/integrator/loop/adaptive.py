@@ -14,7 +14,7 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
-from fvi_cli.integrator.local_error.examine import Examiner, Finding
+from fvi_cli.integrator.local_error.examine import Examiner, StepFinding
 from fvi_cli.integrator.loop.points import why_unsolved
 from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
@@ -28,7 +28,7 @@ MOST_SHORTEST = 256.0
 INFINITE = "the force may be infinite"
 TOO_LONG = "no step is short enough for the local error"
 UNKEPT = "the local error cannot be kept"
-UNEXAMINED = Finding(error=math.inf)
+UNEXAMINED = StepFinding(error=math.inf)
 
 
 def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepController:

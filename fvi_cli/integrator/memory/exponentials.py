@@ -112,8 +112,8 @@ class Exponentials:
                 stages=method.stages,
                 steps=steps,
             )
-        nothing = np.zeros((len(self.terms), 0))
-        self.weights = nothing if self.kernel is None else self.kernel.weights
+        zero = np.zeros((len(self.terms), 0))
+        self.weights = zero if self.kernel is None else self.kernel.weights
         self.n_states = int(self.weights.shape[1])
 
     def of_steps(self, sizes: Array) -> tuple[Array, Array, Array, Array]:

@@ -84,8 +84,8 @@ class LagKernels(Kernels):
     def change_of_all(self, count: int) -> Array:
         """The matrix by which undriven states change over `count` steps, ``(J, J)``."""
         s, unit = self.n_inputs, np.eye(self.response.shape[2])
-        nothing = np.zeros((1, count * s, self.response.shape[2]))
-        matrix = self.push(unit[None], nothing, count)[0] - unit
+        zero = np.zeros((1, count * s, self.response.shape[2]))
+        matrix = self.push(unit[None], zero, count)[0] - unit
         last = self.n_lags * s
         matrix[last:, last:] = np.diag(np.repeat(np.expm1(-count * self.rates), s))
         return np.asarray(matrix)

@@ -49,7 +49,7 @@ _TO_COEFFICIENTS = to_coefficients(_NODES).T.copy()
 _SLOPES, _PRODUCTS = slopes_of_series(POINTS), products_of_series(POINTS)
 
 
-class Part(NamedTuple):
+class StepPart(NamedTuple):
     """Successive steps of one member."""
 
     first: int
@@ -115,14 +115,14 @@ class Criterion(Protocol):
 NO_CARRY = (math.inf, 0.0)
 
 
-def parts_of(first: int, count: int, end: float = 1.0) -> list[Part]:
+def parts_of(first: int, count: int, end: float = 1.0) -> list[StepPart]:
     """The parts of `count` steps of a member from the step `first` on."""
     edges = [*range(first, first + count, AT_A_TIME), first + count]
-    found = [Part(a, b) for a, b in itertools.pairwise(edges)]
+    found = [StepPart(a, b) for a, b in itertools.pairwise(edges)]
     return [*found[:-1], *(one._replace(end=end) for one in found[-1:])]
 
 
-def pieces_of(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
+def pieces_of(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces]:
     """The pieces of all parts, some parts at a time, in their order."""
     first, steps = 0, 0
     for index, one in enumerate(parts):
@@ -133,7 +133,7 @@ def pieces_of(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
     yield from _divided(parts[first:], criterion)
 
 
-def _divided(parts: Sequence[Part], criterion: Criterion) -> Iterator[Pieces]:
+def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces]:
     """The pieces of parts; where there are too many, of one part after the other."""
     if not parts:
         return

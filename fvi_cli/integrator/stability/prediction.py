@@ -83,9 +83,7 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     if n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     if not has_patterns(method):
-        return StabilityPrediction(
-            verdict="unknown", reason=f"nothing is predicted of {method.case}"
-        )
+        return StabilityPrediction(verdict="unknown", reason=f"no prediction for {method.case}")
     if not scene.is_linear:
         try:
             linear = linearised_at_start(scene)

@@ -76,10 +76,10 @@ def roots_of_series(coefficients: Array) -> tuple[Places, Array]:
     for degree in np.unique(degrees[degrees > 0]).tolist():
         own = np.flatnonzero(degrees == degree)
         matrix = np.zeros((own.size, degree, degree))
-        beside = np.full(degree - 1, 0.5)
-        beside[:1] = np.sqrt(0.5)
+        off_diagonal = np.full(degree - 1, 0.5)
+        off_diagonal[:1] = np.sqrt(0.5)
         index = np.arange(degree - 1)
-        matrix[:, index, index + 1] = matrix[:, index + 1, index] = beside
+        matrix[:, index, index + 1] = matrix[:, index + 1, index] = off_diagonal
         scale = np.full(degree, np.sqrt(0.5))
         scale[0] = 1.0
         series = coefficients[own, : degree + 1]

@@ -9,13 +9,13 @@ from typing import Any
 
 from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
-from fvi_cli.reports.document import Block, Bullets, Code, Equation, Heading, Paragraph
+from fvi_cli.reports.document import Block, Bullets, CodeSpan, Equation, Heading, Paragraph
 from fvi_cli.reports.naming import MethodName, method_names, number
 from fvi_cli.reports.table import Column, Report, Sheet, Sheets, Words, grid_of, rows_of, within
 from fvi_cli.studies.cost import CostCase, CostTable
 from fvi_cli.studies.price import (
     ACCURACIES,
-    Curve,
+    CostCurve,
     cheapest_at,
     cheapest_bands,
     cost_curves,
@@ -73,7 +73,7 @@ _PRICES = within(
 )
 
 
-def _to(get: Callable[[Curve, float], Any], accuracy: float) -> Callable[[_Of], Any]:
+def _to(get: Callable[[CostCurve, float], Any], accuracy: float) -> Callable[[_Of], Any]:
     """What a curve says of an accuracy."""
     return lambda of: None if of.curve is None else get(of.curve, accuracy)
 
@@ -96,7 +96,7 @@ SUMMARY_COLUMNS = (
         Column(
             f"extrapolated_to_{accuracy:.0e}",
             f"a guess for an error of {accuracy:.0e}, which no run reached",
-            get=_to(Curve.extrapolated_seconds, accuracy),
+            get=_to(CostCurve.extrapolated_seconds, accuracy),
         )
         for accuracy in ACCURACIES
     ),
@@ -145,7 +145,7 @@ class _Of:
     label: str = ""
     row: Any = None
     case: CostCase | None = None
-    curve: Curve | None = None
+    curve: CostCurve | None = None
     accuracy: float = math.nan
 
 
@@ -217,7 +217,7 @@ def _front(table: CostTable) -> Iterator[_Of]:
         yield _Of(table=table, curve=curve, row=row)
 
 
-def curve_name(curve: Curve, names: Mapping[str, MethodName]) -> str:
+def curve_name(curve: CostCurve, names: Mapping[str, MethodName]) -> str:
     """What a reader calls the method of a curve."""
     # one name for all tolerances
     if curve.is_by_tolerance:
@@ -290,7 +290,7 @@ def _tolerance_blocks(table: CostTable) -> list[Block]:
         Paragraph(
             words=(
                 "Runs with a tolerance (",
-                Code("accuracy: {tolerance: ...}"),
+                CodeSpan("accuracy: {tolerance: ...}"),
                 "), search included, beside the quickest run on equal steps to the same error, "
                 "which is not known beforehand:",
             )
@@ -299,15 +299,15 @@ def _tolerance_blocks(table: CostTable) -> list[Block]:
     ]
 
 
-def _exact_methods(curves: Sequence[Curve], names: Mapping[str, MethodName]) -> list[Block]:
+def _exact_methods(curves: Sequence[CostCurve], names: Mapping[str, MethodName]) -> list[Block]:
     """What is to be said of methods that this problem happens to suit."""
     exact = [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]
     if not exact:
         return []
     return [
         Paragraph(
-            words=f"{', '.join(exact)}: nothing but round-off at every N. That says something of "
-            "this solution, not of others, and is left out below."
+            words=f"{', '.join(exact)}: only round-off at every N. That is a property of "
+            "this solution, not of others; these methods are left out below."
         )
     ]
 
@@ -321,7 +321,7 @@ def _finite(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _reached(curve: Curve, accuracy: float) -> str:
+def _reached(curve: CostCurve, accuracy: float) -> str:
     seconds = curve.seconds_to(accuracy)
     if not math.isnan(seconds):
         return f"{seconds:.2g}"

@@ -50,8 +50,8 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     for own in by_experiment.values():
         firsts: dict[str, FinishedRun] = {}
         for one in finest_of_members(own):
-            beside = repr(_values(one))
-            rows.append(_Design(of=one, first=firsts.setdefault(beside, one)))
+            values = repr(_values(one))
+            rows.append(_Design(of=one, first=firsts.setdefault(values, one)))
     quantities = dict.fromkeys(
         name
         for one in rows

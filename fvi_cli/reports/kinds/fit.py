@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, Bullets, Code, Heading, Near, Paragraph, Piece
+from fvi_cli.reports.document import Block, Bullets, CodeSpan, Heading, Near, Paragraph, Piece
 from fvi_cli.reports.table import (
     Column,
     Report,
@@ -218,7 +218,7 @@ def _with_rows(results: Sequence[FitResult], sheets: Sheets) -> list[FitResult]:
 def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
     yield Heading(level=1, words=f"Fit: {name}")
     for result in results:
-        yield Heading(level=2, words=(Code(result.name),))
+        yield Heading(level=2, words=(CodeSpan(result.name),))
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: one.criterion)
             shown = [one for one in MODEL_COLUMNS if one.title]
@@ -242,7 +242,7 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
                 for j in range(i)
             ),
             corner=("",),
-            beside={str(j): (str(j),) for j in range(1, len(model.estimates))},
+            headings={str(j): (str(j),) for j in range(1, len(model.estimates))},
             absent="",
             is_near=True,
         )

@@ -121,7 +121,7 @@ def summary_blocks(report: HardCaseReport) -> list[Block]:
         pivot(
             (((method,), "all", cells(method)) for method in report.methods),
             corner=("method",),
-            beside={"all": ("holds", "too inaccurate in", "blows up in")},
+            headings={"all": ("holds", "too inaccurate in", "blows up in")},
             text_columns=4,
         ),
     ]
@@ -136,7 +136,7 @@ def _details(report: HardCaseReport) -> Iterator[Block]:
         yield pivot(
             (((f.quantity, limits[f.quantity]), f.method, (_cell(f),)) for f in findings),
             corner=("measured", "must be"),
-            beside={method: (method,) for method in report.methods},
+            headings={method: (method,) for method in report.methods},
         )
         unstable = dict.fromkeys(f.method for f in findings if f.predicted == "unstable")
         if unstable:

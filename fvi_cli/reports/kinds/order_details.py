@@ -94,7 +94,7 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
     return pivot(
         (((str(n), sizes[n]), case, texts) for n, _, case, texts in cells),
         corner=("N", "h"),
-        beside={case.method.case: (names[case.method.case].label, "order") for case in cases},
+        headings={case.method.case: (names[case.method.case].label, "order") for case in cases},
         absent="not computed",
         summary=[
             ((title, ""), {case.method.case: ("", get(case)) for case in cases})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from fvi_cli.reports.document import Block, Bullets, Code, Grid, Paragraph, Words
+from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Paragraph, Words
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_summary
 from fvi_cli.reports.naming import (
     MethodName,
@@ -96,7 +96,7 @@ def legend(tables: Sequence[OrderTable]) -> list[Block]:
     items: list[Words] = []
     for case, phrases in phrases_by_case.items():
         own = ", ".join(phrase for phrase in phrases if phrase not in shared)
-        items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", Code(case)))
+        items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", CodeSpan(case)))
     title = f"Methods, all with {', '.join(shared)}:" if shared else "Methods:"
     return [Paragraph(words=title), Bullets(items=tuple(items))]
 
@@ -175,7 +175,7 @@ def _grid(
             for t, case, name in each
         ),
         corner=full if is_full else ("method",),
-        beside={
+        headings={
             at: (at, "stated") if at in claimed else (at,)
             for at in (families if is_full else [titles[t.experiment] for t in group])
         },

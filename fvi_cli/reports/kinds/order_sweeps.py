@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph, Words
+from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Paragraph, Words
 from fvi_cli.reports.kinds.members import DESIGN, members_in_words
 from fvi_cli.reports.naming import MethodName, number
 from fvi_cli.reports.table import Column, grid_of, pivot
@@ -38,7 +38,7 @@ def sweep_summary(
 ) -> list[Block]:
     """What is swept, and the orders of its members."""
     members = [table.member for table in tables if table.member is not None]
-    title: Words = (Code(tables[0].experiment), f": {members_in_words(members)}.")
+    title: Words = (CodeSpan(tables[0].experiment), f": {members_in_words(members)}.")
     tells = next(iter(members[0].unnamed), "") if not members[0].name else DESIGN
     few = len(tables) <= MOST_ROWS and (members[0].name or len(members[0].values) == 1)
     grid = _by_value(tables, tells, names, entry) if few else _by_method(tables, names)
@@ -53,7 +53,7 @@ def _by_value(
     return pivot(
         (((_label(table, key),), case.method.case, (entry(case),)) for table, case in each),
         corner=(key,),
-        beside={case.method.case: (names[case.method.case].label,) for _, case in each},
+        headings={case.method.case: (names[case.method.case].label,) for _, case in each},
         absent="not computed",
     )
 
@@ -169,7 +169,7 @@ def sweep_details(
             for case in cases
         ),
         corner=("N", "h"),
-        beside={case: (f"{names[case].label}: median", "largest", "rows") for case in cases},
+        headings={case: (f"{names[case].label}: median", "largest", "rows") for case in cases},
         text_columns=0,
     )
     remark = "Every member has its own rows in the CSV and JSON forms of this table."

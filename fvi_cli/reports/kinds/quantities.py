@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, Code, Heading, Paragraph
+from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.members import member_columns
 from fvi_cli.reports.table import Column, Report, Sheet, Sheets, Within, alike, rows_of, within
@@ -134,7 +134,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
 
 
 def _words(name: str, sheets: Sheets) -> Iterator[Block]:
-    yield Heading(level=1, words=("Quantities: ", Code(name)))
+    yield Heading(level=1, words=("Quantities: ", CodeSpan(name)))
     yield Paragraph(
         words="Peaks, smallest and largest values and means are of the motion at all times, "
         "not of its stored points."

@@ -9,7 +9,7 @@ from typing import Any
 
 from fvi_cli.integrator.stability.limits import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
-from fvi_cli.reports.document import Block, Code, Grid, Heading, Near, Paragraph
+from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.table import (
     Cell,
@@ -182,7 +182,7 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
         ),
     ]
     for table in tables:
-        blocks.append(Heading(level=2, words=(Code(table.experiment.name),)))
+        blocks.append(Heading(level=2, words=(CodeSpan(table.experiment.name),)))
         blocks += _rows(table)
         blocks += _regions(table)
     return blocks
@@ -210,7 +210,7 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
             ]
         titles = [*(f"N = {n}" for n in steps), "stable h", "lasting h", "exact, per time"]
         corner = ("method", "member") if swept else ("method",)
-        yield pivot(cells, corner=corner, beside={title: (title,) for title in titles})
+        yield pivot(cells, corner=corner, headings={title: (title,) for title in titles})
     yield Paragraph(words=_agreement(table))
     for row in table.disagreements:
         yield Paragraph(words=(Near(f"Observed otherwise: {row.run.title}: {row.observation}"),))
@@ -229,7 +229,7 @@ def _counts(table: StabilityTable, steps: Sequence[int]) -> Grid:
             for (case, n), unstable in found.items()
         ),
         corner=("method: unstable members",),
-        beside={f"N = {n}": (f"N = {n}",) for n in steps},
+        headings={f"N = {n}": (f"N = {n}",) for n in steps},
     )
 
 
@@ -296,6 +296,6 @@ def _regions(table: StabilityTable) -> Iterator[Block]:
             for one in table.regions
         ),
         corner=("method",),
-        beside={f"{order:g}": (f"order {order:g}",) for order in orders},
+        headings={f"{order:g}": (f"order {order:g}",) for order in orders},
         is_near=True,
     )

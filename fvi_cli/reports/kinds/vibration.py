@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, Code, Grid, Heading, Near, Paragraph
+from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
 from fvi_cli.reports.table import Column, Report, Sheet, Within, alike, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
@@ -156,7 +156,7 @@ def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterato
     groups = {table.name: [one for one in tables if one.name == table.name] for table in tables}
     for experiment, own in groups.items():
         if len(groups) > 1:
-            yield Heading(level=2, words=(Code(experiment),))
+            yield Heading(level=2, words=(CodeSpan(experiment),))
         yield _own_grid(sheet, experiment)
         for words in _completeness(own):
             yield Paragraph(words=(Near(words),))
@@ -237,11 +237,11 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
     groups = {table.name: table for table in tables}
     for experiment, table in groups.items():
         if len(groups) > 1:
-            yield Heading(level=2, words=(Code(experiment),))
+            yield Heading(level=2, words=(CodeSpan(experiment),))
         yield Paragraph(
             words=(
                 "Load: ",
-                Code(table.load),
+                CodeSpan(table.load),
                 f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to {table.hertz[-1]:g}.",
             )
         )

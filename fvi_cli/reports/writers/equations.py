@@ -34,8 +34,8 @@ def to_mathematics(text: str) -> list[tuple[str, bool]]:
     words = " ".join(text.split()).split(" ")
     found: list[tuple[list[str], bool]] = []
     for k, word in enumerate(words):
-        beside = words[max(k - 1, 0) : k] + words[k + 1 : k + 2]
-        is_mathematics = not _is_prose(word, beside) and word.isascii() and word.isprintable()
+        neighbours = words[max(k - 1, 0) : k] + words[k + 1 : k + 2]
+        is_mathematics = not _is_prose(word, neighbours) and word.isascii() and word.isprintable()
         if not found or found[-1][1] != is_mathematics:
             found.append(([], is_mathematics))
         found[-1][0].append(word)
@@ -60,7 +60,7 @@ def _tight(formula: str) -> str:
     return re.sub(r"(\\[a-z]+) +(?![A-Za-z ])", r"\1", re.sub(r" +", " ", formula))
 
 
-def _is_prose(word: str, beside: list[str]) -> bool:
+def _is_prose(word: str, neighbours: list[str]) -> bool:
     if not _WORD.fullmatch(word):
         return False
     bare = word.strip("(),;:.")
@@ -68,7 +68,7 @@ def _is_prose(word: str, beside: list[str]) -> bool:
         return True
     if bare in _GREEK | _FUNCTIONS:
         return False
-    return not any(_OPERATOR.search(other) for other in beside)
+    return not any(_OPERATOR.search(other) for other in neighbours)
 
 
 def _typeset(formula: str) -> Iterator[str]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from fvi_cli.reports.document import (
     Block,
     Bullets,
-    Code,
+    CodeSpan,
     Equation,
     Grid,
     Heading,
@@ -109,7 +109,7 @@ def _inline(words: Words) -> str:
     for piece in pieces(words):
         if isinstance(piece, Equation):
             found.append(_equation(piece.text))
-        elif isinstance(piece, Code):
+        elif isinstance(piece, CodeSpan):
             # names of methods may be broken behind a hyphen
             found.append(rf"\texttt{{{escape_latex(piece.text)}}}".replace("-", r"-\allowbreak{}"))
         else:

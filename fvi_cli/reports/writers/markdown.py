@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fvi_cli.reports.document import (
     Block,
     Bullets,
-    Code,
+    CodeSpan,
     Equation,
     Grid,
     Heading,
@@ -44,7 +44,7 @@ def _block(block: Block) -> str:
 def _inline(words: Words) -> str:
     return "".join(
         _code(piece.text)
-        if isinstance(piece, Code | Equation)
+        if isinstance(piece, CodeSpan | Equation)
         else escape_markdown(plain((piece,)))
         for piece in pieces(words)
     )

@@ -8,7 +8,7 @@ from typing import Final
 
 from fvi_cli.keys.records import ByKind
 from fvi_cli.keys.settings import record_of
-from fvi_cli.scenes.kinds.formulas import DoublePendulum, Lagrangian
+from fvi_cli.scenes.kinds.formulas import DoublePendulum, LagrangianKind
 from fvi_cli.scenes.kinds.fractional_derivative import FractionalDerivative
 from fvi_cli.scenes.kinds.kind import Kind, SceneKind
 from fvi_cli.scenes.kinds.oscillators import (
@@ -18,7 +18,7 @@ from fvi_cli.scenes.kinds.oscillators import (
     Kepler,
     Pendulum,
 )
-from fvi_cli.scenes.kinds.rows import Chain, Frame, String
+from fvi_cli.scenes.kinds.rows import Chain, FrameKind, String
 from fvi_cli.scenes.kinds.structures.matrices import Structure
 from fvi_cli.scenes.kinds.structures.sandwich_beam import SandwichBeam
 
@@ -32,12 +32,12 @@ KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
             Duffing,
             Kepler,
             Chain,
-            Frame,
+            FrameKind,
             Structure,
             SandwichBeam,
             String,
             DoublePendulum,
-            Lagrangian,
+            LagrangianKind,
             FractionalDerivative,
         )
     }

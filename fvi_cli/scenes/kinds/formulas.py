@@ -49,7 +49,7 @@ class DoublePendulum(SceneKind):
     ] = key("Fractional dampers c D^gamma in both joints.", default=[])
 
 
-class Lagrangian(SceneKind):
+class LagrangianKind(SceneKind):
     """Any mechanical system, by its Lagrangian as a formula."""
 
     kind = "lagrangian"

@@ -9,7 +9,7 @@ import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.scalars import Formula
+from fvi_cli.keys.scalars import FormulaText
 from fvi_cli.keys.settings import Positive, key
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -37,9 +37,11 @@ class FractionalDerivative(
     methods = "{bdf: [1, 2, 3], sampling: nodes}"
 
     order: Order = key("Order of the derivative that is taken (no unit).")
-    function: Annotated[str, Formula()] = key("The function to differentiate, an expression in t.")
+    function: Annotated[str, FormulaText()] = key(
+        "The function to differentiate, an expression in t."
+    )
     final_time: Positive = FINAL_TIME
-    exact: Annotated[str, Formula(words=("auto",))] = key(
+    exact: Annotated[str, FormulaText(words=("auto",))] = key(
         "Its derivative: expression in t, or auto where one is known.", default="auto"
     )
     parameters: Parameters = PARAMETERS

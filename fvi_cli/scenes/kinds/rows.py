@@ -56,7 +56,7 @@ class Chain(SceneKind):
     dampers: Dampers = key("Fractional dampers c D^gamma parallel to every spring.", default=[])
 
 
-class Frame(
+class FrameKind(
     SceneKind,
     refused={
         **WRONG_AT_PROBLEM,

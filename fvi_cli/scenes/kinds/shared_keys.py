@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.records import Refusal
-from fvi_cli.keys.scalars import Formula, Matrix, Number
+from fvi_cli.keys.scalars import FormulaText, Matrix, Number
 from fvi_cli.keys.settings import PlainSetting, Setting, key, record_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Damper, per_coordinate
@@ -91,8 +91,8 @@ DerivativeWord = Literal["caputo", "riemann-liouville"]
 Exact = Annotated[
     str | tuple[str, ...],
     ByForm(
-        single=Formula(words=("auto", "none")),
-        several=ListOf(shape=Formula(), example="[cos(t), 0]"),
+        single=FormulaText(words=("auto", "none")),
+        several=ListOf(shape=FormulaText(), example="[cos(t), 0]"),
     ),
 ]
 EXACT: Final = key(

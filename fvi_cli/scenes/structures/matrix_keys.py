@@ -87,7 +87,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     )
 
 
-class MatrixFile(PlainSetting, words="a matrix from a file, such as {file: K.mtx}"):
+class MatrixFileShape(PlainSetting, words="a matrix from a file, such as {file: K.mtx}"):
     """A symmetric matrix from a file, read together with the configuration."""
 
     file: Annotated[str, Text(what="the path of a file, from the configuration's folder")] = key(
@@ -108,11 +108,11 @@ class MatrixFile(PlainSetting, words="a matrix from a file, such as {file: K.mtx
         return _read(values, at, positive=isinstance(self, MassFile))
 
 
-class MassFile(MatrixFile):
+class MassFile(MatrixFileShape):
     """A positive definite matrix from a file."""
 
 
-MATRIX_FILE: Final = record_of(MatrixFile)
+MATRIX_FILE: Final = record_of(MatrixFileShape)
 MASS_FILE: Final = record_of(MassFile)
 
 

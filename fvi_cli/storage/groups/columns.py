@@ -18,7 +18,7 @@ ABSENT: Final = object()
 _CODES: Final[Mapping[type, str]] = {float: "d", int: "q"}
 
 
-class Column(Sequence[Any]):
+class AttributeColumn(Sequence[Any]):
     """One attribute of many runs: said once as long as all have the same.
 
     Numbers take 8 bytes each, in a list they would take 32.
@@ -35,7 +35,7 @@ class Column(Sequence[Any]):
                 self.append(value)
 
     @classmethod
-    def repeated(cls, value: Any, count: int) -> Column:
+    def repeated(cls, value: Any, count: int) -> AttributeColumn:
         """The column of what all have in common."""
         found = cls()
         found._value, found._count = value, count
@@ -60,7 +60,7 @@ class Column(Sequence[Any]):
         self._values.append(value)
         self._count += 1
 
-    def extend(self, other: Column) -> None:
+    def extend(self, other: AttributeColumn) -> None:
         """The runs of another column behind these."""
         for value in other:
             self.append(value)
@@ -94,7 +94,7 @@ class Column(Sequence[Any]):
         return ["" if v is ABSENT else json.dumps(v) for v in self], True
 
     @classmethod
-    def read(cls, values: Any, *, is_json: bool) -> Column:
+    def read(cls, values: Any, *, is_json: bool) -> AttributeColumn:
         """A column as it was written: an array of numbers, or texts."""
         if isinstance(values, np.ndarray) and values.dtype.kind in "if":
             return cls(array("q" if values.dtype.kind == "i" else "d", values.tobytes()))
@@ -105,7 +105,7 @@ class Column(Sequence[Any]):
         return cls(texts)
 
 
-Columns = dict[str, Column]
+Columns = dict[str, AttributeColumn]
 """What is said of runs by name."""
 
 
@@ -113,7 +113,7 @@ def add_row(columns: Columns, attributes: Mapping[str, Any], row: int) -> None:
     """What the run number `row` says, counted from 0."""
     for name, value in attributes.items():
         if name not in columns:
-            columns[name] = Column.repeated(ABSENT, row)
+            columns[name] = AttributeColumn.repeated(ABSENT, row)
         columns[name].append(value)
     for name, column in columns.items():
         if name not in attributes:

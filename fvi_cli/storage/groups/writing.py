@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.groups.columns import Column, Columns, add_row
+from fvi_cli.storage.groups.columns import AttributeColumn, Columns, add_row
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
     BLOCK_BYTES,
@@ -27,7 +27,7 @@ from fvi_cli.storage.groups.reading import (
 from fvi_cli.storage.identity import canonical_json, sha256
 from fvi_cli.storage.records.fields import TIME, meaning_of
 from fvi_cli.storage.records.placed import Placed
-from fvi_cli.storage.records.record import SWEPT, Record
+from fvi_cli.storage.records.record import SWEPT, StoredRecord
 from fvi_cli.studies.members import counts_in_words
 
 ALWAYS_BY_MEMBER: Final = (
@@ -77,7 +77,7 @@ class WrittenGroup:
 
     def column(self, name: str) -> Sequence[Any]:
         """What each of the runs says."""
-        common = Column.repeated(self.attributes.get(name, ""), len(self))
+        common = AttributeColumn.repeated(self.attributes.get(name, ""), len(self))
         return self.by_member.get(name, common)
 
 
@@ -185,9 +185,9 @@ def _attributes_of_members(
     return attributes, by_member
 
 
-def _blocks(rows: Sequence[Placed]) -> Iterator[list[Record]]:
+def _blocks(rows: Sequence[Placed]) -> Iterator[list[StoredRecord]]:
     """The runs, some in memory at a time."""
-    waiting: list[Record] = []
+    waiting: list[StoredRecord] = []
     size = 0
     for row in rows:
         record = row.record()
@@ -235,7 +235,7 @@ def _kinds(dtype: np.dtype[Any]) -> tuple[Any, Any]:
 
 
 def write_column(
-    group: h5py.Group, name: str, column: Column, *, coordinates: Sequence[str] = ()
+    group: h5py.Group, name: str, column: AttributeColumn, *, coordinates: Sequence[str] = ()
 ) -> None:
     """Write one value for every member: numbers, texts, or JSON where it is neither."""
     data, is_json = column.written()
@@ -310,7 +310,7 @@ def write_convergence(group: h5py.Group, ladder: Mapping[int, Sequence[WrittenGr
     first = ladder[steps[0]][0]
     keys = first.keys
     numbers: dict[str, int] = {}
-    swept = [Column() for _ in keys]
+    swept = [AttributeColumn() for _ in keys]
     rungs: dict[int, list[int]] = {}
     for n_steps in ladder:
         own = rungs[n_steps] = []

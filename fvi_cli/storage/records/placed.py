@@ -11,7 +11,7 @@ from fvi_cli.storage.records.fields import field_named
 from fvi_cli.storage.records.record import (
     SWEPT,
     Entry,
-    Record,
+    StoredRecord,
     same_value,
     swept_by,
     variant_of,
@@ -37,7 +37,7 @@ class Description:
     without: frozenset[str]
 
 
-def description_of(record: Record, finished: FinishedRun) -> Description:
+def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
     """How the record of a run is to be changed for the run as it was read back."""
     again = record_of(finished).attributes
     own = {
@@ -89,7 +89,7 @@ class Placed:
         """How large its arrays are."""
         return self.entry.source.shapes(self.entry)
 
-    def record(self) -> Record:
+    def record(self) -> StoredRecord:
         """All of it, verified."""
         record = self.entry.record()
         return replace(record, attributes=self._described(record.attributes))

@@ -31,7 +31,7 @@ RUN_KEYS: Final = ("method", "n_steps")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Record:
+class StoredRecord:
     """What is stored under an identity.
 
     Parameters
@@ -76,7 +76,7 @@ def same_value(one: Any, other: Any) -> bool:
     return type(one) is type(other) and bool(one == other or (one != one and other != other))
 
 
-class Kind(NamedTuple):
+class GroupKind(NamedTuple):
     """What runs that lie in one group have in common; digests tell their values apart."""
 
     experiment: str
@@ -100,7 +100,7 @@ def group_path(experiment: str, case: str, n_steps: int) -> str:
     return f"/{experiment}/{case}/n{n_steps:06d}"
 
 
-def kind_of(attributes: Mapping[str, Any]) -> Kind:
+def kind_of(attributes: Mapping[str, Any]) -> GroupKind:
     """The kind of a run with these attributes."""
     a = attributes
     refused = a["status"] == "refused" and a["predicted"] == "unstable"
@@ -119,9 +119,9 @@ def _kind(
     swept: str,
     specification: str,
     refused: bool,
-) -> Kind:
+) -> GroupKind:
     keys, values = tuple(json.loads(swept)), json.loads(specification)
-    return Kind(
+    return GroupKind(
         experiment=experiment,
         case=case,
         n_steps=n_steps,
@@ -166,7 +166,7 @@ def stored_place(entry: Entry) -> Place:
     return kind.experiment, kind.case, kind.n_steps, values
 
 
-class Source(Protocol):
+class RecordSource(Protocol):
     """What records are read from."""
 
     path: Path
@@ -174,7 +174,7 @@ class Source(Protocol):
     def attributes(self, entry: Entry) -> dict[str, Any]:
         """What is said of a run."""
 
-    def read(self, entry: Entry) -> Record:
+    def read(self, entry: Entry) -> StoredRecord:
         """The run, not verified."""
 
     def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
@@ -209,14 +209,14 @@ class Entry:
     identity: str
     request: str
     checksum: str
-    source: Source
+    source: RecordSource
     path: str
     row: int
-    kind: Kind
+    kind: GroupKind
     is_unstable: bool
     place: int = 0
 
-    def record(self) -> Record:
+    def record(self) -> StoredRecord:
         """The record, verified."""
         record = self.source.read(self)
         if record.checksum != self.checksum:

@@ -18,7 +18,7 @@ from fvi_cli.storage.identity import (
     stowed,
 )
 from fvi_cli.storage.provenance import origin
-from fvi_cli.storage.records.record import REFERENCES, SWEPT, Record, swept_by
+from fvi_cli.storage.records.record import REFERENCES, SWEPT, StoredRecord, swept_by
 from fvi_cli.studies.experiment import Run
 from fvi_cli.studies.reference import REFERENCE_METHOD, Reference, Tabulated
 
@@ -31,7 +31,7 @@ def reference_request_of(run: Run) -> str:
     return sha256(canonical_json([REFERENCES, problem_of(run), _ladder(run)]))
 
 
-def reference_record_of(run: Run, reference: Reference) -> Record:
+def reference_record_of(run: Run, reference: Reference) -> StoredRecord:
     """What is stored of the reference of a run, which is tabulated."""
     if not isinstance(reference.values, Tabulated):
         raise TypeError(f"{run.title}: the reference is a function, which cannot be stored")
@@ -63,7 +63,7 @@ def reference_record_of(run: Run, reference: Reference) -> Record:
     if run.member is not None:
         attributes[SWEPT] = json.dumps(swept_by(run))
         attributes |= {key: stowed(value, inputs) for key, value in run.member.values.items()}
-    return Record(
+    return StoredRecord(
         identity=answered_by_own_code(request),
         request=request,
         attributes=attributes,
@@ -76,7 +76,7 @@ def reference_record_of(run: Run, reference: Reference) -> Record:
     )
 
 
-def reference_of_record(record: Record) -> Reference:
+def reference_of_record(record: StoredRecord) -> Reference:
     """The reference again."""
     return Reference(
         values=Tabulated(time=record.arrays["time"], position=record.arrays["position"]),

@@ -29,7 +29,7 @@ from fvi_cli.storage.identity import (
 )
 from fvi_cli.storage.provenance import origin
 from fvi_cli.storage.records.fields import FIELDS, TIME, Field, extents_of, field_named, named_as
-from fvi_cli.storage.records.record import SWEPT, Record, swept_by
+from fvi_cli.storage.records.record import SWEPT, StoredRecord, swept_by
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.norms import Measured
@@ -49,7 +49,7 @@ _MADE: Final[Mapping[tuple[str, ...], type]] = {
 """What is made of the fields below a path."""
 
 
-def record_of(finished: FinishedRun) -> Record:
+def record_of(finished: FinishedRun) -> StoredRecord:
     """What is stored of a finished run; the grid is thinned as its experiment asks for.
 
     Of a member of a sweep there is no point off the grid that all members share.
@@ -87,7 +87,7 @@ def record_of(finished: FinishedRun) -> Record:
         "code": own_code().text,
         **origin(),
     }
-    return Record(
+    return StoredRecord(
         identity=answered_by_own_code(request),
         request=request,
         attributes=attributes,
@@ -147,7 +147,7 @@ def kept_points(points: int, every: int) -> NDArray[np.intp]:
     return np.unique(np.append(np.arange(0, points, every), max(points - 1, 0)))[:points]
 
 
-def finished_of(record: Record, run: Run) -> FinishedRun:
+def finished_of(record: StoredRecord, run: Run) -> FinishedRun:
     """The finished run again, in the norm of its experiment; what is not there takes its default.
 
     Parameters

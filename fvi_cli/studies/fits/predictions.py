@@ -11,7 +11,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.formula import Formula, NameResolver
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
-from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.dampers import damper_values
@@ -51,7 +51,7 @@ def predict_motion(
     formulas = [one for one in data.series if one.formula is not None]
     if not variations and not formulas:
         done = run_steps(scene, METHOD, steps)
-        motion = Observation(done, done.located(times)).motion()
+        motion = MotionAt(done, done.located(times)).motion()
         empty = np.zeros((times.size, scene.dimension, 0))
         changes = (empty, empty)
     else:
@@ -118,10 +118,10 @@ def predict_response(
     response = solve(load.astype(complex))[..., 0]
     left = np.zeros((*response.shape, len(variations)), dtype=complex)
 
-    def unbalanced(beside: Scene, _: float) -> list[ComplexArray]:
+    def unbalanced(varied: Scene, _: float) -> list[ComplexArray]:
         # apart: of their difference nobody could say what is round-off
-        applied = _applied(DynamicStiffness(beside), s, response)
-        return [np.broadcast_to(force(beside), applied.shape), -applied]
+        applied = _applied(DynamicStiffness(varied), s, response)
+        return [np.broadcast_to(force(varied), applied.shape), -applied]
 
     for column, one in enumerate(variations):
         left[..., column] = sum(differentiate(one, scene, unbalanced))

@@ -159,12 +159,12 @@ class ModelFit:
         ratio = math.sqrt(self.misfit / freedom)
         if chdtrc(freedom, self.misfit) < 0.001:
             return [
-                f"what is left is {ratio:.3g} times as large as the noise that was given: the "
+                f"the residuals are {ratio:.3g} times as large as the given noise: the "
                 "intervals are too short; write noise: auto, or another model"
             ]
         if chdtr(freedom, self.misfit) < 0.001:
             return [
-                f"what is left is {ratio:.3g} times the noise that was given: the intervals are "
+                f"the residuals are {ratio:.3g} times the given noise: the intervals are "
                 "too long; write noise: auto"
             ]
         return []

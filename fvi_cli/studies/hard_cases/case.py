@@ -24,7 +24,7 @@ FLAGSHIP = "Gauss3"
 
 
 @dataclass(frozen=True)
-class Setting:
+class CaseSetting:
     """A problem and the truth about it, as JSON texts, and the number of steps that it gets."""
 
     problem: str
@@ -43,7 +43,7 @@ class Claim:
 
     quantity: str
     limit: float
-    settings: tuple[Setting, ...]
+    settings: tuple[CaseSetting, ...]
     judge: Callable[..., float]  # trajectories of the settings, or their stability predictions
     _: KW_ONLY
     sense: Sense = "at most"
@@ -130,7 +130,7 @@ def examine(case: HardCase, name: str, method: Method) -> Iterator[Finding]:
 
     @functools.cache
     def run(problem: str, n_steps: int) -> Trajectory:
-        return integrate(Setting(problem, n_steps).scene, method, n_steps)
+        return integrate(CaseSetting(problem, n_steps).scene, method, n_steps)
 
     for claim in case.claims:
         if any(law_objection(one.scene, method) for one in claim.settings):

@@ -23,12 +23,12 @@ from fvi_cli.mathematics.transforms.characteristic import CharacteristicSum, cha
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.scenes.relaxation import LinearResponse, product
-from fvi_cli.studies.hard_cases.case import Setting
+from fvi_cli.studies.hard_cases.case import CaseSetting
 
-Settings = Sequence[Setting]
+Settings = Sequence[CaseSetting]
 
 
-def exact_solution(setting: Setting) -> Callable[[Array], Array]:
+def exact_solution(setting: CaseSetting) -> Callable[[Array], Array]:
     """The exact positions at times of shape ``(n,)``, by the truth of the setting.
 
     A number, a formula in t, the specification of a problem with the same solution, or
@@ -67,13 +67,13 @@ def harmonic_response(order: float, coefficient: float, frequency: float) -> Lin
 
 
 @functools.lru_cache(maxsize=512)
-def exact_positions(setting: Setting, parts: int = 0) -> Array:
+def exact_positions(setting: CaseSetting, parts: int = 0) -> Array:
     """The exact solution on the grid, or at the ends of so many parts of it."""
     step_size = setting.scene.final_time / setting.n_steps
     return exact_solution(setting)(step_size * _shown(setting, parts).astype(float))
 
 
-def _shown(setting: Setting, parts: int) -> Array:
+def _shown(setting: CaseSetting, parts: int) -> Array:
     last = setting.n_steps
     return np.asarray(last * np.arange((parts or last) + 1) // (parts or last))
 

@@ -13,7 +13,7 @@ from fvi_cli.integrator.gradients import linearised
 from fvi_cli.integrator.gradients.entries import entries_of
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
-from fvi_cli.integrator.gradients.past import Past
+from fvi_cli.integrator.gradients.past import LinearisedMemory
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
@@ -159,13 +159,13 @@ def test_without_the_past_it_would_fail(seed, monkeypatch):
     ones = np.ones((run.steps.n_steps + 1, scene.dimension))
     nothing = np.zeros((run.steps.n_steps, method.degree, scene.dimension))
     found = run.adjoint(ones, nothing).position
-    original = Past._tables
+    original = LinearisedMemory._tables
 
     def forgetful(self, sizes, count):
         local, response, intake, decay = original(self, sizes, count)
         return local, response, 0.0 * intake, decay
 
-    monkeypatch.setattr(Past, "_tables", forgetful)
+    monkeypatch.setattr(LinearisedMemory, "_tables", forgetful)
     run = LinearisedRun(scene, method, run.steps)
     assert np.abs(run.adjoint(ones, nothing).position / found - 1.0).max() > 1e-5
 

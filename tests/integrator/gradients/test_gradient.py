@@ -21,7 +21,7 @@ from fvi_cli.integrator.gradients.gradient import (
     sensitivities,
 )
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
-from fvi_cli.integrator.gradients.observation import Observation
+from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.quantity import (
     Quantity,
     acceleration_at,
@@ -316,7 +316,7 @@ def test_against_central_differences(name):
 
     def value(changed: dict[str, float]) -> float:
         done = run_steps(family(changed), method, steps)
-        return float(energy_like(*Observation(done, done.located(quantity.times)).motion()))
+        return float(energy_like(*MotionAt(done, done.located(quantity.times)).motion()))
 
     found = gradient_of(family(values), method, steps, quantity, variations(family, values))
     assert found.value == pytest.approx(value(values), rel=1e-13)
@@ -356,7 +356,7 @@ def test_expressions_against_central_differences(name, monkeypatch):
     assert found.value == pytest.approx(value(values), rel=1e-13)
     np.testing.assert_allclose(found.derivatives, expected, rtol=2e-8, atol=1e-8)
     # without what the motion does to the damping force it is another number
-    monkeypatch.setattr(Observation, "spread_force", lambda self, by_force: None)
+    monkeypatch.setattr(MotionAt, "spread_force", lambda self, by_force: None)
     assert np.abs(derivatives().derivatives - expected).max() > 1e-3
 
 

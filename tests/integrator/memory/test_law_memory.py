@@ -17,7 +17,7 @@ from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
 from fvi_cli.effects.laws.law import Law, RelaxationKernel
-from fvi_cli.effects.laws.prony import Exponentials, prony
+from fvi_cli.effects.laws.prony import PronyKernel, prony
 from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -81,7 +81,7 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
         TemperedPower(order=0.4, rate=0.3),
         TemperedPower(order=0.9, rate=1e4),
         TemperedPower(order=0.1, rate=1e-5),
-        Exponentials(masses=((10.0, 1.0), (1.0, 0.5))),
+        PronyKernel(masses=((10.0, 1.0), (1.0, 0.5))),
     ],
 )
 def test_every_block_of_a_law_is_that_function_of_the_mesh(kernel, m, kind):
@@ -193,7 +193,7 @@ def test_springpots_and_laws_share_their_rates_and_point_masses_are_their_own():
     cole = ColeCole(order=0.4, time=0.3)
     alone = states(0.5)
     assert states(0.5, cole) <= 1.15 * alone
-    masses = Exponentials(masses=((10.0, 1.0), (1.0, 0.5)))
+    masses = PronyKernel(masses=((10.0, 1.0), (1.0, 0.5)))
     assert states(masses) == 2
     assert states(0.5, masses) == alone + 2
     # narrow peaks take a few more rates, and not a finer rule
