@@ -283,7 +283,7 @@ def preload() -> None:
         "fvi_cli.render.plans",
         "fvi_cli.render.results",
         "fvi_cli.runner.parts.merge",
-        "fvi_cli.runner.run",
+        "fvi_cli.runner.compute",
         "fvi_cli.storage.export",
         "matplotlib.backends.backend_agg",
         "matplotlib.backends.backend_pdf",

@@ -119,8 +119,8 @@ def run(
 
     One outcome for every experiment; a run that failed is among its finished ones with its status.
     """
+    from fvi_cli.runner.compute import run_request
     from fvi_cli.runner.parts.shard import shard_named
-    from fvi_cli.runner.run import run_request
     from fvi_cli.runner.settings import Settings
 
     settings = Settings(

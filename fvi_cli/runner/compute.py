@@ -1,4 +1,4 @@
-"""Runs of experiments are computed, as the options of a command say, unless they are known."""
+"""The runs of a request: recalled or computed, and kept if that is wanted."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, Watch, jobs_of
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
+from fvi_cli.runner.plan import check_memory
 from fvi_cli.runner.progress import RunBar, run_bar
+from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import FRESH, Why, resumed_at, reusable
+from fvi_cli.runner.stored import FRESH, Why, recall, resumed_at, reusable, stored_runs
 from fvi_cli.storage import NEW, Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import Member
@@ -23,6 +25,43 @@ from fvi_cli.studies.reference import Reference
 from fvi_cli.studies.study import needs_refined_run
 
 _logger = logging.getLogger(__name__)
+
+
+def run_request(request: Request, settings: Settings) -> list[Outcome]:
+    """Recall or compute every run of one request; keep what is computed if that is wanted.
+
+    Raises
+    ------
+    StorageError
+        If results cannot be read or written.
+    RequestError
+        If as many runs as there are processes would take more memory than there is.
+    """
+    check_memory(request, settings)
+    experiments = request.loaded.experiments
+    is_kept = settings.keep and request.stored is None
+    checkpoints = settings.checkpoints(request)
+    with stored_runs(request, settings, writes=is_kept) as (store, why):
+        if request.stored is not None:
+            return recall(experiments, store)
+        if settings.fresh and checkpoints is not None:
+            every = (run for one in experiments for run in (*one.runs(), *one.searches()))
+            checkpoints.remove(every)
+        try:
+            return compute_runs(
+                experiments,
+                settings,
+                title=request.name,
+                store=store,
+                is_kept=is_kept,
+                why=why,
+                checkpoints=checkpoints,
+            )
+        finally:
+            if is_kept:
+                # also on Ctrl-C: what is finished is there for the next time
+                # a part of few packs may be empty, which those who wait for its file need not know
+                store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
 
 
 def compute_runs(

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import logging
 import sys
-import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 
 Advance = Callable[[str], None]
-
-LEAST_SHARE = 0.1
-"""Of the work that must be done before it is estimated how long the rest takes."""
-
-LEAST_SECONDS = 2.0
-"""What is measured in less time than this is no ground for an estimate."""
 
 BAR_WIDTH = 20
 
@@ -41,58 +34,14 @@ def configure_logging(level: int) -> logging.Logger:
     return logger
 
 
-@dataclass(kw_only=True)
-class Pace:
-    """How long steps have taken, and how long the rest takes by that."""
-
-    total: int  # steps to do
-    clock: Callable[[], float] = time.monotonic
-    begun: int = 0  # steps that an earlier command has done
-    left: float | None = None
-    _begun: float = field(init=False)
-    _latest: float = field(init=False)
-    _elsewhere: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._begun = self._latest = self.clock()
-
-    def went_elsewhere(self) -> None:
-        """Note that the time since the last word was not spent on steps that count."""
-        now = self.clock()
-        self._elsewhere += now - self._latest
-        self._latest = now
-
-    def reached(self, done: int) -> None:
-        """Estimate what is left when `done` steps are done, if there is ground for it."""
-        self._latest = self.clock()
-        taken = self._latest - self._begun - self._elsewhere
-        own, own_total = done - self.begun, self.total - self.begun
-        if taken >= LEAST_SECONDS and own > 0 and own >= LEAST_SHARE * own_total:
-            self.left = taken * (self.total - done) / own
-
-    def __str__(self) -> str:
-        """The time that has gone by, and what is left as soon as it can be told."""
-        now = self.clock()
-        gone = in_minutes(now - self._begun)
-        if self.left is None:
-            return gone
-        return f"{gone}, about {in_minutes(max(0.0, self.left - (now - self._latest)))} left"
-
-
 @dataclass(frozen=True, kw_only=True)
 class RunBar:
-    """What a bar over runs is told.
+    """What a bar over runs is told."""
 
-    Parameters
-    ----------
-    finished
-        Called with a word on each piece of work that is done, its key and its number of steps.
-    within
-        Called with words on a piece that is being done, its key, and how many steps of it are done,
-        or None for steps that do not count; None where nobody watches.
-    """
-
+    # called with a word on each piece of work that is done, its key and its number of steps
     finished: Callable[[str, Hashable, int], None]
+    # called with words on a piece that is being done, its key, and how many steps of it are done,
+    # or None for steps that do not count; None where nobody watches
     within: Callable[[str, Hashable, int | None], None] | None = None
 
 
@@ -135,20 +84,27 @@ def run_bar(
         yield RunBar(finished=lambda doing, key, steps: None)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.table import Column
 
     columns = (
         BarColumn(bar_width=BAR_WIDTH),
         TextColumn("{task.fields[done]}/{task.fields[runs]}", table_column=Column(no_wrap=True)),
-        TextColumn("{task.fields[pace]}", table_column=Column(no_wrap=True)),
+        TimeElapsedColumn(table_column=Column(no_wrap=True)),
+        TimeRemainingColumn(compact=True, table_column=Column(no_wrap=True)),
+        TextColumn("left", table_column=Column(no_wrap=True)),
         TextColumn(
             "{task.fields[doing]}",
             markup=False,
             table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
         ),
     )
-    pace = Pace(total=steps, begun=sum(begun.values()))
     with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as progress:
         task = progress.add_task(
             "",
@@ -156,7 +112,6 @@ def run_bar(
             completed=sum(begun.values()),
             done=0,
             runs=runs,
-            pace=pace,
             doing=title,
         )
         count, complete = 0, 0
@@ -164,7 +119,6 @@ def run_bar(
 
         def show(doing: str) -> None:
             reached = complete + sum(running.values())
-            pace.reached(reached)
             progress.update(task, completed=reached, done=count, doing=doing)
 
         def finished(doing: str, key: Hashable, steps: int) -> None:
@@ -174,18 +128,9 @@ def run_bar(
             show(doing)
 
         def within(doing: str, key: Hashable, done: int | None) -> None:
-            if done is None:
-                pace.went_elsewhere()
-            else:
+            if done is not None:
                 # several integrations may belong to one piece: what is behind stays behind
                 running[key] = max(running.get(key, 0), done)
             show(doing)
 
         yield RunBar(finished=finished, within=within)
-
-
-def in_minutes(seconds: float) -> str:
-    """A time as ``m:ss``, or ``h:mm:ss`` from an hour on."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

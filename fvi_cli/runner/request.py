@@ -22,21 +22,11 @@ STORED_SUFFIX = ".h5"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Request:
-    """A configuration, and the result file that it was taken from if it was.
+    """A configuration, and the result file that it was taken from if it was."""
 
-    Parameters
-    ----------
-    name
-        Name of the files that are written.
-    loaded
-        The configuration.
-    stored
-        Result file that was named in its place; then nothing is computed.
-    """
-
-    name: str
-    loaded: LoadedConfig
-    stored: Path | None = None
+    name: str  # name of the files that are written
+    loaded: LoadedConfig  # the configuration
+    stored: Path | None = None  # result file that was named in its place; then nothing is computed
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,32 +27,6 @@ CHECKPOINT_SECONDS = 60.0
 class Settings:
     """What the options of a command ask for.
 
-    Parameters
-    ----------
-    output
-        Folder of results.
-    workers
-        Number of processes of this machine.
-    dask
-        Address of a Dask scheduler whose workers compute in their place.
-    fresh
-        Ignore stored runs.
-    fail_fast
-        Stop at the first unexpected failure.
-    show_progress
-        Draw a progress bar where there is a terminal.
-    keep
-        Write what is computed; otherwise nothing at all is written.
-    checkpoint_seconds
-        Between two checkpoints of a run that takes longer than that.
-    waits
-        Where another command writes the same result file, wait until that has ended.
-    keeps_motions
-        Give the points of members of a sweep to who asked; a summary can do without them once they
-        are stored.
-    shard
-        Compute this part of every configuration alone, into a file of its own.
-
     Raises
     ------
     RequestError
@@ -60,17 +34,21 @@ class Settings:
         negative.
     """
 
-    output: Path
-    workers: int = 1
-    dask: str | None = None
-    fresh: bool = False
-    fail_fast: bool = False
-    show_progress: bool = True
-    keep: bool = True
+    output: Path  # folder of results
+    workers: int = 1  # number of processes of this machine
+    dask: str | None = None  # address of a Dask scheduler whose workers compute in their place
+    fresh: bool = False  # ignore stored runs
+    fail_fast: bool = False  # stop at the first unexpected failure
+    show_progress: bool = True  # draw a progress bar where there is a terminal
+    keep: bool = True  # write what is computed; otherwise nothing at all is written
+    # between two checkpoints of a run that takes longer than that
     checkpoint_seconds: float = CHECKPOINT_SECONDS
+    # where another command writes the same result file, wait until that has ended
     waits: bool = False
+    # give the points of members of a sweep to who asked; a summary can do without them once they
+    # are stored
     keeps_motions: bool = True
-    shard: Shard = WHOLE
+    shard: Shard = WHOLE  # compute this part of every configuration alone, into a file of its own
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:

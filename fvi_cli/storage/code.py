@@ -31,20 +31,11 @@ LIBRARIES = ("numpy", "scipy", "mpmath")
 
 @dataclass(frozen=True, kw_only=True)
 class Code:
-    """What the last digits of a number depend on.
+    """What the last digits of a number depend on."""
 
-    Parameters
-    ----------
-    fvi
-        Version of the program.
-    sources
-        SHA-256 of the Python files of :data:`HASHED_PACKAGES`, names and contents.
-    numpy, scipy, mpmath
-        Versions of the libraries that calculate; empty where an older version did not store it.
-    """
-
-    fvi: str
-    sources: str
+    fvi: str  # version of the program
+    sources: str  # SHA-256 of the Python files of HASHED_PACKAGES, names and contents
+    # versions of the libraries that calculate; empty where an older version did not store it
     numpy: str
     scipy: str
     mpmath: str = ""

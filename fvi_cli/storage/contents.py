@@ -78,36 +78,23 @@ def described(configuration: Configuration | StoredConfiguration, inputs: Inputs
 
 @dataclass(frozen=True, kw_only=True)
 class StoredRun:
-    """One run of a file in a line, or the members of a sweep.
-
-    Parameters
-    ----------
-    error, status, predicted
-        Of members: the largest error, and what there is how often.
-    members
-        Number of members; 0: a single run.
-    swept
-        What members differ in, in words.
-    variant
-        In words what the run has other than the file's configuration; empty for the runs of it.
-    observed
-        Quantities and events of a single run.
-    """
+    """One run of a file in a line, or the members of a sweep."""
 
     experiment: str
     case: str
     n_steps: int
     step_size: float
     norm: str
-    error: float
+    error: float  # of members: the largest error, and what there is how often
     status: str
     predicted: str
     created: str
     identity: str
-    members: int = 0
-    swept: str = ""
+    members: int = 0  # number of members; 0: a single run
+    swept: str = ""  # what members differ in, in words
+    # in words what the run has other than the file's configuration; empty for the runs of it
     variant: str = ""
-    observed: ObservedSummary = EMPTY_SUMMARY
+    observed: ObservedSummary = EMPTY_SUMMARY  # quantities and events of a single run
 
 
 @dataclass(frozen=True, kw_only=True)

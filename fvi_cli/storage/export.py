@@ -35,26 +35,14 @@ _DUST = 1e-13
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoredArrays:
-    """One group of a result file.
+    """One group of a result file."""
 
-    Parameters
-    ----------
-    experiment, case, name
-        Where it lies: ``/<experiment>/<case>/<name>``.
-    attributes
-        Text, integers, floats, or arrays of numbers.
-    arrays
-        Numbers or text (dtype object), by name.
-    dimensions
-        Name of every axis of every array.
-    """
-
-    experiment: str
+    experiment: str  # where it lies: /<experiment>/<case>/<name>
     case: str
     name: str
-    attributes: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]]
-    dimensions: Mapping[str, tuple[str, ...]]
+    attributes: Mapping[str, Any]  # text, integers, floats, or arrays of numbers
+    arrays: Mapping[str, NDArray[Any]]  # numbers or text (dtype object), by name
+    dimensions: Mapping[str, tuple[str, ...]]  # name of every axis of every array
 
 
 def stored_arrays(path: Path) -> Iterator[StoredArrays]:

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
@@ -45,6 +44,7 @@ from fvi_cli.storage.records.record import (
     Place,
     StoredRecord,
     group_path,
+    has_same_numbers,
     stored_place,
     swept_by,
 )
@@ -93,14 +93,7 @@ def read_results(
 ) -> Iterator[Store]:
     """Look up runs of a result file, and of the journal beside it; nothing is written.
 
-    Parameters
-    ----------
-    path
-        The file.
-    fresh
-        Find nothing that is stored.
-    may_be_missing
-        Take a file that is not there for one without runs.
+    Where it `may_be_missing`, a file that is not there is one without runs.
     """
     with contextlib.closing(Store(path, is_fresh=fresh)) as store:
         if not may_be_missing and store.is_empty:
@@ -277,7 +270,7 @@ class Store:
             elif entry.is_reference:
                 continue
             elif held.identity != entry.identity or (
-                held.checksum != entry.checksum and not _has_same_numbers(held, entry)
+                held.checksum != entry.checksum and not has_same_numbers(held, entry)
             ):
                 raise StorageError(
                     f"{other.path}: {entry.path} has other numbers than the same run in "
@@ -405,11 +398,3 @@ class Store:
                 remove_checkpoints(self.parts, self._entries)
                 with contextlib.suppress(OSError):  # somebody keeps other files there
                     self.parts.rmdir()
-
-
-def _has_same_numbers(one: Entry, other: Entry) -> bool:
-    mine, theirs = one.record(), other.record()
-    return mine.arrays.keys() == theirs.arrays.keys() and all(
-        np.array_equal(values, theirs.arrays[name], equal_nan=True)
-        for name, values in mine.arrays.items()
-    )

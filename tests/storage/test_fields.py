@@ -143,7 +143,7 @@ def test_matrices_are_stored_once_whatever_the_number_of_runs(tmp_path):
 def test_a_pipe_in_the_place_of_a_journal_does_not_hang(tmp_path):
     os.mkfifo(tmp_path / "sample.journal")
     with (
-        pytest.raises(StorageError, match=r"sample\.journal: is no ordinary file"),
+        pytest.raises(StorageError, match=r"sample\.journal: is not an ordinary file"),
         read_results(tmp_path / "sample.h5", may_be_missing=True),
     ):
         pass

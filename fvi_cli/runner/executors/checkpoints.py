@@ -28,18 +28,10 @@ WHOLE_RATIO = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class CheckpointFolder:
-    """Where runs of a result file keep their checkpoints.
+    """Where runs of a result file keep their checkpoints."""
 
-    Parameters
-    ----------
-    folder
-        That of the parts.
-    seconds
-        Between two checkpoints of a run, at least.
-    """
-
-    folder: Path
-    seconds: float
+    folder: Path  # that of the parts
+    seconds: float  # between two checkpoints of a run, at least
 
     def of(self, batch: Batch, *, is_single_run: bool = True) -> CheckpointFile:
         """The checkpoint of a run, a search, or runs that are computed together.
@@ -96,26 +88,14 @@ class CheckpointFile:
 
     A disk that is full, or a file that is broken, is told and does no harm: without a checkpoint a
     run begins at its start, and it goes on without one.
-
-    Parameters
-    ----------
-    folder
-        Of the file.
-    title
-        The run in words.
-    label
-        Identity of the run, which says by which version of the solver, and which part of it.
-    seconds
-        Between two checkpoints, at least.
-    is_single_run
-        Whether nothing follows this run before it is stored.
     """
 
-    folder: Path
-    title: str
+    folder: Path  # of the file
+    title: str  # the run in words
+    # identity of the run, which says by which version of the solver, and which part of it
     label: str
-    seconds: float
-    is_single_run: bool = True
+    seconds: float  # between two checkpoints, at least
+    is_single_run: bool = True  # whether nothing follows this run before it is stored
     _due: float = field(init=False)
     _has_logged_failure: bool = field(init=False, default=False)
 

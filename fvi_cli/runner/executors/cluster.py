@@ -58,14 +58,9 @@ class DaskCluster:
     says (3 unless it was changed). It cannot tell which of the jobs that waited at that worker
     was the reason; so one that is given up is sent once more from here, alone, after all others.
     When its workers die again, it is lost.
-
-    Parameters
-    ----------
-    address
-        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
     """
 
-    address: str
+    address: str  # of the scheduler, such as tcp://10.0.0.1:8786
 
     def compute(
         self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None

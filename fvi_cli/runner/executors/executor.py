@@ -181,15 +181,9 @@ def attempt(job: Job, references: References, compute: ComputeJob) -> Results:
 
 @dataclass(frozen=True, kw_only=True)
 class InProcess:
-    """Computes in this process, one job after the other, in their order.
+    """Computes in this process, one job after the other, in their order."""
 
-    Parameters
-    ----------
-    watch
-        Told how far a job is; None: nobody wants to know.
-    """
-
-    watch: Watch | None = None
+    watch: Watch | None = None  # told how far a job is; None: nobody wants to know
 
     def compute(
         self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None

@@ -19,25 +19,14 @@ from fvi_cli.studies.reference import Reference
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PortableJob:
-    """A job that travels.
+    """A job that travels."""
 
-    Parameters
-    ----------
-    experiment
-        The experiment without its problem, pickled; the same text for all of its jobs.
-    runs
-        The fields of every run, without the experiment.
-    is_reference, references
-        As of the job, and what its runs are measured against.
-    code
-        Of the program that sends it.
-    """
-
+    # the experiment without its problem, pickled; the same text for all of its jobs
     experiment: bytes
-    runs: tuple[Mapping[str, Any], ...]
-    is_reference: bool
+    runs: tuple[Mapping[str, Any], ...]  # the fields of every run, without the experiment
+    is_reference: bool  # as of the job, and what its runs are measured against
     references: References
-    code: Code
+    code: Code  # of the program that sends it
 
 
 PortableResults = list[dict[str, Any] | Reference | Crash | None]

@@ -64,21 +64,14 @@ class _Worker:
 class LocalProcesses:
     """Computes in several processes of this machine.
 
-    Parameters
-    ----------
-    workers
-        Number of processes.
-    watch
-        Told how far a job is; None: nobody wants to know.
-
     Raises
     ------
     ValueError
         If `workers` is less than 1.
     """
 
-    workers: int
-    watch: Watch | None = None
+    workers: int  # number of processes
+    watch: Watch | None = None  # told how far a job is; None: nobody wants to know
 
     def __post_init__(self) -> None:
         if self.workers < 1:

@@ -15,21 +15,11 @@ from fvi_cli.studies.experiment import Experiment
 
 @dataclass(frozen=True, kw_only=True)
 class Merged:
-    """What became of files that were joined.
+    """What became of files that were joined."""
 
-    Parameters
-    ----------
-    path
-        The file that holds the runs of all.
-    runs
-        How many runs the configuration asks for.
-    missing
-        How many of them are in none of the files.
-    """
-
-    path: Path
-    runs: int
-    missing: int
+    path: Path  # the file that holds the runs of all
+    runs: int  # how many runs the configuration asks for
+    missing: int  # how many of them are in none of the files
 
 
 def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> Merged:

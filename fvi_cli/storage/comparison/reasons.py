@@ -24,18 +24,11 @@ MOST_KEYS = 4
 
 @dataclass(kw_only=True, eq=False)
 class Reasons:
-    """Compares runs that are to be computed with what is stored in their place.
+    """Compares runs that are to be computed with what is stored in their place."""
 
-    Parameters
-    ----------
-    stored
-        A result file with its journal.
-    requested
-        Gives the places of all runs of the configuration; a stored run elsewhere is one that it no
-        longer asks for.
-    """
-
-    stored: Store
+    stored: Store  # A result file with its journal
+    # gives the places of all runs of the configuration; a stored run elsewhere is one that it no
+    # longer asks for
     requested: Callable[[], Collection[Place]]
 
     def of(self, run: Run) -> str:

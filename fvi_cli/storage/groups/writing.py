@@ -54,22 +54,12 @@ _TEXT: Final = h5py.string_dtype()
 
 @dataclass(frozen=True, kw_only=True)
 class WrittenGroup:
-    """What is said of the runs of a group that has just been written.
+    """What is said of the runs of a group that has just been written."""
 
-    Parameters
-    ----------
-    attributes, by_member
-        What they have in common, and what they differ in.
-    keys
-        What is swept.
-    checksums
-        Of each of them.
-    """
-
-    attributes: dict[str, Any]
+    attributes: dict[str, Any]  # what they have in common, and what they differ in
     by_member: Columns
-    keys: tuple[str, ...]
-    checksums: Sequence[str]
+    keys: tuple[str, ...]  # what is swept
+    checksums: Sequence[str]  # of each of them
 
     def __len__(self) -> int:
         """Number of runs."""

@@ -23,29 +23,15 @@ Form = Literal["plain", "json", "words"]
 
 @dataclass(frozen=True)
 class Field:
-    """One thing that is stored of a finished run.
+    """One thing that is stored of a finished run."""
 
-    Parameters
-    ----------
-    name
-        Of the attribute or array; ``*`` is a name that a user has chosen.
-    meaning
-        For readers of the file.
-    at
-        Where it stands in a :class:`FinishedRun`: it is taken from there, and put back; where
-        something on the way is None, nothing is stored. Or a function that gives it, for readers
-        of the file alone.
-    axes
-        Of an array; empty: it is an attribute.
-    form, decode
-        How an attribute is written, and what is made of it again.
-    """
-
-    name: str
-    meaning: str
+    name: str  # of the attribute or array; * is a name that a user has chosen
+    meaning: str  # for readers of the file
+    # where it stands in a FinishedRun: it is taken from there, and put back; where something on the
+    # way is None, nothing is stored. Or a function that gives it, for readers of the file alone
     at: str | Callable[[FinishedRun], Any]
-    axes: tuple[str, ...] = ()
-    form: Form = "plain"
+    axes: tuple[str, ...] = ()  # of an array; empty: it is an attribute
+    form: Form = "plain"  # how an attribute is written, and what is made of it again
     decode: Callable[[Any], Any] = lambda value: value
 
 

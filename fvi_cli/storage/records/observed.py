@@ -14,21 +14,13 @@ from fvi_cli.storage.records.fields import extents_of
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObservedSummary:
-    """Quantities and events of a run.
+    """Quantities and events of a run."""
 
-    Parameters
-    ----------
-    extents
-        How large every quantity becomes, by name.
-    counts
-        How often every event happened, by name.
-    stopped_by
-        Event that ended the run, or empty.
-    """
-
+    # how large every quantity becomes, by name
     extents: Mapping[str, Extent] = field(default_factory=dict)
+    # how often every event happened, by name
     counts: Mapping[str, int] = field(default_factory=dict)
-    stopped_by: str = ""
+    stopped_by: str = ""  # event that ended the run, or empty
 
 
 EMPTY_SUMMARY: Final = ObservedSummary()

@@ -22,17 +22,10 @@ from fvi_cli.studies.experiment import FinishedRun, Run
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Description:
-    """What is said of a run that was written as another one: of another experiment, sweep or norm.
+    """What is said of a run that was written in another experiment, sweep or norm."""
 
-    Parameters
-    ----------
-    run
-        As it is requested.
-    changed, without
-        Attributes that are other ones, and names of those that it has no more.
-    """
-
-    run: Run
+    run: Run  # as it is requested
+    # attributes that are other ones, and names of those that it has no more
     changed: Mapping[str, Any]
     without: frozenset[str]
 
@@ -58,17 +51,10 @@ def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A run in the group where it belongs.
+    """A run in the group where it belongs."""
 
-    Parameters
-    ----------
-    entry
-        Where it is read.
-    description
-        What it is to be described as, if it was written as another one.
-    """
-
-    entry: Entry
+    entry: Entry  # where it is read
+    # what it is to be described as, if it was written as another one
     description: Description | None = None
 
     @property

@@ -31,27 +31,21 @@ RUN_KEYS: Final = ("method", "n_steps")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+<<<<<<< HEAD
 class StoredRecord:
     """What is stored under an identity.
+=======
+class Record:
+    """What is stored under an identity."""
+>>>>>>> 95dcfbc7 (Let the library estimate the rest of a command; say what fields hold beside them)
 
-    Parameters
-    ----------
-    identity, request
-        By which code what is asked for was answered, and what is asked for.
-    attributes
-        Numbers, texts, lists of numbers; of a member of a sweep also its swept values (JSON).
-    arrays, axes
-        By name, float64 or int64, with the names of their axes.
-    inputs
-        What the specification names by digest.
-    """
-
-    identity: str
+    identity: str  # by which code what is asked for was answered, and what is asked for
     request: str
+    # numbers, texts, lists of numbers; of a member of a sweep also its swept values (JSON)
     attributes: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]]
+    arrays: Mapping[str, NDArray[Any]]  # by name, float64 or int64, with the names of their axes
     axes: Mapping[str, tuple[str, ...]]
-    inputs: Inputs = field(default_factory=dict)
+    inputs: Inputs = field(default_factory=dict)  # what the specification names by digest
 
     @functools.cached_property
     def checksum(self) -> str:
@@ -189,32 +183,28 @@ class RecordSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """Where a record lies: a row of a group of a file, or of a frame of a journal.
+    """Where a record lies: a row of a group of a file, or of a frame of a journal."""
 
-    Parameters
-    ----------
-    identity, request, checksum
-        Of the record.
-    source, path, row
-        What it is read from, the path of its group there (of a journal where it belongs) and its
-        number.
-    kind
-        Of its group.
-    is_unstable
-        Whether it was predicted to blow up.
-    place
-        Of a journal, where the frame begins.
-    """
-
-    identity: str
+    identity: str  # of the record
     request: str
     checksum: str
+<<<<<<< HEAD
     source: RecordSource
     path: str
     row: int
     kind: GroupKind
     is_unstable: bool
     place: int = 0
+=======
+    # what it is read from, the path of its group there (of a journal where it belongs) and its
+    # number
+    source: Source
+    path: str
+    row: int
+    kind: Kind  # of its group
+    is_unstable: bool  # whether it was predicted to blow up
+    place: int = 0  # of a journal, where the frame begins
+>>>>>>> 95dcfbc7 (Let the library estimate the rest of a command; say what fields hold beside them)
 
     def record(self) -> StoredRecord:
         """The record, verified."""
@@ -235,3 +225,12 @@ class Entry:
     def is_of_configuration(self) -> bool:
         """Whether it lies where the runs lie that the file's configuration asks for."""
         return VARIANT_MARK not in self.path
+
+
+def has_same_numbers(one: Entry, other: Entry) -> bool:
+    """Whether two runs have the same arrays to the last bit."""
+    mine, theirs = one.record(), other.record()
+    return mine.arrays.keys() == theirs.arrays.keys() and all(
+        np.array_equal(values, theirs.arrays[name], equal_nan=True)
+        for name, values in mine.arrays.items()
+    )
