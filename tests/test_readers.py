@@ -13,6 +13,7 @@ import fvi_cli as fvi
 ROOT = Path(__file__).parents[1]
 SHOWN = {
     "how-to/building": "frame-forces",
+    "how-to/designs": "three-designs",
     "how-to/analyst": "elastic-pendulum",
     "how-to/notebook": "duffing-section",
 }
@@ -54,6 +55,18 @@ def test_the_peaks_on_the_page_are_those_of_the_building():
         assert np.abs(fine.quantities["base_shear"] - taken).max() < 1e-9 * np.abs(taken).max()
 
 
+def test_the_table_of_designs_on_the_page_is_what_a_command_prints(tmp_path):
+    (outcome,) = fvi.run(fvi.load("three-designs"))
+    printed = fvi.as_text([outcome])
+    (table,) = re.findall(r"```text\n(design .*?)```", page("how-to/designs"), re.DOTALL)
+
+    def cells(text):
+        # estimates of errors are those of the machine
+        return [line.split()[:-1] for line in text.strip().splitlines()]
+
+    assert cells(table) == cells(printed[printed.index("\ndesign") :].split("\n\n")[0])
+
+
 @pytest.mark.processes
 def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path):
     changes = ["ladder.steps=[16, 32, 64]", "problem.final_time=2.0"]
@@ -93,7 +106,7 @@ def test_the_notebook_runs_and_shows_what_it_promises(monkeypatch):
     assert "<svg" in html[1]
     assert "<table" in html[1]
     assert "p_x" in html[2]
-    assert [number for number, found in enumerate(kinds) if "image/png" in found] == [4, 5]
+    assert [number for number, found in enumerate(kinds) if "image/png" in found] == [4, 5, 7]
 
 
 def test_the_orders_on_the_page_are_those_of_the_stored_table():
