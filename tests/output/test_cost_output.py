@@ -9,7 +9,7 @@ import math
 
 import pytest
 from command_line import configuration, fvi
-from cost_tables import row, table
+from cost_tables import GAUSS, row, table
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -278,3 +278,16 @@ class TestCommand:
         assert "## one" in text
         assert "one more digit" in text
         assert "![Error against time and work, one-cost](figures/one-cost.png)" in text
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("counts", [1, 2])
+def test_few_runs_have_a_figure_of_full_size(counts):
+    rows = tuple(row(10 * 2**k, 1e-5 / 4**k, 0.03) for k in range(counts))
+    figure = cost_figure(table(CostCase(method=GAUSS, rows=rows)))
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        extent = axes.get_window_extent()
+        assert extent.height > 0.5 * figure.dpi
+        assert extent.width > 2.0 * figure.dpi
+        assert all(0 <= text.get_position()[0] <= 1 for text in axes.texts)

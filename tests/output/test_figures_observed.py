@@ -177,3 +177,18 @@ def test_what_a_figure_leaves_out_is_said():
     # the control: fewer are all drawn
     (outcome,) = fvi.run({**CONFIG, "figures": ["quantities"]})
     assert left_out([(outcome.experiment, outcome.finished)]) == []
+
+
+@pytest.mark.parametrize("coefficients", [[0.1, 0.2, 0.8], [0.05, 1.6]])
+def test_every_member_of_a_sweep_for_a_tolerance_is_drawn(coefficients):
+    config = {key: value for key, value in CONFIG.items() if key not in ("method", "ladder")}
+    problem = {**CONFIG["problem"], "final_time": 10.0}
+    config |= {"accuracy": {"tolerance": 1e-5}, "problem": problem, "events": {}}
+    config |= {"sweep": {"problem.damping.0.coefficient": coefficients}, "output": {"count": 51}}
+    outcomes = fvi.run({**config, "figures": ["trajectory", "quantities"]})
+    # the control: they took different numbers of steps
+    assert len({one.run.n_steps for one in outcomes[0].finished}) > 1
+    for figure in fvi.figures(outcomes).values():
+        for axes in figure.axes:
+            labels = [str(line.get_label()) for line in axes.lines]
+            assert [one for one in labels if one[0] != "_"] == [f"{c:g}" for c in coefficients]

@@ -222,3 +222,30 @@ def test_orders_behind_a_jump_of_the_force(kind, order, method, tolerance):
     errors = [float(np.abs(one.position - truth(one.time)).max()) for one in (coarse, fine)]
     stated = expected_order(scene, method, "max", 128)
     assert math.log2(errors[0] / errors[1]) == pytest.approx(stated, abs=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("steps", "errors", "says"),
+    [
+        # beside round-off, over less than a factor of two: on a line, and not
+        ((12, 14, 16, 64), (12**-8.0, 14**-8.0, 16**-8.0, 1e-15), True),
+        ((6, 7, 8, 64), (5e-9, 4e-9, 6e-11, 1e-15), False),
+        ((6, 7, 64, 128), (5e-9, 4e-9, 1e-15, 1e-15), False),
+        # over more, whatever they do; and where nothing ends the ladder
+        ((6, 7, 12, 64), (5e-9, 4e-9, 6e-11, 1e-15), True),
+        ((6, 7, 8), (5e-9, 4e-9, 6e-11), True),
+        ((6, 64, 128), (5e-9, 1e-15, 1e-15), False),
+    ],
+)
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e5])
+def test_an_order_beside_round_off_lies_on_a_line(steps, errors, says, scale):
+    own = experiment(steps)
+    trajectory = Trajectory(time=np.zeros(1), position=np.zeros((1, 1)), n_steps=4, step_size=0.25)
+    runs = [
+        FinishedRun(
+            run=run, trajectory=trajectory, error=scale * e, floor=scale * 1e-14, status="ok"
+        )
+        for run, e in zip(own.runs(), errors, strict=True)
+    ]
+    (case,) = order_table(own, runs).cases
+    assert case.has_order == says
