@@ -31,13 +31,8 @@ RUN_KEYS: Final = ("method", "n_steps")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-<<<<<<< HEAD
 class StoredRecord:
-    """What is stored under an identity.
-=======
-class Record:
     """What is stored under an identity."""
->>>>>>> 95dcfbc7 (Let the library estimate the rest of a command; say what fields hold beside them)
 
     identity: str  # by which code what is asked for was answered, and what is asked for
     request: str
@@ -188,23 +183,14 @@ class Entry:
     identity: str  # of the record
     request: str
     checksum: str
-<<<<<<< HEAD
+    # what it is read from, the path of its group there (of a journal where it belongs) and its
+    # number
     source: RecordSource
     path: str
     row: int
-    kind: GroupKind
-    is_unstable: bool
-    place: int = 0
-=======
-    # what it is read from, the path of its group there (of a journal where it belongs) and its
-    # number
-    source: Source
-    path: str
-    row: int
-    kind: Kind  # of its group
+    kind: GroupKind  # of its group
     is_unstable: bool  # whether it was predicted to blow up
     place: int = 0  # of a journal, where the frame begins
->>>>>>> 95dcfbc7 (Let the library estimate the rest of a command; say what fields hold beside them)
 
     def record(self) -> StoredRecord:
         """The record, verified."""
