@@ -68,8 +68,8 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
     return figures[0]
 
 
-_EVENTS = "; events are asked for by events: {turn: {when: vx, direction: falling}}"
-_QUANTITIES = "; write them as quantities: {drift: x2 - x1}"
+_EVENTS = "; give events: {turn: {when: vx, direction: falling}}"
+_QUANTITIES = "; give quantities: {drift: x2 - x1}"
 _SWEEP = "the experiment has no sweep; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"
 
 
