@@ -28,6 +28,7 @@ from fvi_cli.storage.result_file import ResultFile
 MATLAB_NAME_LENGTH = 63
 """Longest name of a field that MATLAB reads."""
 
+DESIGN = "design"
 _LONG_FORM = ("member", "time")
 _DUST = 1e-13
 """Stored times this near to k T / N, relative to T, are taken for it."""
@@ -49,19 +50,43 @@ def stored_arrays(path: Path) -> Iterator[StoredArrays]:
     """Every run of a result file, or batch of runs, one at a time in the order of the file."""
     with contextlib.closing(ResultFile(path)) as file, explain_damage(path):
         runs = (entry for entry in file.entries() if not entry.is_reference)
+        resolved = json.loads(str(file.root["resolved_config"]))
+        designs = {one["name"]: one.get("designs") or {} for one in resolved["experiments"]}
         for place, entries in itertools.groupby(runs, key=lambda entry: entry.path):
             for entry in entries:
                 entry.record()
             group = file.group(place)
             _, experiment, case, name = place.split("/")
+            arrays = {name: _values(dataset) for name, dataset in group.datasets.items()}
+            names = _names_of_members(arrays, designs.get(experiment, {}))
+            own = {} if names is None else {DESIGN: names}
             yield StoredArrays(
                 experiment=experiment,
                 case=case,
                 name=name,
                 attributes={k: v for k, v in group.attributes.items() if k != ARRAYS},
-                arrays={name: _values(dataset) for name, dataset in group.datasets.items()},
-                dimensions=group.dimensions,
+                arrays={**arrays, **own},
+                dimensions={**group.dimensions, **dict.fromkeys(own, ("member",))},
             )
+
+
+def _names_of_members(
+    arrays: Mapping[str, NDArray[Any]], designs: Mapping[str, Mapping[str, Any]]
+) -> NDArray[Any] | None:
+    """Names of designs by their values, which runs are stored by; None where nothing is named."""
+    if not designs or "member" not in arrays:
+        return None
+    found = np.full(arrays["member"].size, "", dtype=object)
+    for name, values in designs.items():
+        for place in range(found.size):
+            if all(_is(arrays[key][place], value) for key, value in values.items()):
+                found[place] = name
+    return found
+
+
+def _is(stored: object, value: object) -> bool:
+    """Whether a stored value is that of a configuration."""
+    return bool((json.loads(stored) if isinstance(stored, str) else stored) == value)
 
 
 def _values(dataset: h5py.Dataset) -> NDArray[Any]:
@@ -139,6 +164,7 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
     """Columns of equal length: axes first, then what depends on them."""
     shape = tuple(run.arrays[axis].size for axis in along)
     swept = json.loads(str(run.attributes.get("swept", "[]")))
+    swept = [DESIGN, *swept] if DESIGN in run.arrays else swept
     others = [name for name in run.arrays if name not in along and name not in swept]
     problem = json.loads(str(run.attributes.get("specification", "{}"))).get("problem", {})
     coordinates = _coordinates(run)

@@ -171,3 +171,16 @@ def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, mon
         if row["design"] != "bare":
             change = float(row["peak_drift"]) / first[row["problem.masses.0"]] - 1
             assert float(row["peak_drift_change"]) == pytest.approx(change, rel=1e-12)
+
+
+def test_exports_have_the_names_of_designs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = TEXT + "sweep: {problem.masses.0: [2.0, 3.0]}\n"
+    (tmp_path / "building.yaml").write_text(text, encoding="utf-8")
+    fvi("run", "building.yaml", code=0)
+    fvi("export", "results/building.h5", "--to", "csv", code=0)
+    rows = []
+    for file in (tmp_path / "results").rglob("*-members.csv"):
+        rows += list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+    found = [(row["design"], float(row["problem.masses.0"])) for row in rows]
+    assert sorted(found) == sorted((name, mass) for name in NAMES for mass in (2.0, 3.0))
