@@ -43,13 +43,11 @@ def check_figures(
             if not keys:
                 here.refuse(_SWEEP.format(key=excerpt(one.against or "")), "against")
             else:
-                prefixed = f"problem.{one.against}"
-                hint = f"; write {prefixed}" if prefixed in keys else ""
-                _check_word(one.against, keys, "a swept key", here.under("against"), hint)
+                _check_word(one.against, keys, "a swept key", here.under("against"))
         if one.of_ is not None and isinstance(problem, Problem):
             given = problem.coordinates
             known = [*given, *(f"v{name}" for name in given)]
-            _check_word(one.of_, known, "a coordinate or velocity", here.under("of"), "")
+            _check_word(one.of_, known, "a coordinate or velocity", here.under("of"))
         if one.after >= problem.final_time:
             here.refuse(f"not before final_time = {problem.final_time:g}", "after")
 
@@ -103,10 +101,12 @@ def _check_plot(
     _check_word(plot, known, "peak_<quantity> or an event", here, _QUANTITIES)
 
 
-def _check_word(word: str | None, known: Collection[str], what: str, at: Cursor, hint: str) -> None:
+def _check_word(
+    word: str | None, known: Collection[str], what: str, at: Cursor, empty: str = ""
+) -> None:
+    """Refuse a word that is not known; `empty` is what to write where no word is known."""
     if word in known:
         return
     near = suggestion(word or "", known)
-    if known and not hint.startswith("; write"):
-        hint = near + f" (here: {listed(list(known)[:12])})"
+    hint = f"{near} (here: {listed(list(known)[:12])})" if known else empty
     at.refuse(f"{excerpt(word or '')!r} is not {what}{hint}")

@@ -18,8 +18,7 @@ HASHED_PACKAGES = (
     "planning",
     "runner/executors",
     "scenes",
-    "storage/fields",
-    "storage/records.py",
+    "storage/records",
     "studies",
 )
 """Where numbers come from, and what is stored of a run; configurations, tables and commands change
