@@ -13,7 +13,7 @@ from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability.determinants import step_determinants
+from fvi_cli.integrator.stability.determinants import plane_determinants, step_determinants
 from fvi_cli.integrator.stability.linearisation import linearised_along
 from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
@@ -104,6 +104,29 @@ def test_a_map_says_what_the_determinants_say_one_by_one(method):
                 level = next((n for n, count in enumerate(counts) if not count), len(counts))
                 assert found.level[row, column] == level, (order, k, mu)
     assert found.share_stable == (1.0 if method is GAUSS else pytest.approx(0.5, abs=0.45))
+
+
+@spread(p=[4, 5, 6], degree=[1, 2, 3], order=[0.3, 1.5, 1.9], growth=[1e-3, 1e-2, 0.1])
+def test_counts_do_not_depend_on_where_the_points_begin(p, degree, order, growth):
+    """Modes come in pairs beside the circle; the control begins with too few points."""
+    random = np.random.default_rng(int(100 * order) + 10 * p + degree)
+    plane = plane_determinants(
+        Method(cq=f"bdf{p}", degree=degree, sampling="points"),
+        order,
+        10.0 ** random.uniform(-2, 4, 1000),
+        10.0 ** random.uniform(-3, 3, 1000),
+    )
+    radius = math.exp(-growth)
+    dense = dataclasses.replace(plane, degree=4 * plane.degree)
+    assert np.array_equal(count_zeros(plane, radius), count_zeros(dense, radius))
+
+
+def test_too_few_points_to_begin_with_would_be_noticed():
+    random = np.random.default_rng(6)
+    stiffness, damping = 10.0 ** random.uniform(-2, 4, 4000), 10.0 ** random.uniform(-3, 3, 4000)
+    plane = plane_determinants(Method(cq="bdf6", degree=2), 1.5, stiffness, damping)
+    few = dataclasses.replace(plane, degree=1)
+    assert np.any(count_zeros(plane, math.exp(-0.1)) != count_zeros(few, math.exp(-0.1)))
 
 
 def test_the_border_of_a_map_is_the_sawtooth_bound():

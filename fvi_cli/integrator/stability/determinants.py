@@ -7,12 +7,13 @@ step.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.stability.patterns import DAMPING, Patterns, pattern_size, step_patterns
 from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
@@ -31,7 +32,7 @@ class StepDeterminants:
 
     patterns: Patterns
     forms: Array  # that belong to the patterns, (number of systems, patterns, d, d)
-    degree: int  # rows of a determinant
+    degree: int
 
     @property
     def number(self) -> int:
@@ -53,7 +54,7 @@ class StepDeterminants:
     def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
         """Logarithms of determinants of sums of Kronecker products."""
         rows, numbers = np.broadcast_arrays(rows, numbers)
-        row, number, n = rows.ravel(), numbers.ravel(), self.degree
+        row, number, n = rows.ravel(), numbers.ravel(), table.shape[-1] * self.forms.shape[-1]
         found = np.empty(row.size, dtype=np.complex128)
         at_once = max(1, ENTRIES_AT_ONCE // (n * n + table[0].size))
         for begin in range(0, row.size, at_once):
@@ -103,8 +104,16 @@ def step_determinants(
     return StepDeterminants(
         patterns=step_patterns(method, orders),
         forms=np.stack(forms, axis=1),
-        degree=pattern_size(method) * first.dimension,
+        degree=_degree(method, orders) * first.dimension,
     )
+
+
+def _degree(method: AnyMethod, orders: tuple[float, ...]) -> int:
+    """About how many zeros a determinant has: its rows, and what powers of a symbol turn."""
+    turns = 0.0
+    if isinstance(method, Method) and not method.is_runge_kutta:
+        turns = method.bdf_order * max(orders, default=0.0)
+    return pattern_size(method) + math.ceil(turns)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +176,7 @@ def plane_determinants(
         patterns=patterns,
         powers=powers,
         products=stiffness[:, None] ** i * damping[:, None] ** j,
-        degree=pattern_size(method),
+        degree=_degree(method, (order,)),
     )
 
 

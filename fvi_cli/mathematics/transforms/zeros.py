@@ -35,6 +35,9 @@ USUAL_DEGREE = 8
 LARGEST_COUNT = 64
 """More zeros than these are not located."""
 
+PER_ZERO = 6
+"""Points of half a circle at first, for each zero: with 2 to 4 of them pairs of zeros beside the
+circle were missed by one point in a thousand of maps of BDF5 and BDF6, with 6 by none of 26,000."""
 LARGEST_CHANGE = 1.0
 """Of log f between neighbouring points of a path."""
 LARGEST_SURPRISE = 0.5
@@ -203,7 +206,7 @@ def _first_angles(radius: float, degree: int) -> Array:
     least = min(max(1.0 - radius, 1e-12), 0.3)
     number = math.ceil(math.log2(math.pi / 2 / least)) + 2
     rising = np.geomspace(least / 2, math.pi / 2, number)
-    even = np.linspace(0.0, math.pi, degree + 1)
+    even = np.linspace(0.0, math.pi, PER_ZERO * degree)
     return np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
 
 
