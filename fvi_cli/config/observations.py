@@ -31,6 +31,7 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import UNITS
 
+FORCE: Final = "force"
 KEYS: Final = ("output", "quantities", "events", "impacts")
 _TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -74,12 +75,13 @@ def read_observations(
 ) -> Observations:
     """What the keys of an experiment, which stands at `at`, ask of its motion."""
     given = [name for name in KEYS if at.has(name)]
-    if not given:
+    is_prescribed = isinstance(problem, Problem) and problem.scene.prescribed is not None
+    if not given and not is_prescribed:
         return Observations()
     if not isinstance(problem, Problem):
         at.refuse_key(given[0], f"not for kind {problem.kind}, which is no motion")
         return Observations()
-    _check_neighbours(settings, methods, given[0], at)
+    _check_neighbours(settings, methods, given[0] if given else "problem", at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
     names = tuple(dict.fromkeys((*of_surfaces, *damper_names(problem.scene))))
     quantities: dict[str, Expression] = {}
@@ -113,6 +115,9 @@ def read_observations(
             )
             if reason := start_objection(problem.scene, surface):
                 under.refuse(reason, name, "when")
+    if is_prescribed:
+        # what a damper on the bench is for
+        quantities.setdefault(FORCE, Expression.parse(FORCE, variables=names))
     times = None
     if isinstance(settings.output, Output) and is_complete(settings.output):
         try:

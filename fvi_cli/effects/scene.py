@@ -15,6 +15,7 @@ from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse, times
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
+from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
@@ -48,6 +49,8 @@ class Scene:
     derivative
         ``caputo``: D acts on q - q0 (and on q - q0 - v0 t for orders above 1);
         ``riemann-liouville``: on q itself.
+    prescribed
+        The motion itself, of one coordinate, where it is given: only the forces are sought.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class Scene:
     derivative: Derivative = "caputo"
     lagrangian: Lagrangian | None = None
     laws: tuple[Law, ...] = ()
+    prescribed: PrescribedMotion | None = None
 
     def __post_init__(self) -> None:
         d = self.inertia.dimension
@@ -176,7 +180,9 @@ class Scene:
 
     @property
     def break_points(self) -> tuple[float, ...]:
-        """Times in (0, T) at which the forcing is not smooth."""
+        """Times in (0, T) at which the forcing, or a given motion, is not smooth."""
+        if self.prescribed is not None:
+            return tuple(t for t in self.prescribed.break_points if t < self.final_time)
         if self.forcing is None:
             return ()
         return tuple(t for t in self.forcing.break_points if 0 < t < self.final_time)

@@ -16,6 +16,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
 from fvi_cli.integrator.run.objections import check_laws
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
+from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 
@@ -64,6 +65,10 @@ def integrate(
     is_given = isinstance(n_steps, Mesh | AdaptiveSteps)
     check_counts(1 if is_given else n_steps, every)
     steps = n_steps if isinstance(n_steps, Mesh | AdaptiveSteps) else int(n_steps)
+    if scene.prescribed is not None:
+        return integrate_prescribed(
+            scene, scene.prescribed, method, steps, every=every, with_steps=with_steps
+        )
     check_laws(scene, method)
     if isinstance(method, Baseline) or not method.is_runge_kutta:
         if not isinstance(steps, int):

@@ -165,7 +165,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> 
 
 def kind_of(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | None:
     """What scenes have in common that differ in numbers alone; None: it goes individually."""
-    if scene.is_sparse:
+    if scene.is_sparse or scene.prescribed is not None:
         return None
     memory: Hashable = any(term.order != 1 for term in scene.active_damping)
     if not method.is_runge_kutta:

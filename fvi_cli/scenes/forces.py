@@ -160,7 +160,7 @@ PARAMETERS: Final = key(
     "and impacts; problem.parameters.<name> can be swept.",
     default=None,
 )
-_EXPRESSIONS: Final = ("forcing", "ground_acceleration", "exact", "function")
+_EXPRESSIONS: Final = ("forcing", "ground_acceleration", "exact", "function", "displacement")
 _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 
 

@@ -33,6 +33,9 @@ from fvi_cli.mathematics.arrays import Array
 MOST_COMPONENTS = 1000
 """Components of a damper that have names of their own, at most."""
 
+TOGETHER = -1
+"""Place of all dampers of a scene with a given motion, which share its one coordinate."""
+
 DamperForce = FractionalDamping | Law
 
 
@@ -65,7 +68,8 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     """By name what can be asked of dampers: ``force_1``, ``deformation_1`` and ``work_1``.
 
     In place of the number stands the name of a damper that has one; behind it, where a damper has
-    several components, their number: ``force_1_2``.
+    several components, their number: ``force_1_2``. Where the motion is given, ``force`` is that
+    of all of them.
     """
     found: dict[str, DamperValue] = {}
     numbered = [(str(place + 1), place, one) for place, (one, *_) in enumerate(dampers_of(scene))]
@@ -80,6 +84,8 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
                     kind=cast(Literal["force"], kind), place=place, component=component
                 )
                 found.setdefault(f"{kind}_{label}{end}", value)
+    if scene.prescribed is not None:
+        found.setdefault("force", DamperValue(kind="force", place=TOGETHER))
     return found
 
 

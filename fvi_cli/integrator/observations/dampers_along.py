@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from fvi_cli.integrator.observations.dampers import (
+    TOGETHER,
     DamperValue,
     check_work,
+    dampers_of,
     deformation_of,
     remembered_at_start,
     running_work,
@@ -31,6 +34,10 @@ class DampersAlong:
     def __call__(self, value: DamperValue, steps: Places, tau: Array) -> Array:
         """A force, deformation or work at places of steps, shape ``(n,)``."""
         motion, place = self._motion, value.place
+        if place == TOGETHER:
+            count = len(dampers_of(motion.scenes[0]))
+            every = (replace(value, place=one) for one in range(count))
+            return np.asarray(sum(self(one, steps, tau) for one in every))
         if value.kind == "work":
             return evaluate_series(self._works(place), steps, 2.0 * tau - 1.0)[:, 0]
         position, found = motion.position(steps, tau), np.zeros(steps.size)

@@ -223,6 +223,7 @@ def _rough_dampers(scene: Scene, request: Observations) -> tuple[str, ...]:
         for name, one in values.items()
         if name in used
         and one.kind != "deformation"
+        and one.place >= 0
         and any(getattr(part, "order", 0.0) > 1 for part in every[one.place])
     ]
     return tuple(rough_remark(scene, f"{name} keeps") for name in found)

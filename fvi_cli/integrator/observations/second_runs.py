@@ -32,7 +32,7 @@ def dense_motion(
 ) -> DenseMotion:
     """The dense motions of finished runs, by second runs on their meshes."""
     methods, shapes, remarks = [method] * len(steps), list(steps), [""] * len(steps)
-    stages = min(2 * method.degree, MOST_STAGES)
+    runs, stages = list(steps), min(2 * method.degree, MOST_STAGES)
     if stages != method.degree:
         own = Method(
             cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
@@ -40,6 +40,9 @@ def dense_motion(
         for index, (second, outcome) in enumerate(_second_runs(scenes, own, steps, checkpoints)):
             if second is not None:
                 methods[index], shapes[index] = own, second
+                if scenes[index].prescribed is not None:
+                    # both have the same points, and a rate may jump at them
+                    runs[index] = second
                 continue
             remarks[index] = (
                 "between the points of the mesh the motion is known to the order of a step only: "
@@ -47,7 +50,7 @@ def dense_motion(
             )
     return DenseMotion(
         scenes=tuple(scenes),
-        steps=tuple(steps),
+        steps=tuple(runs),
         shapes=tuple(shapes),
         find_forces=partial(forces_along, scenes, methods, shapes),
         remarks=tuple(remarks),

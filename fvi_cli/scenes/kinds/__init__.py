@@ -11,6 +11,7 @@ from fvi_cli.keys.settings import record_of
 from fvi_cli.scenes.kinds.formulas import DoublePendulum, LagrangianKind
 from fvi_cli.scenes.kinds.fractional_derivative import FractionalDerivative
 from fvi_cli.scenes.kinds.kind import Kind, SceneKind
+from fvi_cli.scenes.kinds.material import Material
 from fvi_cli.scenes.kinds.oscillators import (
     BagleyTorvik,
     DampedOscillator,
@@ -38,6 +39,7 @@ KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
             String,
             DoublePendulum,
             LagrangianKind,
+            Material,
             FractionalDerivative,
         )
     }

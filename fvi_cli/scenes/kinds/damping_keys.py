@@ -312,7 +312,7 @@ DAMPING: Final = key(
 
 
 def build_damping(
-    terms: Sequence[Term], names: tuple[str, ...], *, sparse: bool = False
+    terms: Sequence[Term], names: tuple[str, ...], *, sparse: bool = False, place: str = "damping"
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
     """The terms and the laws under ``damping``, of a scene with sparse matrices or dense ones.
 
@@ -322,7 +322,7 @@ def build_damping(
         With a path below ``damping``.
     """
     return effects_of(
-        terms, lambda term, factor: _coefficient(term, factor, names, sparse=sparse), "damping"
+        terms, lambda term, factor: _coefficient(term, factor, names, sparse=sparse), place
     )
 
 

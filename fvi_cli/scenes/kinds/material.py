@@ -1,0 +1,122 @@
+"""``material``: a damper on the bench, whose displacement is given and whose force is sought."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Final
+
+import numpy as np
+
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.prescribed import PrescribedMotion
+from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
+from fvi_cli.keys.containers import OneOrMany
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.settings import Positive, key
+from fvi_cli.scenes.forces import (
+    PARAMETERS,
+    GroundMotion,
+    Parameters,
+    build_forcing,
+    with_parameters,
+)
+from fvi_cli.scenes.kinds import shared_keys as shared
+from fvi_cli.scenes.kinds.damping_keys import Term, build_damping, damping_terms
+from fvi_cli.scenes.kinds.kind import Kind
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.records.samples import samples_from_text
+
+FEWEST_SAMPLES: Final = 8
+COORDINATE: Final = "u"
+
+
+class Material(
+    Kind,
+    declares="parameters",
+    refused={
+        **shared.WRONG_AT_PROBLEM,
+        "damping": "not a key here: write law: {law: zener, ...}, or a list of laws side by side",
+        "strain": "not a key: write displacement, in any unit",
+        "mass": "not a key here: a damper on the bench has none; with a mass it is kind: "
+        "damped-oscillator",
+    },
+):
+    """A law whose displacement is given."""
+
+    kind = "material"
+    title = "damper on the bench"
+    equation = "force = sum of g(D) u, u(t) given"
+    example: ClassVar = {
+        "law": "{law: zener, order: 0.5, time: 0.2, relaxed: 1.0, unrelaxed: 4.0}",
+        "displacement": "0.01*sin(6*t)",
+        "final_time": "5.0",
+    }
+    sweep = "problem.law.0.order: {from: 0.2, to: 0.8, number: 4}"
+    methods = "{rk: gauss, degree: 4}"
+    forces = ("displacement",)
+
+    law: Annotated[tuple[Term, ...], OneOrMany(shape=damping_terms().shape)] = key(
+        "A law or springpot as under damping of other kinds, or a list of them side by side; its "
+        "coefficient multiplies the displacement."
+    )
+    displacement: GroundMotion = key(
+        "u(t): number or expression in t, {pieces: [...]} without jumps, or samples, {file: "
+        "bench.csv, column: u, time: t}, equally spaced or not. A strain "
+        "where the force is a stress.",
+        unit="length",
+    )
+    final_time: Positive = key(
+        "End T of the interval [0, T]; of samples it is the last one.", unit="time", default=None
+    )
+    parameters: Parameters = PARAMETERS
+
+    def check(self, at: Cursor, values: dict[str, Any]) -> Any:
+        """The keys with the time of the last sample."""
+        given = values.get("displacement")
+        if isinstance(given, Mapping) and "content" in given:
+            time, _ = samples_from_text(str(given["content"]))
+            if time.size < FEWEST_SAMPLES:
+                at.refuse(
+                    f"{time.size} samples of a displacement; at least {FEWEST_SAMPLES} are needed",
+                    "displacement",
+                )
+            values.setdefault("final_time", float(time[-1]))
+        elif "final_time" not in values and isinstance(given, str):
+            at.refuse("missing; it must be a positive number", "final_time")
+        return values
+
+    def build_problem(self, *, search: bool = True) -> Problem:
+        """The law along its displacement."""
+        names = (COORDINATE,)
+        final_time = float(self.final_time or 0.0)
+        damping, laws = build_damping(self.law, names, place="law")
+        given = with_parameters(vars(self))["displacement"]
+        displacement = build_forcing(given, 1, "displacement", final_time=final_time)
+        if displacement is None:
+            raise ArgumentError("displacement", "it does not change; give one that does")
+        motion = PrescribedMotion(displacement=displacement, final_time=final_time)
+        motion.check()
+        for index, one in enumerate(damping):
+            if one.order > 1 and (motion.kinks or displacement.break_points):
+                raise ArgumentError(
+                    f"law.{index}.order",
+                    f"{one.order:g} is not allowed with straight lines between samples: its force "
+                    "is infinite at every kink; write interpolation: cubic",
+                )
+        scene = Scene(
+            inertia=Inertia(mass=1.0),
+            initial_position=np.array([motion.start]),
+            initial_velocity=np.array([motion.start_rate]),
+            final_time=final_time,
+            damping=damping,
+            laws=laws,
+            prescribed=motion,
+        )
+        return Problem(
+            kind=self.kind,
+            scene=scene,
+            exact_source="none",
+            equation=self.equation,
+            coordinates=names,
+        )
