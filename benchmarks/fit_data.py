@@ -3,13 +3,16 @@
 A decay, ``2 x'' + 0.9 D^0.62 x + 30 x = 0`` with x(0) = 0.03 and x'(0) = 0, by inverting its
 Laplace transform with mpmath, at irregular times with normal noise of standard deviation 0.0004.
 And accelerations of a mass of 4 on a rubber mount under harmonic forces, from the complex modulus
-of the mount by the formula of Cole and Cole, with noise of 0.002 in both parts. Nothing of the
-package takes part; the generator of the noise is written out here.
+of the mount by the formula of Cole and Cole, with noise of 0.002 in both parts. And the force of a
+damper on the bench, by the same law, as a sum of its responses to ramps (Mittag-Leffler's function
+by its series), with noise of 20. Nothing of the package takes part; the generator of the noise is
+written out here.
 """
 
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +23,8 @@ MASS, STIFFNESS, ORDER, COEFFICIENT, START = 2.0, 30.0, 0.62, 0.9, 0.03
 DEVIATION, NUMBER, LAST = 0.0004, 160, 8.0
 MOUNTED, RELAXED, UNRELAXED, MOUNT_ORDER, MOUNT_TIME = 4.0, 1.0e4, 8.0e4, 0.6, 0.005
 MOUNT_DEVIATION, FREQUENCIES, LOWEST, HIGHEST = 0.002, 80, 2.0, 80.0
+BENCH_RELAXED, BENCH_UNRELAXED, BENCH_ORDER, BENCH_TIME = 5.0e4, 4.0e5, 0.6, 0.3
+BENCH_DEVIATION, SAMPLES, BENCH_LAST = 20.0, 121, 6.0
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 
@@ -82,9 +87,35 @@ def response() -> list[str]:
     return lines
 
 
+def ramp(time: float) -> float:
+    """Force of the damper on the bench on a displacement that grows by 1 a unit of time."""
+    with mpmath.workdps(40):
+        z = -((mpmath.mpf(time) / BENCH_TIME) ** mpmath.mpf(BENCH_ORDER))
+        series = mpmath.nsum(lambda k: z**k / mpmath.gamma(BENCH_ORDER * k + 2), [0, mpmath.inf])
+        return float(time * (BENCH_RELAXED + (BENCH_UNRELAXED - BENCH_RELAXED) * series))
+
+
+def bench() -> list[str]:
+    """Lines of the test on the bench: straight lines between its samples."""
+    noise = normal_numbers(20_240_320, SAMPLES)
+    lines = ["# a damper on the bench, see benchmarks/fit_data.py", "t,displacement,force"]
+    step = BENCH_LAST / (SAMPLES - 1)
+    moved = [0.01 * math.sin(4.0 * k * step) * (1.0 + k * step / 6.0) for k in range(SAMPLES)]
+    moved = [round(one, 7) for one in moved]
+    ramps = [0.0, *(ramp(k * step) for k in range(1, SAMPLES))]
+    slopes = [(b - a) / step for a, b in itertools.pairwise(moved)]
+    changes = [b - a for a, b in itertools.pairwise([0.0, *slopes])]
+    for index, one in enumerate(moved):
+        force = sum(changes[k] * ramps[index - k] for k in range(index))
+        shown = force + BENCH_DEVIATION * next(noise)
+        lines.append(f"{index * step:.2f},{one:.7f},{shown:.2f}")
+    return lines
+
+
 def main() -> None:
     """Write the files."""
-    for name, lines in (("fit-decay", decay()), ("fit-response", response())):
+    made = {"fit-decay": decay(), "fit-response": response(), "damper-bench": bench()}
+    for name, lines in made.items():
         path = CONFIGS / f"{name}.csv"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         print(path)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fvi_cli.config.figures import check_figures
 from fvi_cli.config.fits.settings import fit_settings
-from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy, usual_methods
+from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy, usual_methods, usual_steps
 from fvi_cli.config.keys.designs import DESIGNS
 from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.fit import Fit
@@ -62,14 +62,15 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     keys = problem_keys(described, settings.problem) if is_described else None
     problem = None if keys is None else make_problem(keys, at.under("problem"))
     ladder = settings.ladder if isinstance(settings.ladder, Ladder) else None
-    steps, grading = (ladder.steps, ladder.grading or 1.0) if ladder else ((), 1.0)
+    usual = () if settings.accuracy is not None or at.has("ladder") else usual_steps(problem)
+    steps, grading = (ladder.steps, ladder.grading or 1.0) if ladder else (usual, 1.0)
     methods = read_methods(
         values.get("method"),
         at,
         usual_methods(settings.accuracy),
         start="graded" if grading == 1.0 else "none",
     )
-    check_accuracy(at)
+    check_accuracy(at, problem)
     ends = () if problem is None or keys is None else (*break_points(keys), problem.final_time)
     check_grading(grading, steps, methods, ends, at)
     if keys is not None and grading == 1.0:

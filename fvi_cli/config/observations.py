@@ -49,6 +49,8 @@ def check_units(settings: ExperimentKeys, problem: AnyProblem, at: Cursor) -> No
     length = _named(settings.units).get("length", "m")
     if length != "m" and (found := _in_g(at.under("problem"))) is not None:
         found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
+    if isinstance(problem, Problem) and problem.scene.prescribed is not None:
+        known = (*known, FORCE)
     for name in _named(settings.units):
         if name not in known:
             at.under("units").refuse_key(

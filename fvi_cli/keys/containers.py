@@ -56,10 +56,11 @@ class ListOf(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class OneOrMany(Shape):
-    """One thing or a list of them; read as a list."""
+    """One thing or a list of them; read as a list, or as it stands where paths lead through it."""
 
     shape: Shape
     most: int = 10_000
+    as_it_stands: bool = False
 
     @property
     def expected(self) -> str:
@@ -70,11 +71,13 @@ class OneOrMany(Shape):
         """A list."""
         if isinstance(at.node, ListNode):
             return ListOf(shape=self.shape, most=self.most).read(at)
-        return [self.shape.read(at)]
+        found = self.shape.read(at)
+        return found if self.as_it_stands else [found]
 
     def build(self, value: Any) -> Any:
         """A tuple."""
-        return ListOf(shape=self.shape).build(value)
+        several = value if isinstance(value, list | tuple) else [value]
+        return ListOf(shape=self.shape).build(several)
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""

@@ -50,6 +50,8 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
     n_steps, grading
         The mesh.
     """
+    if scene.prescribed is not None:
+        return ()
     step = longest_step(scene.final_time, n_steps, grading)
     found: list[str] = []
     for component in () if scene.forcing is None else scene.forcing.samples:

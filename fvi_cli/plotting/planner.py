@@ -15,6 +15,7 @@ from fvi_cli.plotting.ladders.convergence import (
 )
 from fvi_cli.plotting.ladders.saturation import saturation_figure
 from fvi_cli.plotting.motions.against import obstacle, settings_figure
+from fvi_cli.plotting.motions.hysteresis import hysteresis_figure, sweep_hysteresis_figure
 from fvi_cli.plotting.motions.paths import (
     WATERFALL_KINDS,
     path_figure,
@@ -42,6 +43,7 @@ from fvi_cli.plotting.motions.time_series import (
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import FIGURE_KINDS, Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import FigureSettings
+from fvi_cli.studies.loops import forces_of
 
 Draw = Callable[[Experiment, Sequence[FinishedRun]], Figure]
 """A figure of an experiment and its finished runs, for which there is no obstacle.
@@ -59,12 +61,14 @@ _OVER_TIME: dict[str, Draw] = {
     "waterfall": waterfall_figure,
     "quantities": quantities_figure,
     "section": section_figure,
+    "hysteresis": hysteresis_figure,
 }
 _OF_MEMBERS: dict[str, Draw] = {
     "convergence": sweep_convergence_figure,
     "trajectory": sweep_trajectory_figure,
     "quantities": sweep_quantities_figure,
     "section": sweep_section_figure,
+    "hysteresis": sweep_hysteresis_figure,
     "spectrum": response_spectrum_figure,
 }
 _LEAST_LADDER = 3
@@ -227,6 +231,10 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
         obstacles["momenta"] = "it needs store: {diagnostics: [momentum-maps]}"
     if not any(has_quantities(item) for item in moving):
         obstacles["quantities"] = "the experiment has no quantities"
+    if not forces_of(experiment) or "quantities" in obstacles:
+        obstacles["hysteresis"] = (
+            "no quantity is the force of a damper; write quantities: {force: force_1}"
+        )
     if not any(has_events(item) for item in moving):
         obstacles["section"] = "no event happened"
     if experiment.problem.exact is None and experiment.observations.times is not None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.scenes.kinds import KINDS, Kind, SceneKind
+from fvi_cli.scenes.kinds import KINDS, Kind
 from fvi_cli.scenes.problem import AnyProblem
 
 
@@ -38,10 +38,7 @@ def build_scene(specification: Mapping[str, Any]) -> Scene:
     ValueError
         As :func:`build_problem`; also for ``fractional-derivative``, which is no scene.
     """
-    kind = _kind(specification)
-    if not issubclass(kind, SceneKind):
-        raise ArgumentError("kind", f"{kind.kind!r} is not the name of a scene")
-    return kind.of(specification).build_scene()
+    return _kind(specification).of(specification).build_scene()
 
 
 def _kind(specification: Mapping[str, Any]) -> type[Kind]:

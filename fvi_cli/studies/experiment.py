@@ -39,6 +39,7 @@ FIGURE_KINDS = (
     "waterfall",
     "quantities",
     "section",
+    "hysteresis",
     "spectrum",
 )
 """What ``Experiment.figures`` may name."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fvi_cli.config.keys.fit import Data
+from fvi_cli.config.observations import FORCE
 from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.request import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
@@ -119,12 +120,17 @@ def _response(
         at.refuse("not together with frequency: the data are a motion or a response", "time")
     if not problem.scene.is_linear:
         at.refuse(f"{problem.kind} is not linear and has no harmonic response", "frequency")
-    forces = given.force or ()
-    if not forces and described.get("ground_acceleration", "0") != "0":
+    forces, is_prescribed = given.force or (), problem.scene.prescribed is not None
+    if is_prescribed:
+        # the response is the complex stiffness, the force by a unit displacement
+        forces = ("displacement",)
+        if given.force is not None:
+            at.refuse("not for a damper on the bench, whose displacement is given", "force")
+    elif not forces and described.get("ground_acceleration", "0") != "0":
         forces = (GROUND,)
     if not forces:
         at.refuse(f"say where the force acts, force: {coordinates[0]} or force: {GROUND}")
-    for text in forces:
+    for text in () if is_prescribed else forces:
         try:
             harmonic_force(text, problem.scene, coordinates)
         except ValueError as error:
@@ -132,8 +138,12 @@ def _response(
     for name, columns in given.columns.items():
         rate = 0 if name in coordinates or name[1:] not in coordinates else "xva".find(name[0])
         under = at.under("columns")
+        if is_prescribed and name != FORCE:
+            under.refuse_key(name, f"not known here: the complex stiffness is that of {FORCE}")
+            continue
         try:
-            (row,) = forms_of([name[1:] if rate > 0 else name], coordinates)
+            known = (FORCE,) if is_prescribed else coordinates
+            (row,) = forms_of([name[1:] if rate > 0 else name], known)
         except ValueError as error:
             under.refuse_key(name, f"not known: {error}")
             continue

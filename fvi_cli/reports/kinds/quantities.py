@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.members import member_columns
 from fvi_cli.reports.table import Column, Report, Sheet, Sheets, Within, alike, rows_of, within
 from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.studies.loops import DamperLoop, deformation_against, forces_of, last_loop
 
 CLOSE = Within(relative=1e-3, absolute=1e-12)
 """As for errors: other machines round otherwise."""
 
+LOOSE = Within(relative=1e-2, absolute=1e-12)
+"""Of loops, which are taken from the stored points."""
 _RUN = (
     Column("experiment", "name of the experiment", "experiment", get="of.run.experiment.name"),
     Column(
@@ -69,6 +73,29 @@ EVENT_COLUMNS = (
     ),
     _STATUS,
 )
+LOOP_COLUMNS = (
+    *_RUN,
+    Column("force", "name of the quantity that is the force", "force", get="name"),
+    *within(
+        "found",
+        Column("amplitude", "half the range of the deformation", "amplitude", ".5g", LOOSE),
+        Column(
+            "stiffness", "equivalent stiffness: force over deformation", "stiffness", ".5g", LOOSE
+        ),
+        Column(
+            "loss_factor",
+            "energy of the loop over 2 pi times that of the stiffness at the amplitude",
+            "loss factor",
+            ".4g",
+            LOOSE,
+        ),
+        Column("work", "energy of the loop", "energy of the loop", ".5g", LOOSE),
+        Column("begin", "when the loop begins", "from t", ".5g", LOOSE),
+        Column("end", "when it ends", "to t", ".5g", LOOSE),
+    ),
+    _STATUS,
+)
+Found = Callable[[FinishedRun, Observed], Mapping[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +112,15 @@ class _One:
 
     def time_at(self, place: int) -> float | None:
         return float(self.found.time[place]) if self.found.time.size else None
+
+
+def _loops(one: FinishedRun, observed: Observed) -> Mapping[str, DamperLoop]:
+    """The last loop of every damper whose force is a quantity, where there is one."""
+    names = [name for name in forces_of(one.run.experiment) if name in observed.quantities]
+    loops = {
+        name: last_loop(one.trajectory.time, *deformation_against(one, name)) for name in names
+    }
+    return {name: loop for name, loop in loops.items() if loop is not None}
 
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
@@ -105,7 +141,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         # the names of designs say it all
         titles["member"] = ""
 
-    def sheet(name: str, declared: tuple[Column, ...], of: str, key: str) -> Sheet:
+    def sheet(name: str, declared: tuple[Column, ...], of: Found, key: str) -> Sheet:
         # names stand where people begin to read, values behind everything else
         first, *rest = declared
         named = [one for one in tells if one.title]
@@ -115,16 +151,18 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
             _One(of=one, name=name, found=found)
             for one, observed in seen
             if observed is not None
-            for name, found in getattr(observed, of).items()
+            for name, found in of(one, observed).items()
         )
         rows = rows_of(columns, items)
         keys = (*_KEYS, *(one.name for one in named), key)
         return Sheet(name=name, columns=columns, rows=rows, keys=keys)
 
     sheets: tuple[Sheet, ...] = (
-        sheet("runs", COLUMNS, "extents", "quantity"),
-        sheet("events", EVENT_COLUMNS, "events", "event"),
+        sheet("runs", COLUMNS, lambda _, observed: observed.extents, "quantity"),
+        sheet("events", EVENT_COLUMNS, lambda _, observed: observed.events, "event"),
     )
+    loops = sheet("loops", LOOP_COLUMNS, _loops, "force")
+    sheets = (*sheets, loops) if loops.rows else sheets
     designs = design_sheet(finished)
     return Report(
         name=f"{name}-quantities",
@@ -141,7 +179,7 @@ def _words(name: str, sheets: Sheets) -> Iterator[Block]:
     )
     if designs := sheets.get("designs"):
         yield from design_blocks(designs)
-    runs = [sheets["runs"], sheets["events"]]
+    runs = [sheets[one] for one in ("runs", "events", "loops") if one in sheets]
     # what tells a run from the others is repeated where a grid is split
     position = [column.name for column in runs[0].columns if column.title].index("n_steps") + 1
     yield from (

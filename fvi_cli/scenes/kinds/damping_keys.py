@@ -326,6 +326,20 @@ def build_damping(
     )
 
 
+def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:
+    """Refuse dampers of one name.
+
+    Raises
+    ------
+    ArgumentError
+        With the path `place`.
+    """
+    used = [name for _, name in {(one.number, one.name) for one in every}]
+    for name in sorted({name for name in used if name}):
+        if used.count(name) > 1:
+            raise ArgumentError(place, f"two dampers have the name {name}")
+
+
 def effects_of(
     terms: Sequence[Term], on: Callable[[Term, Any], Any], place: str, *, before: int = 0
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:

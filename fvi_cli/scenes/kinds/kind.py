@@ -28,7 +28,12 @@ from fvi_cli.scenes.forces import (
     with_parameters,
 )
 from fvi_cli.scenes.kinds import shared_keys as shared
-from fvi_cli.scenes.kinds.damping_keys import DAMPING, Damping, build_damping
+from fvi_cli.scenes.kinds.damping_keys import (
+    DAMPING,
+    Damping,
+    build_damping,
+    check_names_of_dampers,
+)
 from fvi_cli.scenes.lagrangian import check_names
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
@@ -58,6 +63,16 @@ class Kind(Setting):
     def stated_size(self) -> tuple[KeyPath, int] | None:
         """The path of the key that says the number of coordinates, and that number."""
         return None
+
+    def build_scene(self) -> Scene:
+        """The scene.
+
+        Raises
+        ------
+        ArgumentError
+            With the path of the key; where nothing moves.
+        """
+        raise ArgumentError("kind", f"{self.kind!r} is not the name of a scene")
 
     @abstractmethod
     def build_problem(self, *, search: bool = True) -> AnyProblem:
@@ -146,10 +161,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         fields = type(self).__annotations__
         own = {n: one for n, one in vars(self).items() if n in fields and n not in _SHARED}
         scene = type(self).make(**{**own, **data, **drivers})
-        used = [name for _, name in {(o.number, o.name) for o in (*scene.damping, *scene.laws)}]
-        for name in sorted({name for name in used if name}):
-            if used.count(name) > 1:
-                raise ArgumentError("damping", f"two dampers have the name {name}")
+        check_names_of_dampers((*scene.damping, *scene.laws), "damping")
         return scene
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:

@@ -22,7 +22,12 @@ from fvi_cli.scenes.forces import (
     with_parameters,
 )
 from fvi_cli.scenes.kinds import shared_keys as shared
-from fvi_cli.scenes.kinds.damping_keys import Term, build_damping, damping_terms
+from fvi_cli.scenes.kinds.damping_keys import (
+    Term,
+    build_damping,
+    check_names_of_dampers,
+    damping_terms,
+)
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.samples import samples_from_text
@@ -52,13 +57,15 @@ class Material(
         "displacement": "0.01*sin(6*t)",
         "final_time": "5.0",
     }
-    sweep = "problem.law.0.order: {from: 0.2, to: 0.8, number: 4}"
+    sweep = "problem.law.order: {from: 0.2, to: 0.8, number: 4}"
     methods = "{rk: gauss, degree: 4}"
     forces = ("displacement",)
 
-    law: Annotated[tuple[Term, ...], OneOrMany(shape=damping_terms().shape)] = key(
-        "A law or springpot as under damping of other kinds, or a list of them side by side; its "
-        "coefficient multiplies the displacement."
+    law: Annotated[tuple[Term, ...], OneOrMany(shape=damping_terms().shape, as_it_stands=True)] = (
+        key(
+            "A law or springpot as under damping of other kinds, or a list of them side by side; "
+            "its coefficient multiplies the displacement."
+        )
     )
     displacement: GroundMotion = key(
         "u(t): number or expression in t, {pieces: [...]} without jumps, or samples, {file: "
@@ -83,14 +90,14 @@ class Material(
                 )
             values.setdefault("final_time", float(time[-1]))
         elif "final_time" not in values and isinstance(given, str):
-            at.refuse("missing; it must be a positive number", "final_time")
+            values["final_time"] = at.refuse("missing; it must be a positive number", "final_time")
         return values
 
-    def build_problem(self, *, search: bool = True) -> Problem:
+    def build_scene(self) -> Scene:
         """The law along its displacement."""
-        names = (COORDINATE,)
         final_time = float(self.final_time or 0.0)
-        damping, laws = build_damping(self.law, names, place="law")
+        damping, laws = build_damping(self.law, (COORDINATE,), place="law")
+        check_names_of_dampers((*damping, *laws), "law")
         given = with_parameters(vars(self))["displacement"]
         displacement = build_forcing(given, 1, "displacement", final_time=final_time)
         if displacement is None:
@@ -104,7 +111,7 @@ class Material(
                     f"{one.order:g} is not allowed with straight lines between samples: its force "
                     "is infinite at every kink; write interpolation: cubic",
                 )
-        scene = Scene(
+        return Scene(
             inertia=Inertia(mass=1.0),
             initial_position=np.array([motion.start]),
             initial_velocity=np.array([motion.start_rate]),
@@ -113,10 +120,13 @@ class Material(
             laws=laws,
             prescribed=motion,
         )
+
+    def build_problem(self, *, search: bool = True) -> Problem:
+        """The law along its displacement, which has no errors."""
         return Problem(
             kind=self.kind,
-            scene=scene,
+            scene=self.build_scene(),
             exact_source="none",
             equation=self.equation,
-            coordinates=names,
+            coordinates=(COORDINATE,),
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
 from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.integrator.observations.dampers import damper_values, dampers_of
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.observations.request import Observations, known_names
+from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.problem import Problem
@@ -47,6 +51,8 @@ def predict_motion(
     RunFailedError
         If the run does not come to its end.
     """
+    if scene.prescribed is not None:
+        return _predict_prescribed(scene, steps, data, variations, specified)
     times = np.unique(np.concatenate([one.times for one in data.series]))
     formulas = [one for one in data.series if one.formula is not None]
     if not variations and not formulas:
@@ -69,6 +75,44 @@ def predict_motion(
             values, slopes = formula.values, found.of(formula)
         predicted.append((values, slopes))
     return predicted
+
+
+def _predict_prescribed(
+    scene: Scene,
+    steps: AnySteps,
+    data: DataSet,
+    variations: Sequence[Variation],
+    specified: Specified,
+) -> Predicted:
+    """What was measured of dampers whose displacement is given, the same for all parameters."""
+    assert scene.prescribed is not None
+    run = run_steps(scene, METHOD, steps)
+
+    def values(of: Scene, number: float = 0.0, *, index: int = -1) -> list[Array]:
+        motion = DenseMotion(
+            scenes=(of,),
+            steps=(run,),
+            shapes=(run,),
+            find_forces=partial(forces_along, [of], [METHOD], [run]),
+        )
+        found = []
+        for one in data.series:
+            if one.formula is None:
+                found.append(one.values)
+                continue
+            names = _resolve_names(one, data, specified, damper_values(of))(index, number)
+            along = Observer(motion, [names]).along(one.formula)
+            found.append(along(*motion.located(0, one.times)))
+        return found
+
+    slopes = [
+        differentiate(one, scene, partial(values, index=index))
+        for index, one in enumerate(variations)
+    ]
+    return [
+        (own, np.array([one[k] for one in slopes]).reshape(len(slopes), own.size).T)
+        for k, own in enumerate(values(scene))
+    ]
 
 
 def _resolve_names(
@@ -104,6 +148,8 @@ def predict_response(
         If the scene is not linear, or nothing limits the response at a frequency.
     """
     hertz = np.unique(np.concatenate([one.times for one in data.series]))
+    if scene.prescribed is not None:
+        return _predict_stiffness(scene, 2j * math.pi * hertz, hertz, data, variations)
 
     def force(of: Scene) -> Array:
         every = [
@@ -135,6 +181,29 @@ def predict_response(
         values = rate * (response[places] @ amplitude.row)
         changes = rate[:, None] * np.einsum("d,ndp->np", amplitude.row, slopes[places])
         predicted.append(_part(amplitude, values, changes))
+    return predicted
+
+
+def _predict_stiffness(
+    scene: Scene, s: ComplexArray, hertz: Array, data: DataSet, variations: Sequence[Variation]
+) -> Predicted:
+    """The complex stiffness g(s) of dampers whose displacement is given."""
+
+    def stiffness(of: Scene, _: float = 0.0) -> list[ComplexArray]:
+        total = np.zeros(s.shape, dtype=complex)
+        for part in (part for parts in dampers_of(of) for part in parts):
+            factor, spring = float(part.coefficient[0, 0]), getattr(part, "spring", 0.0)
+            total += factor * (spring + np.array([part.symbol(at) for at in s.tolist()]))
+        return [total]
+
+    (values,) = stiffness(scene)
+    slopes = [differentiate(one, scene, stiffness)[0] for one in variations]
+    changes = np.array(slopes, dtype=complex).reshape(len(slopes), s.size).T
+    predicted = []
+    for series in data.series:
+        assert series.amplitude is not None
+        places = np.searchsorted(hertz, series.times)
+        predicted.append(_part(series.amplitude, values[places], changes[places]))
     return predicted
 
 

@@ -1,0 +1,156 @@
+"""Laws whose displacement is given, against their closed forms."""
+
+import mpmath
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.config import parse_config
+from fvi_cli.errors import ConfigError
+from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
+
+
+def of_ramp(order: float, b: float, t: float) -> mpmath.mpf:
+    """Mittag-Leffler's function of two parameters at ``-t**order``, by its series."""
+    z = -(mpmath.mpf(t) ** mpmath.mpf(order))
+    return mpmath.nsum(lambda k: z**k / mpmath.gamma(mpmath.mpf(order) * k + b), [0, mpmath.inf])
+
+
+RAMPS = {
+    "zener": (
+        "{law: zener, order: 0.6, time: 0.5, relaxed: 1.0, unrelaxed: 10.0}",
+        lambda t: t + 9 * t * of_ramp(0.6, 2, t / 0.5),
+    ),
+    "two": (
+        "[{order: 0.9, coefficient: 0.7}, {law: maxwell, order: 0.3, time: 2, modulus: 3}]",
+        lambda t: 0.7 * mpmath.mpf(t) ** 0.1 / mpmath.gamma(1.1) + 3 * t * of_ramp(0.3, 2, t / 2.0),
+    ),
+    "kelvin-voigt": (
+        "{law: kelvin-voigt, stiffness: 2.0, coefficient: 0.5}",
+        lambda t: 2 * t + mpmath.mpf(0.5),
+    ),
+    "prony": (
+        "{law: prony, moduli: [1.5], times: [0.4], relaxed: 0.5}",
+        lambda t: 0.5 * t + 0.6 * (1 - mpmath.exp(-t / 0.4)),
+    ),
+}
+"""Laws with their forces on a displacement t."""
+
+
+def on_samples(law: str, times: np.ndarray, values: np.ndarray, folder, **more: str) -> str:
+    lines = [f"{t!r},{u!r}" for t, u in zip(times.tolist(), values.tolist(), strict=True)]
+    (folder / "bench.csv").write_text("\n".join(["t,u", *lines]) + "\n")
+    rest = "".join(f"{key}: {value}\n" for key, value in more.items())
+    displacement = f"{{file: {folder}/bench.csv, column: u, time: t}}"
+    return f"name: a\nproblem: {{kind: material, law: {law}, displacement: {displacement}}}\n{rest}"
+
+
+@pytest.mark.parametrize("law", RAMPS)
+@pytest.mark.parametrize(("degree", "most"), [(3, 2e-5), (8, 2e-9)])
+def test_forces_along_samples_are_sums_of_ramps(law, degree, most, tmp_path):
+    rng = np.random.default_rng(degree)
+    size = 10.0 ** rng.uniform(-6, 6)
+    times = np.sort(np.concatenate([[0.0, 3.0], rng.uniform(0, 3, 10)]))
+    values = np.concatenate([[0.0], size * rng.normal(size=11)])
+    text, ramp = RAMPS[law]
+    at = np.sort(np.concatenate([times[1:], rng.uniform(0, 3, 8), times[3] + [1e-6, 1e-3]]))
+    config = on_samples(
+        text,
+        times,
+        values,
+        tmp_path,
+        ladder="{steps: [12]}",
+        method=f"{{rk: gauss, degree: {degree}}}",
+        output=f"{{times: {at.tolist()}}}",
+    )
+    (outcome,) = fvi.run(parse_config(config, str(tmp_path / "a.yaml")))
+    trajectory = outcome.finished[0].trajectory
+    changes = np.diff(np.append(0.0, np.diff(values) / np.diff(times)))
+    with mpmath.workdps(50):
+        exact = np.array(
+            [
+                float(
+                    sum(c * ramp(t - b) for c, b in zip(changes, times, strict=False) if t - b > 0)
+                )
+                for t in trajectory.time
+            ]
+        )
+    found = trajectory.observed.quantities["force"]
+    assert np.abs(found - exact).max() < most * np.abs(exact).max()
+    assert trajectory.position[:, 0] == pytest.approx(np.interp(at, times, values), abs=1e-9 * size)
+    # a control: with equal steps the first ones behind a kink err by far more
+    if law == "two":
+        plain = config.replace("gauss,", "gauss, start: none,")
+        (outcome,) = fvi.run(parse_config(plain, str(tmp_path / "a.yaml")))
+        other = outcome.finished[0].trajectory.observed.quantities["force"]
+        assert np.abs(other - exact).max() > 10 * most * np.abs(exact).max()
+
+
+def test_equal_steps_of_eight_stages_err_by_some_1e_5_behind_a_kink(tmp_path):
+    # what `BEHIND_KINKS` says
+    times = np.arange(13) / 4
+    values = np.where(times < 1.0, times, 2.0 - times)
+    text, ramp = RAMPS["zener"]
+    more = {"ladder": "{steps: [12]}", "method": "{rk: gauss, degree: 8, start: none}"}
+    config = on_samples(text, times, values, tmp_path, **more)
+    (outcome,) = fvi.run(parse_config(config, str(tmp_path / "a.yaml")))
+    found = outcome.finished[0].trajectory.observed.quantities["force"]
+    exact = [float(ramp(t) - 2 * (ramp(t - 1) if t > 1 else 0)) for t in times]
+    error = np.abs(found - exact).max() / np.abs(exact).max()
+    assert 1e-7 < error < 1e-4
+
+
+def test_the_steady_loop_of_a_law_has_its_complex_stiffness(tmp_path):
+    text = (
+        "name: a\nproblem: {kind: material, displacement: '0.02*sin(6*t)', final_time: 16,\n"
+        "  law: [{law: zener, order: 0.6, time: 0.2, relaxed: 1, unrelaxed: 4, name: one},\n"
+        "    {order: 0.3, coefficient: 0.1}]}\n"
+        "ladder: {steps: [1600]}\nmethod: {rk: gauss, degree: 4}\n"
+        "quantities: {one: force_one, other: force_2}\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    (item,) = outcome.finished
+    power = (0.2 * 6j) ** 0.6
+    moduli = {"one": 1 + 3 * power / (1 + power), "other": 0.1 * 6j**0.3}
+    moduli["force"] = moduli["one"] + moduli["other"]
+    assert set(forces_of(item.run.experiment)) == set(moduli)
+    for name, modulus in moduli.items():
+        loop = last_loop(item.trajectory.time, *deformation_against(item, name))
+        # the start dies away like t**-0.6
+        assert loop.stiffness == pytest.approx(modulus.real, rel=2e-3)
+        assert loop.loss_factor == pytest.approx(modulus.imag / modulus.real, rel=2e-3)
+        assert loop.amplitude == pytest.approx(0.02, rel=1e-4)
+        assert loop.work == pytest.approx(np.pi * modulus.imag * 0.02**2, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"values": np.zeros(12)}, "it does not change"),
+        ({"times": np.arange(7.0), "values": np.arange(7.0)}, "7 samples of a displacement"),
+        ({"law": "{order: 1.5, coefficient: 1}"}, "interpolation: cubic"),
+    ],
+)
+def test_what_a_bench_cannot_give_is_refused(change, said, tmp_path):
+    given = {"law": "{order: 0.5, coefficient: 1}", "times": np.arange(12.0)}
+    given |= {"values": np.sin(np.arange(12.0))} | change
+    with pytest.raises(ConfigError, match=said):
+        parse_config(
+            on_samples(**given, folder=tmp_path, ladder="{steps: [24]}"), str(tmp_path / "a.yaml")
+        )
+
+
+def test_a_displacement_that_returns_to_zero_is_followed(tmp_path):
+    # unloading to zero, and rest: the force relaxes, and the last loop is that before the rest
+    times = np.linspace(0.0, 12.0, 601)
+    values = np.where(times < 3 * np.pi, np.sin(2 * times), 0.0)
+    law = "{law: maxwell, order: 0.7, time: 0.5, modulus: 2.0}"
+    config = on_samples(law, times, values, tmp_path, ladder="{steps: [600]}")
+    (outcome,) = fvi.run(parse_config(config, str(tmp_path / "a.yaml")))
+    (item,) = outcome.finished
+    loop = last_loop(item.trajectory.time, *deformation_against(item, "force"))
+    assert loop.amplitude == pytest.approx(1.0, rel=1e-3)
+    assert 2 * np.pi - 0.1 < loop.end < 3 * np.pi + 0.1
+    rest = item.trajectory.observed.quantities["force"][times > 10.0]
+    assert np.abs(rest).max() < 0.2
+    assert (np.diff(np.abs(rest)) < 0).all()
