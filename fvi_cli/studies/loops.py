@@ -86,11 +86,11 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
         middle = 0.5 * (y.max() + y.min())
         begin, end = (_crossing(t, y, int(one), middle) for one in (first, last))
         at = np.linspace(begin, end, SAMPLES, endpoint=False)
-        around, pull = _cubic(t, y, at), _cubic(t, f, at)
-        work = 0.5 * float(pull @ (np.roll(around, -1) - np.roll(around, 1)))
+        around, force = _cubic(t, y, at), _cubic(t, f, at)
+        work = 0.5 * float(force @ (np.roll(around, -1) - np.roll(around, 1)))
         high, low = int(around.argmax()), int(around.argmin())
         amplitude = 0.5 * float(around[high] - around[low])
-        stiffness = 0.5 * float(pull[high] - pull[low]) / amplitude
+        stiffness = 0.5 * float(force[high] - force[low]) / amplitude
         peak = 0.5 * stiffness * amplitude**2
         return DamperLoop(
             amplitude=amplitude,

@@ -41,7 +41,7 @@ class Material(
     declares="parameters",
     refused={
         **shared.WRONG_AT_PROBLEM,
-        "damping": "not a key here: write law: {law: zener, ...}, or a list of laws side by side",
+        "damping": "not a key here: write law: {law: zener, ...}, or a list of parallel laws",
         "strain": "not a key: write displacement, in any unit",
         "mass": "not a key here: a damper on the bench has none; with a mass it is kind: "
         "damped-oscillator",
@@ -63,7 +63,7 @@ class Material(
 
     law: Annotated[tuple[Term, ...], OneOrMany(shape=damping_terms().shape, as_it_stands=True)] = (
         key(
-            "A law or springpot as under damping of other kinds, or a list of them side by side; "
+            "A law or springpot as under damping of other kinds, or a list of parallel ones; "
             "its coefficient multiplies the displacement."
         )
     )
