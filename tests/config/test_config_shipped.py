@@ -59,7 +59,7 @@ def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(n
             continue
         scene = experiment.problem.scene
         for method in experiment.methods:
-            for n_steps in {2, *experiment.steps[-1:]}:
+            for n_steps in {2 + len(scene.break_points), *experiment.steps[-1:]}:
                 bound = bytes_at_most(method, n_steps, scene.dimension)
                 assert plan_run(scene, method, n_steps).memory_bytes < bound
                 checked += 1
