@@ -56,7 +56,9 @@ def peak_bytes(
         making = given * (2.0 * outputs + block * (degree + 2) * e)
         recurrence = outputs * (given + block * samples * e + size)
         recurrence += (HALVINGS + 1.0) * size * size + is_forced * (2 * outputs + size) * loads
-    per_step = d * (6 + 3 * (degree + 1) * is_forced + 5 * degree * (not is_linear))
+    # positions of modes are copied into the coordinates of their scenes
+    per_step = d * (5 + (plan.systems > 1))
+    per_step += d * (3 * (degree + 1) * is_forced + 5 * degree * (not is_linear))
     if is_forced and method.forcing_quadrature != "galerkin":
         per_step += (1 + 2 * scene.dimension) * tested_rule(degree, is_graded=False)[0].size
     stepping = (
