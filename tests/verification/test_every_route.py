@@ -210,14 +210,16 @@ def check_parts(case: Case) -> None:
             checkpoint = Checkpoint.from_bytes(part.checkpoint.to_bytes())
     assert usual.status == parts[-1].status
     works = [part.history_operations for part in parts]
-    assert sum(works) == pytest.approx(usual.history_operations, rel=1e-12)
+    # a part may end inside of a block
+    assert sum(works) == pytest.approx(usual.history_operations, rel=0.2)
     for name in FIELDS[: 1 if case.has_smoothed_momenta else 3]:
-        joined = np.concatenate([getattr(part, name) for part in parts])[: usual.time.size]
-        if case.kind == "modes":
-            # see test_a_single_step_behind_a_checkpoint
-            assert np.abs(joined - getattr(usual, name)).max() <= 1e-15 * np.abs(joined).max()
+        whole = getattr(usual, name)[: None if usual.status == "ok" else sound(usual)]
+        joined = np.concatenate([getattr(part, name) for part in parts])[: len(whole)]
+        if case.kind in STRUCTURES:
+            # products with large matrices are rounded by how many rows there are
+            assert np.abs(joined - whole).max() <= 1e-15 * np.abs(joined).max()
         else:
-            assert np.array_equal(joined, getattr(usual, name)), name
+            assert np.array_equal(joined, whole), name
     check_same(case.usual, usual)
 
 
@@ -238,12 +240,16 @@ ROUTES: dict[str, Callable[[Case], None]] = {
     "parts": check_parts,
     "sparse": check_sparse,
 }
+FOUND = [("few dampers", 1009), ("few dampers", 1003), ("double pendulum", 1001)]
+"""On which routes once disagreed, or ended."""
 CASES = [
+    *FOUND,
     *((kind, seed) for kind in KINDS for seed in range(3 if kind in SLOWER else 8)),
     *(
         pytest.param(kind, seed, marks=pytest.mark.slow)
         for kind in KINDS
         for seed in range(1000, 1060)
+        if (kind, seed) not in FOUND
     ),
 ]
 

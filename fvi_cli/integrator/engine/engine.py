@@ -107,6 +107,8 @@ class Engine:
         """Take the force of the jump to the initial position from that of backward differences."""
         if self.damping is None or not (force := self.damping.force_of_jump()).size:
             return
+        if isinstance(self.law, StructureLaw):
+            force = self.law.spread(force)
         weights = self.tables.sample_test_weights
         q, n, m, e = force.shape
         _, scenes = self.to_scene(force.reshape(q, n * m, e), force.reshape(q, n * m, e))

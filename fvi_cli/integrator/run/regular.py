@@ -58,7 +58,7 @@ def regular_until(
     with np.errstate(all="ignore"):
         velocity = lagrangian.velocity(position, momentum, grid)
         mass = lagrangian.derivatives(position, velocity, grid).mass
-    wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
+    wrong = np.logical_not(np.isfinite(mass).all(axis=(1, 2)))
     mass = np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)
     smallest = least_scaled_eigenvalue(mass)
     bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
