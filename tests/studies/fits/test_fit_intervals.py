@@ -193,7 +193,7 @@ def test_parameters_that_can_be_traded_have_no_interval(seed):
 def test_a_given_noise_that_the_data_do_not_have_is_told(given, said):
     data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.01, 0)
     keys = {"stiffness": (4.9, 0.0, np.inf), "damping.0.coefficient": (0.5, 0.0, np.inf)}
-    found = [one for one in fitted(data, [SPRINGPOT], keys, given).warnings if "was given" in one]
+    found = [one for one in fitted(data, [SPRINGPOT], keys, given).warnings if "given noise" in one]
     assert len(found) == bool(said)
     assert all(f"the intervals are {said}" in one for one in found)
 
