@@ -86,6 +86,10 @@ def read_observations(
     _check_neighbours(settings, methods, given[0] if given else "problem", at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
     names = tuple(dict.fromkeys((*of_surfaces, *damper_names(problem.scene))))
+    if is_prescribed:
+        # accelerations are those of an equation of motion, which a given motion has not
+        accelerations = {f"a{name}" for name in problem.coordinates}
+        names = tuple(name for name in names if name not in accelerations)
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}

@@ -74,6 +74,8 @@ def _motion(
     parameters = described.get("parameters", {})
     known = known_names(coordinates, (*parameters, *problem.inputs))
     known = tuple(dict.fromkeys((*known, *damper_names(problem.scene))))
+    if problem.scene.prescribed is not None:
+        known = tuple(name for name in known if name not in {f"a{one}" for one in coordinates})
     for name, column in given.columns.items():
         if not isinstance(column, str):
             at.under("columns").refuse("parts are those of a response; name one column", name)

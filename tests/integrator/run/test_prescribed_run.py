@@ -140,6 +140,19 @@ def test_what_a_bench_cannot_give_is_refused(change, said, tmp_path):
         )
 
 
+def test_the_velocity_is_that_of_the_displacement_and_no_acceleration_is_made_up():
+    text = (
+        "name: a\nproblem: {kind: material, displacement: '0.02*sin(6*t)', final_time: 2,\n"
+        "  law: {order: 0.3, coefficient: 0.1}}\nladder: {steps: [64]}\n"
+        "method: {rk: gauss, degree: 6}\nquantities: {v: vu - 0.12*cos(6*t)}\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    found = outcome.finished[0].trajectory.observed.extents
+    assert found["v"].peak < 1e-12
+    with pytest.raises(ConfigError, match="unknown name 'au'"):
+        parse_config(text.replace("{v: vu", "{v: au"), "a")
+
+
 def test_a_displacement_that_returns_to_zero_is_followed(tmp_path):
     # unloading to zero, and rest: the force relaxes, and the last loop is that before the rest
     times = np.linspace(0.0, 12.0, 601)
