@@ -126,10 +126,13 @@ def test_what_a_starter_file_has_as_comments_is_valid_when_it_is_switched_on(kin
     head, _, fit = text.partition("\n# fit:\n#   data")
     fit = "\nfit:\n  data" + fit.replace("\n#   param", "\n  param")
     lines = "\n".join(f"{1e-3 * k},{0.01 * k}" for k in range(9))
-    (tmp_path / "measured.csv").write_text(f"t,displacement\n{lines}\n", encoding="utf-8")
+    measured = "force" if kind == "material" else "displacement"
+    (tmp_path / "measured.csv").write_text(f"t,{measured}\n{lines}\n", encoding="utf-8")
     (experiment,) = parse(head + fit, "starter.yaml", base=tmp_path).experiments
-    assert set(experiment.observations.quantities) == {"speed", "acceleration"}
-    assert set(experiment.observations.events) == {"turn"}
+    of_scenes = kind != "material"
+    quantities = {"speed", "acceleration"} if of_scenes else {"force", "deformation"}
+    assert set(experiment.observations.quantities) == quantities
+    assert set(experiment.observations.events) == ({"turn"} if of_scenes else set())
     assert experiment.fit is not None
 
 

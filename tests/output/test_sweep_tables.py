@@ -177,7 +177,7 @@ def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, 
     assert list(figures) == ["many-convergence", "many-trajectory"]
     assert left_out([(experiment, finished)]) == [
         "many: no energy figure, since of a sweep there are convergence, trajectory, quantities, "
-        "section and spectrum"
+        "section, hysteresis and spectrum"
     ]
     drawn = drawn_data(figures["many-convergence"])
     assert len(drawn["legend"]) == labels

@@ -15,11 +15,22 @@ from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import Missing
 from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes.kinds import KINDS, SceneKind
+from fvi_cli.scenes.kinds.material import Material
 from fvi_cli.scenes.problem import Problem
 
 WIDTH: Final = 98
 MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
 """The line at the top of a configuration by which editors find the schema."""
+OF_MATERIAL: Final = {
+    "ladder": "ladder: {steps: [500]}",
+    "figures": "figures: [hysteresis]",
+    "output": "# output: {count: 1000}",
+    "quantities": "# quantities: {force: force_1, deformation: deformation_1}",
+    "fit": "# fit:\n"
+    "#   data: {file: measured.csv, time: t, columns: {force: force}}\n"
+    "#   parameters: {problem.law.order: {}}",
+}
+"""Keys of a damper on the bench, whose motion is given."""
 
 
 def starter_config(kind: str, *, name: str | None = None) -> str:
@@ -66,6 +77,8 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         core = "\n".join([*lines, shown["ladder"]])
         problem = parse_config(core, "starter").experiments[0].problem
         shown |= _switched_off(described, problem) if isinstance(problem, Problem) else {}
+    elif described is Material:
+        shown |= OF_MATERIAL
     for key in EXPERIMENT.keys:
         if key.name in shown:
             lines += ["", *_comment(key.description, ""), shown[key.name]]
