@@ -43,6 +43,7 @@ pytestmark = pytest.mark.processes
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
 
 
+ROOT = Path(__file__).parents[2]
 FILES = {"quick.yaml": QUICK, "slow.yaml": SLOW}
 
 
@@ -83,7 +84,7 @@ def test_killed_or_interrupted_at_random_moments_nothing_that_was_finished_is_lo
     done = subprocess.run(
         [sys.executable, "attack.py", ".", name, str(times), os.environ[SEED]],
         cwd=folder,
-        env=environment(),
+        env={**environment(), "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
