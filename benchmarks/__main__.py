@@ -13,7 +13,7 @@ from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
 from benchmarks.constants import run_constants
 from benchmarks.executors import executors_page
-from benchmarks.fits import N_FITS, N_STARTS, run_fits
+from benchmarks.fits import N_BENCH, N_FITS, N_STARTS, run_bench, run_fits
 from benchmarks.floors import floor_table, run_floors
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
@@ -37,6 +37,10 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
+    "bench-fits": (
+        "What fits of a damper on the bench are worth",
+        lambda asked: run_bench(asked.output, min(asked.fits, N_BENCH)),
+    ),
     "constants": (
         "What constants steer",
         lambda asked: run_constants(most=asked.most),
@@ -122,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=int,
         default=N_FITS,
         metavar="N",
-        help="fits: noisy fits whose intervals are looked at",
+        help="fits, bench-fits: noisy fits whose intervals are looked at",
     )
     parser.add_argument(
         "--most",
@@ -182,6 +186,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = name
         if name == "fits":
             command += f" --fits {asked.fits} --starts {asked.starts}"
+        if name == "bench-fits":
+            command += f" --fits {min(asked.fits, N_BENCH)}"
         if name in ("robustness", "truth"):
             command += f" --per-mille {asked.per_mille}"
         if name == "truth":

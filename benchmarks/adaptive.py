@@ -15,8 +15,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.named import linear_oscillator, pendulum
-from fvi_cli.scenes.nonlinear import kepler
+from fvi_cli.scenes.data import kepler, linear_oscillator, pendulum
 
 YARDSTICK = 2**19
 """One transform of length 2^20."""

@@ -37,9 +37,9 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.limits import largest_stable_step
 from fvi_cli.integrator.stability.region import stability_map
 from fvi_cli.scenes.chains import chain
+from fvi_cli.scenes.data import linear_oscillator, pendulum
 from fvi_cli.scenes.lagrangian import double_pendulum
-from fvi_cli.scenes.named import linear_oscillator, pendulum
-from fvi_cli.studies.cost import forget
+from fvi_cli.studies.cost import clear_caches
 
 ROOMS: Final = ("integrator", "mathematics", "effects")
 LISTED: Final = Path(__file__).parent / "constants.csv"
@@ -147,12 +147,12 @@ def changed(constant: Constant, value: float) -> Iterator[None]:
     try:
         for module in modules:
             setattr(module, constant.name, value)
-        forget()
+        clear_caches()
         yield
     finally:
         for module in modules:
             setattr(module, constant.name, constant.value)
-        forget()
+        clear_caches()
 
 
 def runs(size: int = 1) -> dict[str, Run]:
@@ -207,7 +207,7 @@ def readers_of(every: dict[str, Run], known: Sequence[Constant]) -> dict[Constan
             if event == "call":
                 seen.add((frame.f_globals.get("__name__", ""), frame.f_code))
 
-        forget()
+        clear_caches()
         before = sys.getprofile()
         sys.setprofile(note)
         try:

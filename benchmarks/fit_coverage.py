@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from benchmarks.fit_kinds import KINDS, Array, Kind, kind_named
+from benchmarks.fit_kinds import Array, Kind, kind_named
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
@@ -117,8 +117,8 @@ def coverage_lines(held: Mapping[str, list[tuple[bool, ...]]]) -> list[str]:
         "|---|---|---|---|---|---|---|---|",
     ]
     differences: list[float] = []
-    for name in KINDS:
-        rows = np.array(held.get(name, []), dtype=bool)
+    for name, answers in held.items():
+        rows = np.array(answers, dtype=bool)
         if not rows.size:
             continue
         kind = kind_named(name)

@@ -95,20 +95,24 @@ def ramp(time: float) -> float:
         return float(time * (BENCH_RELAXED + (BENCH_UNRELAXED - BENCH_RELAXED) * series))
 
 
-def bench() -> list[str]:
-    """Lines of the test on the bench: straight lines between its samples."""
-    noise = normal_numbers(20_240_320, SAMPLES)
-    lines = ["# a damper on the bench, see benchmarks/fit_data.py", "t,displacement,force"]
+def bench_forces() -> list[tuple[float, float, float]]:
+    """Times, displacements and exact forces on the bench: straight lines between its samples."""
     step = BENCH_LAST / (SAMPLES - 1)
     moved = [0.01 * math.sin(4.0 * k * step) * (1.0 + k * step / 6.0) for k in range(SAMPLES)]
     moved = [round(one, 7) for one in moved]
     ramps = [0.0, *(ramp(k * step) for k in range(1, SAMPLES))]
     slopes = [(b - a) / step for a, b in itertools.pairwise(moved)]
     changes = [b - a for a, b in itertools.pairwise([0.0, *slopes])]
-    for index, one in enumerate(moved):
-        force = sum(changes[k] * ramps[index - k] for k in range(index))
-        shown = force + BENCH_DEVIATION * next(noise)
-        lines.append(f"{index * step:.2f},{one:.7f},{shown:.2f}")
+    forces = [sum(changes[k] * ramps[i - k] for k in range(i)) for i in range(SAMPLES)]
+    return [(k * step, u, force) for k, (u, force) in enumerate(zip(moved, forces, strict=True))]
+
+
+def bench() -> list[str]:
+    """Lines of the test on the bench."""
+    noise = normal_numbers(20_240_320, SAMPLES)
+    lines = ["# a damper on the bench, see benchmarks/fit_data.py", "t,displacement,force"]
+    for time, moved, force in bench_forces():
+        lines.append(f"{time:.2f},{moved:.7f},{force + BENCH_DEVIATION * next(noise):.2f}")
     return lines
 
 

@@ -15,6 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from benchmarks.fit_data import (
+    BENCH_DEVIATION,
+    BENCH_ORDER,
+    BENCH_RELAXED,
+    BENCH_TIME,
+    BENCH_UNRELAXED,
+    bench_forces,
+)
+from fvi_cli.api import load
 from fvi_cli.studies.fits.settings import (
     Amplitude,
     DataSet,
@@ -75,9 +84,7 @@ class Kind:
                 key=key,
                 start=value if value else 0.1,
                 low=0.05 if is_order else 0.0,
-                high=(0.99 if "law" in str(self.problem["damping"]) else 1.95)
-                if is_order
-                else np.inf,
+                high=(0.99 if "law" in str(self.problem) else 1.95) if is_order else np.inf,
                 is_own="@" in name,
             )
         return FitModel(name="", specification=self.problem, parameters=tuple(found.values()))
@@ -282,6 +289,27 @@ def _beside_one(order: float) -> Kind:
     )
 
 
+def _bench() -> Kind:
+    """The shipped damper on the bench, with its exact forces."""
+    (experiment,) = load("damper-bench").experiments
+    assert experiment.fit is not None
+    (data,) = experiment.fit.data
+    (force,) = data.series
+    exact = np.array([force for _, _, force in bench_forces()])
+    return Kind(
+        problem=experiment.problem_specification,
+        free={
+            "law.order": BENCH_ORDER,
+            "law.time": BENCH_TIME,
+            "law.relaxed": BENCH_RELAXED,
+            "law.unrelaxed": BENCH_UNRELAXED,
+        },
+        data=(replace(data, series=(replace(force, values=exact),)),),
+        deviations=(BENCH_DEVIATION,),
+    )
+
+
+BENCH = "a damper on the bench"
 KINDS: Mapping[str, Callable[[], Kind]] = {
     "two columns, noises 1:10": lambda: _with_velocity(10.0),
     "two columns, noises 1:100": lambda: _with_velocity(100.0),
@@ -302,4 +330,4 @@ KINDS: Mapping[str, Callable[[], Kind]] = {
 @cache
 def kind_named(name: str) -> Kind:
     """The data of a kind, made once."""
-    return replace(KINDS[name](), name=name)
+    return replace(_bench() if name == BENCH else KINDS[name](), name=name)

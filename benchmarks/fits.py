@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from benchmarks.fit_coverage import coverage_lines
 from benchmarks.fit_coverage import covered as covered_kind
-from benchmarks.fit_kinds import KINDS, kind_named
+from benchmarks.fit_kinds import BENCH, KINDS, kind_named
 from benchmarks.measuring import yardstick_seconds
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.fitting import fit_model
@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 N_FITS = 1000
 """Of noisy data, for the share of intervals that hold the truth."""
 N_STARTS = 200
+N_BENCH = 200
+BENCH_ROWS = "bench-fits.csv"
 ROWS = "fits.csv"
 """What came of every one of them; fits that stand there are not done again."""
 CLEAN = 1e-8
@@ -326,6 +328,12 @@ def fits_page(
         *by_kind,
     ]
     return "\n".join(lines)
+
+
+def run_bench(folder: Path, fits: int = N_BENCH) -> str:
+    """Intervals of fits of a damper on the bench to forces from a closed form, with noise."""
+    held = kept(folder / BENCH_ROWS, BENCH, fits, partial(covered_kind, kind_named(BENCH)))
+    return "\n".join(coverage_lines({BENCH: held})[1:])
 
 
 def run_fits(folder: Path, fits: int = N_FITS, starts: int = N_STARTS) -> str:

@@ -16,8 +16,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, Sampling
 from fvi_cli.planning import round_off
+from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.linear_response import linear_response
-from fvi_cli.scenes.named import linear_oscillator
 
 FINAL_TIME, VELOCITY = 5.0, 0.5
 SECOND = 0.7366

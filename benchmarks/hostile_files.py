@@ -32,8 +32,8 @@ from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array, 
 
 from fvi_cli.config import load_config
 from fvi_cli.errors import FviError
-from fvi_cli.scenes.records.samples import samples_as_text
-from fvi_cli.scenes.structures.matrix_text import matrix_as_text
+from fvi_cli.scenes.records.data_files import samples_as_text
+from fvi_cli.scenes.structures.matrix_keys import matrix_as_text
 
 MOST_SECONDS: Final = 2
 """Of a processor, for a file of less than a megabyte."""

@@ -15,10 +15,18 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.observe import (
+    integrate_observed,
+    integrate_observed_members,
+)
+from fvi_cli.integrator.observations.observer import Pair
+from fvi_cli.integrator.observations.request import observations
 from fvi_cli.scenes.chains import chain
-from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.data import linear_oscillator, pendulum
 
-Kind = Literal["members", "pendulums", "uncoupled", "dampers", "one damper"]
+Kind = Literal[
+    "members", "pendulums", "output", "pendulum output", "uncoupled", "dampers", "one damper"
+]
 
 COUNT = 1000
 """Oscillators, or masses of a chain, with the usual exponent of 20."""
@@ -39,7 +47,8 @@ class ManyCase:
         In words.
     kind
         ``members``: scenes of their own in one batch; ``pendulums``: nonlinear ones in at most
-        1024 steps; ``uncoupled``: the oscillators as one scene;
+        1024 steps; ``output``, ``pendulum output``: these at 200 times between the points, to be
+        compared with the batch without; ``uncoupled``: the oscillators as one scene;
         ``dampers``: a chain with a damper beside every spring (modes); ``one damper``: a chain
         with a damper at its free end (no modes).
     start
@@ -63,7 +72,8 @@ class ManyRow:
     name, n_steps, count
         The case, N, and the number of components.
     alone_seconds, together_seconds
-        One component alone, the least time of several runs; all of them, of two.
+        One component alone, the least time of several runs, or the batch without output; all of
+        them, of two.
     difference
         Largest difference of a component from what another route gives, over the largest
         position: members alone, chains with fewer steps by written-out sums.
@@ -97,14 +107,15 @@ def many_table(rows: Sequence[ManyRow]) -> str:
     """The table."""
     return table(
         "Set-up and steps together, in one process; difference: of a component from what another "
-        "route gives, over the largest position.",
+        "route gives, over the largest position. With output the batch is compared with itself "
+        "without, in the same process.",
         (
             "case (Gauss2, gamma = 0.5)",
             "components",
             "N",
-            "one alone, ms",
+            "one or without output, ms",
             "all, s",
-            "all / one",
+            "ratio",
             "at most",
             "difference",
             "met",
@@ -116,8 +127,8 @@ def many_table(rows: Sequence[ManyRow]) -> str:
                 str(row.n_steps),
                 f"{1e3 * row.alone_seconds:.1f}",
                 f"{row.together_seconds:.2f}",
-                f"{row.multiple:.0f}",
-                number(row.largest_each * row.count, ".0f"),
+                f"{row.multiple:.3g}",
+                number(row.largest_each * row.count, ".3g"),
                 f"{row.difference:.1e}",
                 yes_or_no(row.is_met),
             )
@@ -136,6 +147,18 @@ def many_cases() -> tuple[ManyCase, ...]:
             kind="members",
             start="graded",
             largest_each=0.25,
+        ),
+        ManyCase(
+            name="oscillators, with / without output",
+            kind="output",
+            start="none",
+            largest_each=1.5 / COUNT,
+        ),
+        ManyCase(
+            name="pendulums, with / without output",
+            kind="pendulum output",
+            start="none",
+            largest_each=1.5 / COUNT,
         ),
         ManyCase(name="oscillators, one scene", kind="uncoupled", start="none", largest_each=0.25),
         ManyCase(
@@ -161,10 +184,23 @@ def measure_many(case: ManyCase, count: int, n_steps: int) -> ManyRow:
     """Measure one case in this process."""
     method = Method(cq="gauss", degree=2, start=case.start)
     members = oscillators(count)
-    if case.kind == "pendulums":
+    if case.kind in ("pendulums", "pendulum output"):
         n_steps, members = min(n_steps, MOST_PENDULUM_STEPS), pendulums(count)
     alone = least_seconds(lambda: integrate(members[0], method, n_steps), REPEATS_ALONE)
-    if case.kind in ("members", "pendulums"):
+    if case.kind in ("output", "pendulum output"):
+        alone = least_seconds(lambda: integrate_members(members, method, n_steps), 2)
+        request = observations(("x",), output=np.linspace(0.05, FINAL_TIME, 200))
+        asked = [request] * count
+
+        def observe() -> list[Pair]:
+            return integrate_observed_members(members, method, n_steps, asked)
+
+        together = least_seconds(observe, 2)
+        on_mesh, at_times = observe()[-1]
+        single = integrate_observed(members[-1], method, n_steps, request)[1].position
+        difference = _relative(at_times.position, single)
+        operations = count * on_mesh.history_operations
+    elif case.kind in ("members", "pendulums"):
         together = least_seconds(lambda: integrate_members(members, method, n_steps), 2)
         found = integrate_members(members, method, n_steps)
         single = integrate(members[-1], method, n_steps).position

@@ -15,7 +15,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.data import linear_oscillator
 
 LONG_RUN = 10**8
 """The number of steps to which a long run is extrapolated."""

@@ -20,10 +20,11 @@ from fvi_cli.__main__ import main
 from fvi_cli.config import load_config
 from fvi_cli.runner.executors.batches import batches_of
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.execute import execute_batch, execute_job
+from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.jobs import Job, References, Results
 from fvi_cli.runner.parts.shard import Shard
 from fvi_cli.storage import open_results, read_configuration
+from fvi_cli.studies.study import execute
 
 MANY = """\
 name: many
@@ -96,7 +97,7 @@ def _make_up(folder: Path, files: Sequence[Path]) -> None:
         return
     loaded = load_config(folder / "many.yaml")
     (experiment,) = loaded.experiments
-    (first,) = execute_batch((experiment.runs()[0],))
+    first = execute(experiment.runs()[0])
     for number, file in enumerate(files, 1):
         runs = Shard(number=number, count=len(files)).runs_of([experiment])[experiment]
         with open_results(file.parent, file.stem) as store:

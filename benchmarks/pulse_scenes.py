@@ -16,8 +16,8 @@ from benchmarks.tolerance_scenes import Array, Drawn, Known, Random
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.linear_response import ExactSolution, match_scene
-from fvi_cli.scenes.named import linear_oscillator
 
 TIMES = 60
 NODES = 14

@@ -29,7 +29,7 @@ from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.loop.loop import CHUNK
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
-from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.data import linear_oscillator, pendulum
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,10 +19,9 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.data import duffing, kepler, linear_oscillator, pendulum
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
-from fvi_cli.scenes.nonlinear import duffing, kepler
 
 Array = NDArray[np.float64]
 Random = np.random.Generator

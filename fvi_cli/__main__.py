@@ -18,7 +18,7 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point: load the command line, then run it."""
     usual = signal.getsignal(signal.SIGINT)
-    # ignored by whoever started us: it stays ignored
+    # ignored by the process that started this one: it stays ignored
     if usual is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
     from fvi_cli.cli.app import command_line

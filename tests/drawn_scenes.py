@@ -20,8 +20,8 @@ from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.scenes.data import duffing
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
-from fvi_cli.scenes.nonlinear import duffing
 
 Array = np.ndarray
 Rng = np.random.Generator

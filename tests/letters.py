@@ -7,7 +7,7 @@ from typing import Any
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.scenes import named
+from fvi_cli.scenes import data as scenes
 
 WORDS = {
     "T": "final_time",
@@ -20,12 +20,12 @@ WORDS = {
 
 def spring(*damping: tuple[float, Any], **data: Any) -> Scene:
     """An oscillator with terms of damping as pairs (g, c); `x`, `v` are those at the start."""
-    return named.linear_oscillator(**in_words(damping, data))
+    return scenes.linear_oscillator(**in_words(damping, data))
 
 
 def swing(*damping: tuple[float, Any], **data: Any) -> Scene:
     """The same with omega^2 sin x in the place of k x."""
-    return named.pendulum(**in_words(damping, data))
+    return scenes.pendulum(**in_words(damping, data))
 
 
 def in_pieces(*parts: str | float) -> Forcing:

@@ -17,7 +17,7 @@ from benchmarks.robustness import LADDER
 from fvi_cli.cli.app import app
 from fvi_cli.runner import request
 from fvi_cli.storage.code import own_code
-from fvi_cli.storage.identity import SOLVER_VERSION
+from fvi_cli.storage.digests import SOLVER_VERSION
 from fvi_cli.studies import study
 from fvi_cli.studies.tolerance import runs as tolerance_runs
 
@@ -181,14 +181,14 @@ def reasons(result):
 
 def test_a_dry_run_tells_older_solvers_and_refusals(folder, monkeypatch):
     fvi("run", "quick.yaml", "-q")
-    for module in ("storage.identity", "storage.records.runs", "storage.comparison.reasons"):
+    for module in ("storage.digests", "storage.records.runs", "storage.comparison.reasons"):
         monkeypatch.setattr(f"fvi_cli.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
     changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.final_time=0.5")
     assert reasons(changed) == 8 * [("compute", "changed: problem.final_time; older solver")]
     assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("compute", "older solver")]
     told = fvi("run", "quick.yaml", "-v").stderr
     assert "quick: computed again: 8 runs, older solver" in told
-    assert "quick bdf1-nodes-s1-gauss1-none N=4: older solver" in told
+    assert "quick BDF1 nodes, degree 1, N=4: older solver" in told
     (folder / "diverging.yaml").write_text(DIVERGING.replace("allow_unstable: true\n", ""))
     found = reasons(fvi("run", "diverging.yaml", "--dry-run"))
     assert [action for action, _ in found] == 2 * ["refuse"] + 2 * ["compute"]
@@ -208,7 +208,7 @@ def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, cha
     few = ("run", "quick.yaml", "--set", "ladder.steps=[4]")
     fvi(*few, "-q")
     other = dataclasses.replace(own_code(), **change)
-    for module in ("identity", "records.runs", "comparison.reasons"):
+    for module in ("digests", "records.runs", "comparison.reasons"):
         monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: other)
     found = reasons(fvi(*few, "--dry-run"))
     assert all(action == "compute" and why.startswith(reason) for action, why in found)
@@ -231,11 +231,11 @@ def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
     }
     assert before
     if change == "solver":
-        for module in ("identity", "records.runs", "comparison.reasons"):
+        for module in ("digests", "records.runs", "comparison.reasons"):
             monkeypatch.setattr(f"fvi_cli.storage.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
     else:
         other = dataclasses.replace(own_code(), **{change: "9.9"})
-        for module in ("identity", "records.runs", "comparison.reasons"):
+        for module in ("digests", "records.runs", "comparison.reasons"):
             monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: other)
     refused = fvi(command, "results/quick.h5", code=2)
     assert "none of the 8 runs of quick can be used" in refused.stderr
@@ -362,3 +362,19 @@ def test_within_a_long_run_the_bar_says_how_far_it_is(folder, workers):
     assert shares == sorted(shares)
     assert "3/3" in drawn
     assert re.search(r" \d\d:\d\d left", re.sub(r"\x1b\[[\d;]*m", "", drawn))
+
+
+def test_remarks_on_motions_are_shown_when_they_are_computed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    problem = (
+        "{kind: lagrangian, coordinates: [x], lagrangian: vx**2/2 - 9.81*x, "
+        "initial: {position: 1.0}, final_time: 4.0, exact: none}"
+    )
+    Path("ball.yaml").write_text(
+        f"name: ball\nproblem: {problem}\nmethod: gauss3\nladder: {{steps: [40, 80]}}\n"
+        "impacts: {floor: {when: x, restitution: 0.6}}\n"
+    )
+    told = fvi("run", "ball.yaml").stderr
+    # alike for both numbers of steps, and nothing is computed the second time
+    assert told.count("at rest on floor from t = ") == 1
+    assert "at rest" not in fvi("run", "ball.yaml", "--quiet", "--fresh").stderr

@@ -69,7 +69,7 @@ def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
         "method={rk: gauss, degree: [2, 3]}",
         "problem.stiffness=2",
     ):
-        assert "steps are found" in fvi("run", "tuned.yaml", "--dry-run", "--set", change)
+        assert "steps are chosen" in fvi("run", "tuned.yaml", "--dry-run", "--set", change)
     fvi("run", "tuned.yaml", "--fresh")
     (fresh,) = stored(tmp_path)
     assert fresh["stepping_seconds"] != first["stepping_seconds"]

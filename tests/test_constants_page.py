@@ -4,11 +4,9 @@ import math
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks import constants
-from fvi_cli.integrator.meshes import adaptive
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +42,6 @@ def test_a_constant_is_changed_wherever_it_is_read_and_put_back(known):
     assert {one.UNIT for one in loaded} == {unit.value}
 
 
-def test_whole_numbers_stay_whole_and_at_least_one(known):
-    sweeps = constants.Constant("m", "N", 3, ("m",))
-    assert [sweeps.times(factor) for factor in (0.25, 0.5, 2.0)] == [1, 2, 6]
-    assert constants.Constant("m", "X", 3.0, ("m",)).times(0.5) == 1.5
-
-
 def test_the_list_is_that_of_the_code(known):
     """Every number in capital letters is listed once, with what it is; the page says the values."""
     entries = constants.listed()
@@ -81,45 +73,6 @@ def test_what_is_said_to_steer_nothing_was_measured():
             assert one.time is not None, one.place
             assert one.change <= constants.LAST_DIGITS, one.place
             assert 1 / constants.CERTAIN < one.time < constants.CERTAIN, one.place
-
-
-@pytest.mark.parametrize(
-    ("moves", "works"), [(1.0, 0), (1e-13, 0), (0.0, 100), (1e-13, 100), (0.0, 0)]
-)
-def test_what_steers_results_and_time(known, monkeypatch, moves, works):
-    safety = known["adaptive", "SAFETY"]
-    clock = [0.0]
-
-    def run() -> np.ndarray:
-        """A run whose positions and time are known."""
-        clock[0] += 1.0 + works * adaptive.SAFETY
-        return np.array([1.0, 1.0 + moves * adaptive.SAFETY])
-
-    monkeypatch.setattr("time.process_time", lambda: clock[0])
-    entry = next(one for one in constants.listed() if one.place == safety.place)
-    found = constants.measure(entry, safety, {"made up": run}, 1)
-    assert found.change == pytest.approx(moves * safety.value, rel=0.6, abs=1e-15)
-    assert found.run == ("made up" if works else "")
-    farthest = max(found.time, 1 / found.time)
-    assert farthest == (pytest.approx(2.0, abs=0.05) if works else 1.0)
-
-
-def test_a_run_that_fails_is_a_result(known):
-    safety = known["adaptive", "SAFETY"]
-
-    def run() -> np.ndarray:
-        return np.ones(1) / (safety.value == adaptive.SAFETY)
-
-    with np.errstate(divide="raise"):
-        change, _ = constants.compare(safety, 2 * safety.value, run, 1)
-    assert math.isinf(change)
-
-
-def test_the_list_is_kept_and_read(monkeypatch, tmp_path):
-    entries = constants.listed()
-    monkeypatch.setattr(constants, "LISTED", tmp_path / "constants.csv")
-    constants.write_list(entries)
-    assert constants.listed() == entries
 
 
 def test_constants_are_measured_and_kept(monkeypatch, tmp_path):

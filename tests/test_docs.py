@@ -22,8 +22,8 @@ from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.reports import rendered
 from fvi_cli.reports.document import Bullets, Grid
 from fvi_cli.reports.kinds.cost import cost_report
-from fvi_cli.reports.writers.markdown import to_markdown
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.reports.writers.text import to_markdown
+from fvi_cli.scenes.registry import KINDS
 from fvi_cli.storage.export import FORMATS
 from fvi_cli.studies.price import ACCURACIES
 
@@ -33,6 +33,7 @@ PAGES = {
     path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8")
     for path in DOCS.rglob("*.md")
 }
+WITH_README = PAGES | {"../README.md": (ROOT / "README.md").read_text(encoding="utf-8")}
 COMMANDS = typer.main.get_command(app()).commands
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -63,9 +64,9 @@ def test_the_reference_names_every_key_of_the_schema():
     assert all(f"\n### {kind}\n" in configuration_reference() for kind in KINDS)
 
 
-@pytest.mark.parametrize("page", sorted(PAGES))
+@pytest.mark.parametrize("page", sorted(WITH_README))
 def test_what_is_linked_is_there(page):
-    for link in re.findall(r"\]\((?!http)([^)]+)\)", PAGES[page]):
+    for link in re.findall(r"\]\((?!http)([^)]+)\)", WITH_README[page]):
         path, _, place = link.partition("#")
         target = (DOCS / page).parent / path if path else DOCS / page
         assert target.exists(), link
@@ -74,10 +75,12 @@ def test_what_is_linked_is_there(page):
             assert place in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}
 
 
-@pytest.mark.parametrize("page", sorted(PAGES))
+@pytest.mark.parametrize("page", sorted(WITH_README))
 def test_commands_that_are_shown_exist(page):
-    lines = [line for kind, text in FENCED.findall(PAGES[page]) if kind == "sh" for line in [text]]
-    shown = re.findall(r"`(fvi [^`]+)`", PAGES[page]) + "".join(lines).splitlines()
+    lines = [
+        line for kind, text in FENCED.findall(WITH_README[page]) if kind == "sh" for line in [text]
+    ]
+    shown = re.findall(r"`(fvi [^`]+)`", WITH_README[page]) + "".join(lines).splitlines()
     for line in shown:
         program, _, rest = line.partition(" ")
         if program != "fvi":
@@ -123,7 +126,9 @@ def test_configurations_that_are_shown_are_valid():
         if text.startswith("fit:"):
             assert parse_config(head + text, "shown.yaml", base=ROOT).experiments
         else:
-            assert fvi.load(yaml.safe_load(text)).experiments
+            # files stand beside the configuration, or below the folder of the program
+            base = ROOT if "configs/" in text else ROOT / "configs"
+            assert parse_config(text, "shown.yaml", base=base).experiments
 
 
 def cells(page: str, header: str) -> list[list[str]]:

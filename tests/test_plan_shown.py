@@ -46,7 +46,7 @@ def test_machinery_is_printed_when_more_is_asked_for(folder):
         assert head not in brief
     fvi("run", "planned.yaml", "-q")
     stored = fvi("show", "results/planned.h5", "-v").stdout
-    assert "planned gauss-s2-graded N=64\n  effects: inertia (1 dof)" in stored
+    assert "planned Gauss2, graded, N=64\n  effects: inertia (1 dof)" in stored
     assert "steps: " not in fvi("show", "results/planned.h5").stdout
 
 

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 SHOWN = {
     "how-to/building": "frame-forces",
     "how-to/designs": "three-designs",
+    "how-to/bench": "damper-bench",
     "how-to/analyst": "elastic-pendulum",
     "how-to/notebook": "duffing-section",
 }
@@ -53,6 +54,19 @@ def test_the_peaks_on_the_page_are_those_of_the_building():
         # from accelerations what the lowest springs and dampers take from the ground
         taken = fine.quantities["taken"]
         assert np.abs(fine.quantities["base_shear"] - taken).max() < 1e-9 * np.abs(taken).max()
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("results/*-fitted.yaml")), ids=lambda p: p.stem)
+def test_fitted_configurations_are_valid(path):
+    (experiment,) = fvi.load(path).experiments
+    assert experiment.name == path.stem
+
+
+def test_the_tables_of_the_bench_on_the_page_are_those_that_are_stored():
+    shown = [line for line in page("how-to/bench").splitlines() if line.startswith("|")]
+    stored = (ROOT / "results/tables/damper-bench-fit.md").read_text(encoding="utf-8")
+    assert len(shown) == 12
+    assert set(shown) <= set(stored.splitlines())
 
 
 def test_the_table_of_designs_on_the_page_is_what_a_command_prints(tmp_path):

@@ -8,16 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from command_line import fvi
 from letters import spring
 from shown_numbers import differences_of_texts
 
-from fvi_cli.cli.app import app
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.operators import left_operator
-from fvi_cli.scenes.kinds import PROBLEM
+from fvi_cli.scenes.registry import PROBLEM
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -145,21 +143,6 @@ def test_the_tables_are_those_in_results(text, name):
         differences_of_texts(shown, table[table.index("\n| ") + 1 : table.index("\n\nMethods")])
         == []
     )
-
-
-def test_what_is_linked_is_there():
-    links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
-    assert links
-    for link in links:
-        assert (ROOT / link).exists(), link
-
-
-def test_commands_and_options_that_are_named_exist():
-    commands = typer.main.get_command(app()).commands
-    assert set(re.findall(r"`fvi ([a-z][a-z-]*)", README)) <= set(commands)
-    parameters = [parameter for command in commands.values() for parameter in command.params]
-    known = {o for p in parameters for o in (*p.opts, *p.secondary_opts)} | {"--version", "--help"}
-    assert set(re.findall(r"`[^`]*?(--[a-z][a-z-]*)", README)) <= known
 
 
 def test_every_kind_of_problem_has_its_place_among_the_scenes():

@@ -50,7 +50,7 @@ def answer(command: str) -> str:
         text = path.read_text(encoding="utf-8")
         assert old in text, f"{path} has no {old!r}"
         path.write_text(text.replace(old, new), encoding="utf-8")
-    lines = [line.rstrip() for line in lines if wanted in line]
+    lines = [line.rstrip() for line in lines if wanted.strip('"') in line]
     # no line of an answer begins like a command
     return "".join(f"{line}\n" for line in lines).replace("\n$ ", "\n\\$ ")
 

@@ -32,7 +32,7 @@ def rows(folder):
 
 def test_what_is_observed_otherwise_is_told(tmp_path, monkeypatch):
     # the control: an observation that contradicts every prediction
-    true = stability_study.observe
+    true = stability_study.observe_growth
 
     def wrong(scene, method, n_steps):
         seen = true(scene, method, n_steps)
@@ -40,7 +40,7 @@ def test_what_is_observed_otherwise_is_told(tmp_path, monkeypatch):
             seen, verdict="stable" if seen.verdict == "unstable" else "unstable"
         )
 
-    monkeypatch.setattr(stability_study, "observe", wrong)
+    monkeypatch.setattr(stability_study, "observe_growth", wrong)
     result = call(tmp_path)
     assert result.exit_code == 3
     assert "0 of 4 runs as predicted" in result.output

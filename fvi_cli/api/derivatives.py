@@ -9,12 +9,15 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.gradients.entries import GradientEntry, entries_of
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.runner.scenes import method_on
@@ -96,9 +99,16 @@ def gradient(
     from the side of its value (at 1 from below). At a break point of a force an acceleration is
     that before it.
     """
+    if not isinstance(quantity, Quantity):
+        raise ArgumentError(
+            "quantity",
+            f"{excerpt(repr(quantity))} is none; write fvi.position_at(time), "
+            "fvi.quantity_at(expression, time), fvi.smoothed_peak(expression, times), or for a "
+            "function of your own fvi.Quantity(times=..., value=function)",
+        )
     chosen = method_on(method, steps)
     if not isinstance(chosen, Method):
-        raise ValueError(f"method: {chosen.case} keeps no polynomials; take a Gauss method")
+        raise ValueError(f"method: {method_name(chosen)} keeps no polynomials; take a Gauss method")
     if isinstance(scene, Scene | Problem | Experiment):
         subject = scene
         entries = _named(_scene(subject), parameters)

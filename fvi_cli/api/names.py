@@ -2,23 +2,6 @@
 
 from __future__ import annotations
 
-from fvi_cli.api.calls import (
-    configuration,
-    contents,
-    cost,
-    export,
-    fit,
-    forget,
-    hard_cases,
-    load,
-    modes,
-    plan,
-    recall,
-    response,
-    run,
-    sandwich_beam,
-    stability,
-)
 from fvi_cli.api.derivatives import Gradient, gradient
 from fvi_cli.config import (
     LoadedConfig,
@@ -57,18 +40,29 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, quantities, write
+from fvi_cli.runner.compute import recall, run
+from fvi_cli.runner.cost import cost
+from fvi_cli.runner.fits.fit import fit
+from fvi_cli.runner.forget import forget
+from fvi_cli.runner.hard_cases import hard_cases
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.parts.merge import merge_files
-from fvi_cli.runner.plan import PlannedRun
+from fvi_cli.runner.plan import PlannedRun, plan
+from fvi_cli.runner.request import load
 from fvi_cli.runner.scenes import integrate, integrate_members, integrate_part, predict_stability
+from fvi_cli.runner.stability import stability
+from fvi_cli.runner.vibration.modes import modes
+from fvi_cli.runner.vibration.response import response
 from fvi_cli.scenes.chains import chain, frame, string
+from fvi_cli.scenes.data import duffing, kepler, linear_oscillator, pendulum
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
-from fvi_cli.scenes.nonlinear import duffing, kepler
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.registry import build_problem, sandwich_beam
 from fvi_cli.scenes.structures.structure import structure
 from fvi_cli.storage import StoredConfiguration, StoredFile
+from fvi_cli.storage import list_runs as contents
+from fvi_cli.storage import read_configuration as configuration
+from fvi_cli.storage.export import export_file as export
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.fits.result import FitResult

@@ -21,7 +21,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import fvi_cli
-from fvi_cli.cli import compute, configurations, files, linear, report
+from fvi_cli.cli import compute, configurations, files, report
 from fvi_cli.cli.command import Command
 from fvi_cli.cli.exits import DONE
 from fvi_cli.cli.options import CLUSTERS
@@ -29,7 +29,7 @@ from fvi_cli.cli.options import CLUSTERS
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Compute": (compute.run, compute.cost, compute.stability, compute.fit, compute.hard_cases),
     "Report": (report.convergence, report.plot, report.quantities),
-    "Linear structures": (linear.modes, linear.response),
+    "Linear structures": (compute.modes, compute.response),
     "Result files": (files.show, files.export, files.merge, files.forget),
     "Configurations": (
         configurations.new,
@@ -98,7 +98,7 @@ def command_line() -> Callable[[], object]:
         _open_standard_streams()
         sys.unraisablehook = _not_ignored
         signal.signal(signal.SIGTERM, _interrupt)
-        # what overflows on the way is told by the status of a run
+        # the status of a run reports overflows
         warnings.filterwarnings("ignore", category=RuntimeWarning)
         command(prog_name="fvi")
 
@@ -106,7 +106,7 @@ def command_line() -> Callable[[], object]:
 
 
 def _open_standard_streams() -> None:
-    """Let what is said go nowhere where a standard stream is closed, and into no file."""
+    """Discard output where a standard stream is closed, so that it reaches no file."""
     while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(handle)

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded
 from fvi_cli.cli.options import (
@@ -36,11 +36,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fvi_cli.render.results import Results
-    from fvi_cli.runner.outcome import Outcome
     from fvi_cli.runner.request import Request, Task
 
 _logger = logging.getLogger("fvi_cli")
-R = TypeVar("R")
 
 ALWAYS = ("quiet", "verbose")
 CONFIGURED = ("output", "overrides", "dry_run", "fail_fast", "json")
@@ -103,87 +101,83 @@ class Call:
         )
         return self.requests
 
-    def show_plans(self, *, fresh: bool = False) -> int:
+    @property
+    def keep(self) -> bool:
+        """Whether what is computed is stored."""
+        return not self.check
+
+    @property
+    def progress(self) -> bool:
+        """Whether a progress bar is drawn."""
+        return not self.quiet
+
+    def options_of(self, called: Callable[..., object]) -> dict[str, Any]:
+        """Those of the shared options that a call of the api has."""
+        return {name: getattr(self, name) for name in _parameters(called) if hasattr(self, name)}
+
+    def show_plans(self) -> int:
         """Print what would be done with every run."""
-        from fvi_cli.api.calls import plan
         from fvi_cli.render.json import plans_as_json
         from fvi_cli.render.plans import plans_as_text
+        from fvi_cli.runner.plan import plan
 
-        plans = [
-            one
-            for request in self.requests
-            for one in plan(
-                request,
-                output=self.output,
-                workers=self.workers,
-                fresh=fresh or self.fresh,
-                shard=self.shard,
-            )
-        ]
+        # what is measured or studied anew finds no run stored
+        options = self.options_of(plan) | {"fresh": self.fresh or not self.stores_runs}
+        plans = [one for request in self.requests for one in plan(request, **options)]
         print(plans_as_json(plans) if self.json else plans_as_text(plans, in_full=self.verbose))
         return DONE
 
     def show_tasks(self, tasks_of: Callable[[Request], Sequence[Task]]) -> int:
         """Print what would be computed other than runs."""
         from fvi_cli.render.json import document
-        from fvi_cli.render.runs import aligned
+        from fvi_cli.render.runs import columns_of_words
 
         rows = [asdict(task) for request in self.requests for task in tasks_of(request)]
         if self.json:
             print(document({"tasks": rows}))
         else:
-            print(aligned([list(rows[0]), *(list(row.values()) for row in rows)]))
+            print(columns_of_words([list(rows[0]), *(list(row.values()) for row in rows)]))
         return DONE
-
-    def run(self, request: Request, *, keeps_motions: bool = True) -> list[Outcome]:
-        """Recall or compute the runs of a request."""
-        from fvi_cli.api.calls import run
-
-        return run(
-            request,
-            output=self.output,
-            workers=self.workers,
-            dask=self.dask,
-            fresh=self.fresh,
-            fail_fast=self.fail_fast,
-            keep=not self.check,
-            wait=self.wait,
-            shard=self.shard,
-            checkpoint_every=self.checkpoint_every,
-            progress=not self.quiet,
-            keeps_motions=keeps_motions,
-        )
-
-    def noted(self, request: Request) -> list[Outcome]:
-        """The runs of a request from which a report is made; their failures are counted."""
-        outcomes = self.run(request)
-        self.note(outcomes)
-        return outcomes
 
     def note(self, results: Results) -> None:
         """Count what of the results decides the exit code."""
-        from fvi_cli.render.results import kind_of
+        from fvi_cli.render.results import result_kind
 
-        kind, found = kind_of(results)
+        kind, found = result_kind(results)
         self.violations += kind.violations(found)
         if failed := len(kind.failures(found)):
             self.failures[kind.words] = self.failures.get(kind.words, 0) + failed
 
-    @property
-    def is_stopped(self) -> bool:
-        """Whether a failure ends the command (``--fail-fast``)."""
-        return self.fail_fast and bool(self.failures)
+    def each(
+        self,
+        compute: Callable[..., Any],
+        show: Callable[[Any, Request], None] | None = None,
+        *,
+        report: Callable[[Any, Request], Any] | None = None,
+        tasks: Callable[[Request], Sequence[Task]] | None = None,
+        **options: object,
+    ) -> int:
+        """Compute what every request asks for and show it; returns the exit code.
 
-    def each(self, compute: Callable[[Request], R], show: Callable[[R, Request], None]) -> int:
-        """Compute what every request asks for and show it; returns the exit code."""
+        `compute` is a call of the api: it is given a request, those of the shared options that it
+        has, and `options`. `report` makes of the results what is shown, by :meth:`show` if by
+        nothing else, unless the command was stopped. `tasks` are what would be computed where that
+        is no runs.
+        """
         from fvi_cli.render.figures import pictures_as
 
+        if self.dry_run:
+            return self.show_plans() if tasks is None else self.show_tasks(tasks)
+        options |= self.options_of(compute)
         with pictures_as(self.formats or (), self.style):
             for request in self.requests:
-                results = compute(request)
-                if not self.is_stopped:
-                    show(results, request)
-                if self.is_stopped:
+                results = compute(request, **options)
+                self.note(results)
+                is_stopped = self.fail_fast and bool(self.failures)
+                if report is None or not is_stopped:
+                    found = results if report is None else report(results, request)
+                    (show or self.show)(found, request)
+                if is_stopped:
                     break
         return self.close()
 
@@ -197,18 +191,10 @@ class Call:
     ) -> None:
         """Print and write results, or with ``--check`` find in what the stored ones differ.
 
-        Parameters
-        ----------
-        results, request
-            What was computed, and for which configuration.
-        also
-            Writes further files.
-        is_kept
-            Whether anything is written.
+        `also` writes further files; what is not kept is printed only.
         """
         from fvi_cli.render.results import compare, json_rows, show, write
 
-        self.note(results)
         name = None if request is None else request.name
         paths: list[Path] = []
         if self.check:
@@ -262,6 +248,10 @@ class Call:
         if self.failures:
             return RUN_FAILED
         return CHECK_FAILED if self.differences or self.violations else DONE
+
+
+def _parameters(called: Callable[..., object]) -> Sequence[str]:
+    return tuple(inspect.signature(called).parameters)
 
 
 @dataclass(frozen=True, kw_only=True)

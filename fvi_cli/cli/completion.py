@@ -20,7 +20,7 @@ def names_of_pages(incomplete: str) -> list[str]:
 
 def kinds_of_problems(incomplete: str) -> list[str]:
     """Kinds of problems."""
-    from fvi_cli.scenes.kinds import KINDS
+    from fvi_cli.scenes.registry import KINDS
 
     return [kind for kind in KINDS if kind.startswith(incomplete)]
 

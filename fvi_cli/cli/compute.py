@@ -1,7 +1,8 @@
-"""Commands that compute: ``run``, ``cost``, ``stability``, ``fit``, ``hard-cases``."""
+"""Commands that compute: runs, costs, stability, fits, hard cases, modes and responses."""
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -31,12 +32,12 @@ def run(call: Call, sources: Sources) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
     from fvi_cli.render.results import json_rows
     from fvi_cli.render.runs import runs_as_text
+    from fvi_cli.runner.compute import run as compute_runs
     from fvi_cli.runner.parts.shard import shard_named
 
     shard = shard_named(call.shard)
 
     def show(outcomes: list[Outcome], request: Request) -> None:
-        call.note(outcomes)
         path = request.stored or call.output / shard.file_name(request.name)
         call.files.append(path)
         if call.json:
@@ -45,9 +46,7 @@ def run(call: Call, sources: Sources) -> int:
             print(runs_as_text(outcomes, every_member=call.verbose), path, sep="\n")
 
     call.gather(sources)
-    if call.dry_run:
-        return call.show_plans()
-    return call.each(lambda request: call.run(request, keeps_motions=False), show)
+    return call.each(compute_runs, show, keeps_motions=False)
 
 
 @command(
@@ -68,8 +67,8 @@ def cost(
     ] = False,
 ) -> int:
     """Measure error, time, memory and work of every method; without arguments, remake the page."""
-    from fvi_cli.api.calls import cost as measure
     from fvi_cli.render.cost import PAGE_CONFIGS, write_page
+    from fvi_cli.runner.cost import cost as measure
     from fvi_cli.runner.cost import measurable
 
     finished: dict[str, list[CostTable]] = {}
@@ -84,9 +83,7 @@ def cost(
         )
 
     call.requests = measurable(call.gather(configs or PAGE_CONFIGS), peers=peers)
-    if call.dry_run:
-        return call.show_plans(fresh=True)
-    return call.each(lambda request: measure(request, progress=not call.quiet), show)
+    return call.each(measure, show, report=lambda tables, request: tables)
 
 
 @command(*CONFIGURED, *DRAWN, "check")
@@ -114,14 +111,10 @@ def stability(
 
     Exit code 3 when a prediction is not what is observed, 1 when a run failed unexpectedly.
     """
-    from fvi_cli.api.calls import stability as study
+    from fvi_cli.runner.stability import stability as study
 
     call.gather(configs, over or ())
-    if call.dry_run:
-        return call.show_plans(fresh=True)
-    return call.each(
-        lambda request: study(request, observe=observe, progress=not call.quiet), call.show
-    )
+    return call.each(study, observe=observe)
 
 
 @command(
@@ -139,16 +132,14 @@ def fit(call: Call, configs: Configs) -> int:
     Writes tables, figures and a configuration with the numbers found. Exit code 1 when a fit does
     not converge; then the best point is reported, and why.
     """
-    from fvi_cli.api.calls import fit as fit_to
+    from fvi_cli.runner.fits.fit import fit as fit_to
     from fvi_cli.runner.fits.fit import fit_tasks, write_fitted
 
     def show(results: list[FitResult], request: Request) -> None:
         call.show(results, request, also=lambda: write_fitted(request, results, call.output))
 
     call.gather(configs)
-    if call.dry_run:
-        return call.show_tasks(fit_tasks)
-    return call.each(lambda request: fit_to(request, progress=not call.quiet), show)
+    return call.each(fit_to, show, tasks=fit_tasks)
 
 
 @command("output", "check", "json")
@@ -175,13 +166,84 @@ def hard_cases(
     ] = None,
 ) -> int:
     """Measure every method on hard cases and report what holds; Gauss3 must hold everywhere."""
-    from fvi_cli.api.calls import hard_cases as examine
     from fvi_cli.reports import missing
+    from fvi_cli.runner.hard_cases import hard_cases as examine
 
     absent = missing(call.output, "hard-cases") if call.check else []
     if absent:
         call.differences += absent
         return call.close()
-    report = examine(cases=case or (), methods=method or (), progress=not call.quiet)
+    report = examine(cases=case or (), methods=method or (), progress=call.progress)
+    call.note(report)
     call.show(report, is_kept=not (case or method))
     return call.close()
+
+
+@command(*CONFIGURED, *DRAWN, "check")
+def modes(
+    call: Call,
+    configs: Configs,
+    count: Annotated[
+        int | None,
+        typer.Option("--count", metavar="N", help="How many; default 10, or all if fewer."),
+    ] = None,
+    near: Annotated[
+        float | None,
+        typer.Option(
+            "--near", metavar="HZ", help="Those nearest to a frequency; default: the lowest."
+        ),
+    ] = None,
+) -> int:
+    """Compute modes of linear scenes with their damping, and count whether any is missing.
+
+    Exit code 1 where modes may be missing.
+    """
+    from fvi_cli.runner.vibration.modes import linear_tasks
+    from fvi_cli.runner.vibration.modes import modes as compute_modes
+
+    call.gather(configs)
+    tasks = functools.partial(linear_tasks, action="modes")
+    return call.each(compute_modes, tasks=tasks, count=count, near=near)
+
+
+@command(*CONFIGURED, *DRAWN, "check")
+def response(
+    call: Call,
+    configs: Configs,
+    over: Annotated[
+        str,
+        typer.Option(
+            "--over",
+            metavar="frequency=FROM:TO:NUMBER[:log]",
+            help="Frequencies in oscillations per unit of time, Hz for seconds.",
+        ),
+    ],
+    force: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--force",
+            metavar="WHERE[=AMPLITUDE]",
+            help="A coordinate or a combination such as 'x2 - x1', or ground: an acceleration "
+            "of 1; repeatable. Default: the ground, where it moves.",
+        ),
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            metavar="WHERE",
+            help="Outputs to report: coordinates or combinations; repeatable. Default: the "
+            "coordinate that moves most.",
+        ),
+    ] = None,
+) -> int:
+    """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
+    from fvi_cli.runner.vibration.modes import linear_tasks
+    from fvi_cli.runner.vibration.response import frequencies
+    from fvi_cli.runner.vibration.response import response as compute_response
+
+    # a mistake in it is reported before configurations are read
+    frequencies(over)
+    call.gather(configs)
+    tasks = functools.partial(linear_tasks, action="response")
+    return call.each(compute_response, tasks=tasks, over=over, force=force or (), at=at or ())

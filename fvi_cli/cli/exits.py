@@ -1,4 +1,4 @@
-"""How a command ends: exit codes, and what is said on standard error.
+"""How a command ends: exit codes, and messages on standard error.
 
 Exit codes: 0 done; 1 a run failed unexpectedly; 2 a request or configuration that cannot be carried
 out; 3 a check did not hold; 130 interrupted. Standard output
@@ -55,7 +55,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             _say(f"fvi: not enough memory{detail}{stored}")
             code = RUN_FAILED
         except BrokenPipeError:
-            # whoever read the result has gone; the interpreter would complain once more at exit
+            # the reader of the pipe has ended; the interpreter would complain once more at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = BROKEN_PIPE
         except OSError as error:
@@ -64,7 +64,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             _say(f"fvi: {place}{error.strerror or error}")
             code = WRONG_REQUEST
         except Exception as error:
-            # the last line of defence: nobody should have to read a traceback unasked
+            # the last line of defence: users see a traceback only if they ask for it
             if verbose:
                 traceback.print_exc()
             _say(f"fvi: unexpected {type(error).__name__}: {error}")
@@ -77,7 +77,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 
 
 def _keeps_runs(options: Mapping[str, object]) -> bool:
-    """Whether the command stores runs: then it can also be told to ignore those (``--fresh``)."""
+    """Whether the command stores runs: then it has the option to ignore those (``--fresh``)."""
     return "fresh" in options and not options.get("check") and not options.get("dry_run")
 
 

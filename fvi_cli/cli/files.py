@@ -25,22 +25,21 @@ def show(
     ] = False,
 ) -> int:
     """List what a result file holds, or print the configuration that made it."""
-    from fvi_cli.api.calls import configuration, contents
     from fvi_cli.render.json import contents_as_json
     from fvi_cli.render.plans import machinery_as_text
     from fvi_cli.render.runs import contents_as_text
     from fvi_cli.runner.plan import engine_plans
-    from fvi_cli.storage import printable
+    from fvi_cli.storage import escape_text, list_runs, read_configuration
 
     if config:
-        made_by = configuration(file)
-        print(printable(made_by.text), end="")
+        made_by = read_configuration(file)
+        print(escape_text(made_by.text), end="")
         for override in made_by.overrides:
-            _logger.warning("made with --set %s", printable(override))
+            _logger.warning("made with --set %s", escape_text(override))
     elif call.json:
-        print(contents_as_json(contents(file)))
+        print(contents_as_json(list_runs(file)))
     else:
-        print(contents_as_text(contents(file)))
+        print(contents_as_text(list_runs(file)))
         if call.verbose:
             (request,) = call.gather([str(file)])
             runs = [run for one in request.loaded.experiments for run in one.runs()]
@@ -63,9 +62,9 @@ def export(
     ],
 ) -> int:
     """Write the runs of a result file as CSV, npz (NumPy) or mat (MATLAB, Octave, SciPy)."""
-    from fvi_cli.api.calls import export as export_to
+    from fvi_cli.storage.export import export_file
 
-    print(*export_to(file, to, call.output / "export" / file.stem), sep="\n")
+    print(*export_file(file, to, call.output / "export" / file.stem), sep="\n")
     return DONE
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fvi_cli.cli.command import COMPUTED, DRAWN, Call, command
 from fvi_cli.cli.options import Sources, UsualSources
 
 if TYPE_CHECKING:
-    from fvi_cli.runner.outcome import Outcome
     from fvi_cli.runner.request import Request
+    from fvi_cli.studies.experiment import Experiment, FinishedRun
+
+    Studies = Sequence[tuple[Experiment, Sequence[FinishedRun]]]
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -39,15 +42,15 @@ def convergence(call: Call, sources: UsualSources = None) -> int:
     """Make tables of orders; without arguments, those of the paper and of full order."""
     from fvi_cli.render.results import order_tables
     from fvi_cli.reports import missing
+    from fvi_cli.runner.compute import run
 
     requests = call.gather(sources or DEFAULT_TABLES)
-    if call.dry_run:
-        return call.show_plans()
     folder = call.output / "tables"
-    if call.check and (absent := [line for one in requests for line in missing(folder, one.name)]):
+    is_checked = call.check and not call.dry_run
+    if is_checked and (absent := [line for one in requests for line in missing(folder, one.name)]):
         call.differences += absent
         return call.close()
-    return call.each(lambda request: order_tables(call.noted(request)), call.show)
+    return call.each(run, report=lambda outcomes, request: order_tables(outcomes))
 
 
 @command(
@@ -62,27 +65,25 @@ def convergence(call: Call, sources: UsualSources = None) -> int:
 def plot(call: Call, sources: UsualSources = None) -> int:
     """Draw figures, from stored runs where there are any; without arguments, the paper's."""
     from fvi_cli import plotting
-    from fvi_cli.render.results import figures, studies
+    from fvi_cli.render.results import studies
+    from fvi_cli.runner.compute import run
 
-    def show(outcomes: list[Outcome], request: Request) -> None:
+    def show(found: Studies, request: Request) -> None:
         if not sources and request is call.requests[0]:
             call.show_figures({"interpolation": plotting.interpolation_figure()})
-        for line in plotting.left_out(studies(outcomes)):
+        for line in plotting.left_out(found):
             _logger.warning("%s", line)
-        call.show_figures(figures(outcomes, name=request.name))
+        call.show_figures(plotting.figures_for(found, name=request.name))
 
     call.gather(sources or DEFAULT_FIGURES)
-    if call.dry_run:
-        return call.show_plans()
-    return call.each(call.noted, show)
+    return call.each(run, show, report=lambda outcomes, request: studies(outcomes))
 
 
 @command(*COMPUTED, "check")
 def quantities(call: Call, sources: Sources) -> int:
     """Make tables of quantities (peak, its time, RMS) and events of every run."""
     from fvi_cli.render.results import observed_report
+    from fvi_cli.runner.compute import run
 
     call.gather(sources)
-    if call.dry_run:
-        return call.show_plans()
-    return call.each(lambda request: observed_report(call.noted(request), request.name), call.show)
+    return call.each(run, report=lambda outcomes, request: observed_report(outcomes, request.name))

@@ -1,10 +1,15 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
+from fvi_cli.config.keys.methods import method_named
 from fvi_cli.config.load import LoadedConfig, load_config, load_stored, parse_config
-from fvi_cli.config.method_names import method_named
-from fvi_cli.config.reference.page import configuration_reference
-from fvi_cli.config.reference.schema import SCHEMA_FILE, SCHEMA_TITLE, json_schema, schema_text
-from fvi_cli.config.reference.starter import starter_config
+from fvi_cli.config.reference import (
+    SCHEMA_FILE,
+    SCHEMA_TITLE,
+    configuration_reference,
+    json_schema,
+    schema_text,
+    starter_config,
+)
 from fvi_cli.config.shipped import (
     find_config,
     guide_page,

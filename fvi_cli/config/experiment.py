@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final
 
@@ -13,32 +13,40 @@ import numpy as np
 
 from fvi_cli.config.figures import check_figures
 from fvi_cli.config.fits.settings import fit_settings
-from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy, usual_methods, usual_steps
 from fvi_cli.config.keys.designs import DESIGNS
 from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.fit import Fit
-from fvi_cli.config.keys.ladder import MOST_STEPS, Ladder, check_grading, refuse_step
+from fvi_cli.config.keys.ladder import (
+    MOST_STEPS,
+    Ladder,
+    accuracy_of,
+    check_accuracy,
+    check_grading,
+    refuse_step,
+    usual_methods,
+    usual_steps,
+)
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
-from fvi_cli.config.observations import check_units, read_observations
+from fvi_cli.config.observations import check_member, check_units, read_observations
 from fvi_cli.config.problem import break_points, make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
-from fvi_cli.scenes.kinds import Kind
+from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.members import Member
 
 _logger = logging.getLogger(__name__)
 _FACTOR: Final = re.compile(r"problem\.damping\.\d+\.(coefficient|matrix)")
@@ -78,7 +86,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
     if is_described and settings.allow_unstable is False:
-        _warn_of_negative_damping(described, at.under("problem"))
+        _warn_of_negative(_factors(described, at.under("problem")))
     accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
     observed = Observations()
     if problem is not None:
@@ -95,9 +103,11 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         )
         check_units(settings, problem, at)
         if at.has(SWEEP) or at.has(DESIGNS):
-            members = _make_members(described, methods, steps, grading, at)
+            members = _make_members(described, methods, steps, grading, problem, observed, at)
             if members is not None and not settings.allow_unstable:
-                _warn_of_negative_members(members[0], at.under(SWEEP))
+                swept = ((p, v) for one in members[0] for p, v in one.values.items())
+                under = at.under(SWEEP)
+                _warn_of_negative((under, p, v) for p, v in swept if _FACTOR.fullmatch(p))
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
@@ -146,39 +156,27 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     return resolved, experiment
 
 
-def _warn_of_negative_damping(described: Mapping[str, Any], at: Cursor) -> None:
-    """Say which factors of damping are negative: a sign is easily wrong."""
+def _warn_of_negative(factors: Iterable[tuple[Cursor, str, object]]) -> None:
+    """Say which factors of damping are negative, the first at a path: a sign is easily wrong."""
+    known: set[str] = set()
+    for at, path, value in factors:
+        if path not in known and (words := _explain_negative_factor(value)):
+            known.add(path)
+            _logger.warning(
+                "%s: %s: %s, it drives the motion; if that is meant write allow_unstable: true",
+                at.node.place,
+                path,
+                words,
+            )
+
+
+def _factors(described: Mapping[str, Any], at: Cursor) -> Iterator[tuple[Cursor, str, object]]:
     terms = described.get("damping")
     for index, term in enumerate(terms if isinstance(terms, list) else []):
         for key in ("coefficient", "matrix"):
-            words = _explain_negative_factor(term.get(key)) if isinstance(term, Mapping) else ""
-            if words:
+            if isinstance(term, Mapping):
                 under = at.under("damping", index, key)
-                _warn(under, f"problem.damping.{index}.{key}", words)
-
-
-def _warn_of_negative_members(members: Sequence[Member], at: Cursor) -> None:
-    """The same of factors that a sweep goes through; the first of each."""
-    found: dict[str, str] = {}
-    for member in members:
-        for path, value in member.values.items():
-            if (
-                path not in found
-                and _FACTOR.fullmatch(path)
-                and (words := _explain_negative_factor(value))
-            ):
-                found[path] = words
-    for path, words in found.items():
-        _warn(at, path, words)
-
-
-def _warn(at: Cursor, path: str, words: str) -> None:
-    _logger.warning(
-        "%s: %s: %s, it drives the motion; if that is meant write allow_unstable: true",
-        at.node.place,
-        path,
-        words,
-    )
+                yield under, f"problem.damping.{index}.{key}", term.get(key)
 
 
 def _explain_negative_factor(value: object) -> str:
@@ -188,7 +186,7 @@ def _explain_negative_factor(value: object) -> str:
     try:
         form = np.array(value, dtype=float) if isinstance(value, list) else file_form(value)
     except (TypeError, ValueError):
-        # what is wrong with it is said elsewhere
+        # other checks report what is wrong with it
         return ""
     is_square = form is not None and len(form.shape) == 2 and form.shape[0] == form.shape[1]
     if form is None or not is_square or is_semidefinite(form):
@@ -212,6 +210,8 @@ def _make_members(
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
     grading: float,
+    first: AnyProblem,
+    observed: Observations,
     at: Cursor,
 ) -> ReadMembers | None:
     """The members of the sweep, checked like the experiment without one."""
@@ -222,6 +222,7 @@ def _make_members(
         ends = (*break_points(keys), problem.final_time)
         check_grading(grading, steps, methods, ends, at)
         _check_meeting(problem, methods, at)
+        check_member(observed, first, problem, at)
 
     return make_members(template, at, check)
 
@@ -302,7 +303,7 @@ def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> 
         shown = listed(known[:6]) + (", ..." if len(known) > 6 else "")
         at.refuse_key(
             name,
-            f"no method here is called {excerpt(name)!r} or begins so"
+            f"{excerpt(name)!r} is not a method of this experiment, nor its beginning"
             f"{suggestion(name, beginnings)} (methods here: {shown})",
         )
 
@@ -322,7 +323,8 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
     method = found.method
     if isinstance(problem, DerivativeProblem):
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
-        return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
+        reason = "a fractional derivative needs bdf; write bdf: 2"
+        return "" if by_bdf else f"{method_name(method)}: {reason}"
     if reason := law_objection(problem.scene, method):
         return reason
     if isinstance(method, Baseline):

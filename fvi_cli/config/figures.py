@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from fvi_cli.config.keys.experiment import FIGURES
+from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor
@@ -31,7 +32,7 @@ def check_figures(
             continue
         here = at.under(index)
         if one.file_name in names:
-            here.refuse("stands in the list already")
+            here.refuse("is given twice")
         names.append(one.file_name)
         events = [*(observed.events or {}), *(observed.impacts or {})]
         quantities = list(observed.quantities or {})
@@ -53,26 +54,29 @@ def check_figures(
 
 
 def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | FigureSettings:
-    """The figure of an experiment that a word or a mapping means.
-
-    Raises
-    ------
-    ArgumentError
-        If there is no such figure.
-    """
+    """The figure of an experiment that a word or a mapping means."""
+    if isinstance(given, str) and given.partition("_")[0] in EXTENTS:
+        key = next(iter(_swept(experiment.members)), "")
+        advice = f'write {{"plot": "{given}", "against": "{key}"}}' if key else _NO_SWEEP
+        raise ArgumentError("figure", f"{excerpt(given)!r} is a number of every run; {advice}")
     at = Cursor(node=node_of([given]), complaints=RaisingComplaints())
-    figures: tuple[str | FigureSettings, ...] = FIGURES.build(FIGURES.read(at))
-    check_figures(figures, experiment.problem, experiment.observations, experiment.members, at)
+    try:
+        figures: tuple[str | FigureSettings, ...] = FIGURES.build(FIGURES.read(at))
+        check_figures(figures, experiment.problem, experiment.observations, experiment.members, at)
+    except ArgumentError as error:
+        # what is given is one figure, not the first of a list
+        raise ArgumentError(".".join(("figure", *error.path[1:])), error.message) from None
     return figures[0]
 
 
 _EVENTS = "; give events: {turn: {when: vx, direction: falling}}"
 _QUANTITIES = "; give quantities: {drift: x2 - x1}"
+_NO_SWEEP = "it is drawn against a swept key, and nothing is swept; it is in fvi.quantities(...)"
 _SWEEP = "the experiment has no sweep; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"
 
 
 def _swept(members: Sequence[Member]) -> list[str]:
-    """The keys with numbers that tell members apart."""
+    """The keys with numbers that distinguish members."""
     values = members[0].values if members else {}
     numbers = [
         key

@@ -10,7 +10,7 @@ from typing import Any
 
 from fvi_cli.config.experiment import ReadExperiment, make_experiment
 from fvi_cli.config.keys.experiment import NAME, SEVERAL, SINGLE
-from fvi_cli.config.member_trees import experiment_cursors, nodes_with_sweeps
+from fvi_cli.config.members import experiment_cursors, nodes_with_sweeps
 from fvi_cli.config.text.document import LARGEST_DOCUMENT, read_document
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError
@@ -22,46 +22,24 @@ from fvi_cli.studies.experiment import Experiment
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadedConfig:
-    """A valid configuration.
+    """A valid configuration."""
 
-    Parameters
-    ----------
-    path
-        The file, as it was given.
-    name
-        File names come from it.
-    text
-        The file, word for word.
-    overrides
-        Changes that were asked for beside it.
-    resolved
-        JSON values ``{"name": ..., "experiments": [...]}`` with every default filled in and
-        every override applied; written as YAML it is a configuration of the same experiments.
-    experiments
-        What it describes.
-    """
-
-    path: Path
-    name: str
-    text: str
+    path: Path  # the file, as it was given
+    name: str  # file names come from it
+    text: str  # the file, word for word
+    # JSON values ``{"name": ..., "experiments": [...]}`` with every default filled in and every
+    # override applied; written as YAML it is a configuration of the same experiments
     resolved: Mapping[str, Any]
-    experiments: tuple[Experiment, ...]
-    overrides: tuple[str, ...] = ()
+    experiments: tuple[Experiment, ...]  # what it describes
+    overrides: tuple[str, ...] = ()  # changes that were asked for beside it
 
 
 def load_config(
     path: Path, *, overrides: Sequence[str] = (), checks_member: ChecksMember = every_member
 ) -> LoadedConfig:
-    """Read and check a configuration file.
+    """Read and check a configuration file: YAML in UTF-8, and changes ``key.path=value`` of it.
 
-    Parameters
-    ----------
-    path
-        YAML in UTF-8.
-    overrides
-        Changes ``key.path=value``, validated like the file.
-    checks_member
-        Says by its number whether a member of a sweep is checked.
+    `checks_member` says by its number whether a member of a sweep is checked.
 
     Raises
     ------
@@ -102,25 +80,10 @@ def parse_config(
     overrides: Sequence[str] = (),
     checks_member: ChecksMember = every_member,
 ) -> LoadedConfig:
-    """Check the text of a configuration and build its experiments.
+    """Check the text of a configuration and build its experiments, as :func:`load_config` does.
 
-    Parameters
-    ----------
-    text
-        YAML.
-    source_name
-        What complaints call it, usually the path of the file; its stem is the default name.
-    base
-        Folder where relative paths in the text begin; None: the folder of the process.
-    overrides
-        Changes ``key.path=value``, validated like the text.
-    checks_member
-        Says by its number whether a member of a sweep is checked.
-
-    Raises
-    ------
-    ConfigError
-        Every mistake at once, each as ``file:line:column: key.path: message``.
+    The stem of `source_name`, which complaints call the text by, is the default name; relative
+    paths begin in the folder `base`, or in that of the process.
     """
     complaints = Complaints(folder=base, checks_member=checks_member)
     start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
@@ -154,11 +117,11 @@ def _loaded(
     overrides: Sequence[str],
 ) -> LoadedConfig:
     if isinstance(root, ScalarNode) and root.value is None:
-        complaints.add(start, (), "no configuration is written here")
+        complaints.add(start, (), "the configuration is empty; `fvi new` writes one")
         root = None
     if root is None:
         complaints.raise_if_any()
-        raise ConfigError(f"{start}: no configuration is written here")
+        raise ConfigError(f"{start}: the configuration is empty; `fvi new` writes one")
     if not isinstance(root, MappingNode):
         complaints.add(
             root.place,

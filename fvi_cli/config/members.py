@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from fvi_cli.config.keys.designs import DESIGNS, read_members
+from fvi_cli.config.keys.designs import DESIGNS, designs_in_full, read_members
 from fvi_cli.config.keys.sweep import (
     BYTES_PER_RUN,
     NAME,
@@ -17,27 +17,74 @@ from fvi_cli.config.keys.sweep import (
     Sweep,
     is_absent,
 )
-from fvi_cli.config.member_trees import tree_of, with_value
 from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem import make_problem, problem_keys
-from fvi_cli.keys.complaints import excerpt, listed, no_member, suggestion
+from fvi_cli.keys.complaints import Complaints, excerpt, listed, no_member, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
-from fvi_cli.keys.nodes import ListNode
+from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
 from fvi_cli.keys.settings import keys_of
-from fvi_cli.scenes import kinds
+from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
-from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.registry import KINDS, build_problem
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
 
+
+def nodes_with_sweeps(root: Node, complaints: Complaints) -> Node:
+    """The tree of a file in which every problem is that of the first of its members."""
+    for at in experiment_cursors(root, complaints):
+        first = tree_of_first(at)
+        if first is not at.node:
+            root = with_node(root, at.path, first, first.place)
+    return root
+
+
+def experiment_cursors(root: Node, complaints: Complaints) -> list[Cursor]:
+    """The experiments in a file."""
+    at = Cursor(node=root, complaints=complaints)
+    return at.under("experiments").items() if at.has("experiments") else [at]
+
+
+def tree_of_first(at: Cursor) -> Node:
+    """An experiment with the values of its first member, as far as they fit."""
+    sweep = read_members(at)
+    if sweep is None:
+        return at.node
+    node = at.node
+    if at.has(DESIGNS):
+        # what they say is meant of the problem as it was written
+        node = with_node(node, (DESIGNS,), designs_in_full(sweep, at.under(DESIGNS)), sweep.place)
+    for key, value in sweep.nodes_of(sweep.combinations[0]).items():
+        try:
+            node = with_value(node, key, value, sweep)
+        except NowhereError as error:
+            at.under(SWEEP).refuse_key(key, str(error))
+    return node
+
+
+def tree_of(sweep: Sweep, node: Node, combination: tuple[int, ...]) -> Node:
+    """The tree of the experiment with the values of one member."""
+    for key, value in sweep.nodes_of(combination).items():
+        node = with_value(node, key, value, sweep)
+    return node
+
+
+def with_value(node: Node, key: str, value: Node, sweep: Sweep) -> Node:
+    """The tree with another value at a swept key, or without the key where it is null."""
+    path = tuple(key.split("."))
+    if is_absent(value):
+        return without_node(node, path)
+    return with_node(node, path, value, sweep.key_places[key])
+
+
 MOST_REPORTED: Final = 10
-"""Members whose mistakes are told; the others are likely to have the same."""
+"""Members whose mistakes are reported; the others are likely to have the same."""
 
 MANY: Final = 5000
 """Members whose check takes so long that it is announced."""
 
 _logger = logging.getLogger(__name__)
 
-CheckMember = Callable[[kinds.Kind, AnyProblem, Cursor], None]
+CheckMember = Callable[[Kind, AnyProblem, Cursor], None]
 
 
 ReadMembers = tuple[tuple[Member, ...], dict[str, Any]]
@@ -111,7 +158,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
         return found
     # keys beside the outermost one are read alike for all values
     outermost = key.split(".")[1]
-    kind = kinds.KINDS[template["kind"]]
+    kind = KINDS[template["kind"]]
     shape = next((one.shape for one in keys_of(kind) if one.name == outermost), None)
     if shape is None:
         known = [one.name for one in keys_of(kind)]

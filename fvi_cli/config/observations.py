@@ -1,4 +1,4 @@
-"""What must hold between what is asked of a motion and the rest of an experiment."""
+"""What must hold between requested outputs of a motion and the rest of an experiment."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.dampers import damper_names
+from fvi_cli.integrator.observations.dampers import damper_names, damper_values
 from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.integrator.observations.request import (
     Event,
@@ -47,7 +47,9 @@ def check_units(settings: ExperimentKeys, problem: AnyProblem, at: Cursor) -> No
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
     known = (*UNITS, *coordinates, *_named(settings.quantities))
     length = _named(settings.units).get("length", "m")
-    if length != "m" and (found := _in_g(at.under("problem"))) is not None:
+    every = [at.under(key) for key in ("problem", "designs", "sweep") if at.has(key)]
+    found = next((one for one in map(_in_g, every) if one is not None), None)
+    if length != "m" and found is not None:
         found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
     if isinstance(problem, Problem) and problem.scene.prescribed is not None:
         known = (*known, FORCE)
@@ -64,6 +66,10 @@ def _in_g(at: Cursor) -> Cursor | None:
     """Where ``scale: g`` stands, if it does."""
     if at.has("file") and at.has("scale") and at.under("scale").scalar == "g":
         return at.under("scale")
+    for key, under in at.entries():
+        # of a member
+        if key.endswith(".scale") and "g" in [one.scalar for one in (under, *under.items())]:
+            return under
     inner = [*at.items(), *(under for _, under in at.entries())]
     return next((found for one in inner if (found := _in_g(one)) is not None), None)
 
@@ -81,7 +87,7 @@ def read_observations(
     if not given and not is_prescribed:
         return Observations()
     if not isinstance(problem, Problem):
-        at.refuse_key(given[0], f"not for kind {problem.kind}, which is no motion")
+        at.refuse_key(given[0], f"not for kind {problem.kind}, which has no motion")
         return Observations()
     _check_neighbours(settings, methods, given[0] if given else "problem", at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
@@ -142,6 +148,33 @@ def read_observations(
     )
 
 
+def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at: Cursor) -> None:
+    """Names in formulas must mean in every member what they mean in the first."""
+    if not (isinstance(first, Problem) and isinstance(own, Problem)) or observed.is_empty:
+        return
+    if own.coordinates != first.coordinates:
+        at.refuse(
+            f"has the coordinates {listed_words(own.coordinates)}, the first member "
+            f"{listed_words(first.coordinates)}; write the same in all members",
+            "problem",
+        )
+        return
+    events = {name: one.when for name, one in (observed.events or {}).items()}
+    expected, found = damper_values(first.scene), damper_values(own.scene)
+    for key, formulas in (("quantities", observed.quantities or {}), ("events", events)):
+        for name, formula in formulas.items():
+            known = {*known_names(first.coordinates, observed.parameters), *observed.inputs}
+            for word in sorted(formula.names & expected.keys() - known):
+                if found.get(word) == expected[word]:
+                    continue
+                what = "is that of another damper" if word in found else "does not exist"
+                at.under(key).refuse_key(
+                    name,
+                    f"{word} {what} here; write the dampers of all members with the same names, in "
+                    "the same order, and one that is absent with coefficients or moduli 0",
+                )
+
+
 def _check_neighbours(
     settings: ExperimentKeys, methods: Sequence[ListedMethod], name: str, at: Cursor
 ) -> None:
@@ -157,9 +190,13 @@ def _check_neighbours(
     )
     if at.has("output") and isinstance(settings.store, StoreKeys):
         if settings.store.every != 1:
-            at.refuse("not together with output, which says what is kept", "store", "every")
+            at.refuse("not together with output, which chooses the stored times", "store", "every")
         if has_diagnostics:
-            at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
+            at.refuse(
+                "not together with output: they are stored on the mesh",
+                "store",
+                "diagnostics",
+            )
     if not at.has("impacts"):
         return
     if (at.has("sweep") or at.has("designs")) and not at.has("output"):

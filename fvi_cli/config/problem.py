@@ -17,12 +17,13 @@ from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionEr
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import with_parameters
-from fvi_cli.scenes.kinds import PROBLEM, Kind
+from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.kinds.oscillators import DampedOscillator
 from fvi_cli.scenes.kinds.shared_keys import Initial
 from fvi_cli.scenes.problem import AnyProblem
-from fvi_cli.scenes.records.samples import end_of_samples
-from fvi_cli.scenes.structures.matrix_keys import rows_of
+from fvi_cli.scenes.records.data_files import end_of_samples
+from fvi_cli.scenes.registry import PROBLEM
+from fvi_cli.scenes.structures.matrix_keys import matrix_size
 
 # Where an expression is tried: inside of the steps of any grid that people use. On their points,
 # where a quotient such as sin(t - 1)/(t - 1) has no value, it must not be infinite.
@@ -119,7 +120,7 @@ def _check_sizes(problem: Kind, at: Cursor) -> None:
     stated = problem.stated_size()
     sized = [] if stated is None else [stated]
     for path, value in _sized(problem):
-        size = len(value) if isinstance(value, list | tuple) else rows_of(value)
+        size = len(value) if isinstance(value, list | tuple) else matrix_size(value)
         if size is not None:
             sized.append((path, size))
     for path, size in sized[1:]:

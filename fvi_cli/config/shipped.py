@@ -32,18 +32,7 @@ def _title(path: Path) -> str:
 
 
 def find_config(name: str) -> Path:
-    """The file that a user means: a path if it exists, otherwise a shipped configuration.
-
-    Parameters
-    ----------
-    name
-        Path, or name of a shipped configuration with or without ``.yaml``.
-
-    Raises
-    ------
-    RequestError
-        If there is neither; the message names the nearest shipped configuration.
-    """
+    """The file that a user means: a path if it exists, otherwise a shipped configuration."""
     shown = excerpt(name, 200)
     try:
         path = Path(name)
@@ -77,13 +66,7 @@ def guide_pages() -> dict[str, dict[str, str]]:
 
 
 def guide_page(name: str) -> str:
-    """The text of a page of the guide; of one with a notebook, where that lies.
-
-    Raises
-    ------
-    RequestError
-        If there is none of that name; the message names the nearest.
-    """
+    """The text of a page of the guide; of one with a notebook, where that lies."""
     plain, known = name.removesuffix(".md"), _page_files()
     if plain not in known:
         raise RequestError(

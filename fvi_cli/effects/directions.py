@@ -75,7 +75,7 @@ class Directions:
         if not np.all(np.isfinite(rows)):
             raise ArgumentError("acts_on", "every factor must be finite")
         if np.any(np.all(rows == 0, axis=1)):
-            raise ArgumentError("acts_on", "a combination in which no coordinate is left")
+            raise ArgumentError("acts_on", "a combination whose coordinates cancel")
 
     @classmethod
     def from_text(cls, texts: Sequence[str], coordinates: Sequence[str]) -> Directions:
@@ -97,7 +97,9 @@ class Directions:
             except ExpressionError as error:
                 raise ArgumentError(f"acts_on.{index}", str(error)) from None
             if not any(factors):
-                raise ArgumentError(f"acts_on.{index}", f"no coordinate is left in {text!r}")
+                raise ArgumentError(
+                    f"acts_on.{index}", f"{text!r} contains no coordinate, or they cancel"
+                )
             if constant != 0:
                 raise ArgumentError(
                     f"acts_on.{index}",

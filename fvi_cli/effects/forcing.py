@@ -201,6 +201,16 @@ class Forcing:
         first, last = (bisect.bisect_left(self.break_points, time) for time in (begin, end))
         return all(one.is_zero for one in self.pieces[first : last + 1])
 
+    def is_constant(self, value: Array) -> bool:
+        """Whether it is the same vector ``(d,)`` at all times."""
+        return all(
+            isinstance(one, Expression)
+            and one.is_constant
+            and (value[places] == one.evaluate({}, NUMPY_FUNCTIONS)).all()
+            for piece in self.pieces
+            for one, places in piece.distinct
+        )
+
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.
 

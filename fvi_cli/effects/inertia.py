@@ -20,7 +20,7 @@ from fvi_cli.effects.matrices import (
 )
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.matrices.definite import singular_words
+from fvi_cli.mathematics.definite import singular_words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)

@@ -11,8 +11,7 @@ import numpy as np
 
 from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES
-from fvi_cli.mathematics.algebra.at_points import PointFormulas
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import find_roots
 from fvi_cli.mathematics.expressions import slopes_system

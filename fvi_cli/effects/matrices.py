@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.matrices.definite import singular_words
+from fvi_cli.mathematics.definite import singular_words
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
@@ -25,7 +25,7 @@ SPARSE_DENSITY = 0.1
 
 
 class SparseMatrix(Protocol):
-    """What is asked of a sparse matrix; SciPy is loaded only where there is one."""
+    """Operations on a sparse matrix; SciPy is loaded only where there is one."""
 
     @property
     def shape(self) -> tuple[int, ...]:

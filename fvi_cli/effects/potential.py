@@ -1,11 +1,11 @@
-"""Potential energies: quadratic, or given by expressions."""
+"""Potential energies: quadratic, given by expressions, or by functions of the user."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,13 +22,29 @@ from fvi_cli.effects.matrices import (
 )
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
-from fvi_cli.mathematics.algebra.at_points import PointFormulas
 from fvi_cli.mathematics.algebra.builder import join
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_system
 
 T = TypeVar("T")
+
+
+class Potential(Protocol):
+    """A potential energy V(q) of d coordinates: any object with these three functions.
+
+    Positions have the shape ``(..., d)``: one, or many at once. Functions of an own object may
+    return nan where V is not defined, and must return the same for the same position.
+    """
+
+    def energy(self, position: Array) -> Array:
+        """V at `position`, shape ``(..., d)`` to ``(...)``."""
+
+    def gradient(self, position: Array) -> Array:
+        """The first derivatives of V, shape ``(..., d)`` to ``(..., d)``."""
+
+    def hessian(self, position: Array) -> Array:
+        """The second derivatives of V, shape ``(..., d)`` to ``(..., d, d)``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -185,7 +201,132 @@ class ExpressionPotential:
         return found if self._stiffness is None else plus_linear(found, self._stiffness, position)
 
 
-Potential = QuadraticPotential | ExpressionPotential
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SuppliedPotential:
+    r"""Potential energy by the functions of an object of the user, which are held to their shapes.
+
+    Parameters
+    ----------
+    functions
+        V, its gradient and its Hessian.
+    dimension
+        Number d of degrees of freedom.
+    stiffness
+        A matrix K whose :math:`q^T K q / 2` is added to V.
+    """
+
+    functions: Potential
+    dimension: int
+    stiffness: Form | None = None
+
+    def _called(self, name: str, position: Array, further: int) -> Array:
+        """A copy of what a function returns for positions.
+
+        Raises
+        ------
+        ValueError
+            If it is not of the shape of the positions, less d, and `further` times d.
+        """
+        found = np.array(getattr(self.functions, name)(position), dtype=float)
+        d = self.dimension
+        expected = (*position.shape[:-1], *(d,) * further)
+        if found.shape != expected:
+            raise ArgumentError(
+                "potential",
+                f"{type(self.functions).__name__}.{name} returns the shape {found.shape} for "
+                f"positions of the shape {position.shape}; return {expected}",
+            )
+        return found
+
+    @np.errstate(all="ignore")
+    def energy(self, position: Array) -> Array:
+        """V at `position`, shape ``(..., d)`` to ``(...)``."""
+        found = self._called("energy", position, 0)
+        if self.stiffness is None:
+            return found
+        force = times(position, self.stiffness)
+        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, force))
+
+    @np.errstate(all="ignore")
+    def gradient(self, position: Array) -> Array:
+        """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
+        found = self._called("gradient", position, 1)
+        return found if self.stiffness is None else found + times(position, self.stiffness)
+
+    @np.errstate(all="ignore")
+    def hessian(self, position: Array) -> Array:
+        """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
+        found = self._called("hessian", position, 2)
+        return found if self.stiffness is None else found + dense(self.stiffness)
+
+
+def checked_potential(
+    functions: Potential, position: Array
+) -> QuadraticPotential | ExpressionPotential | SuppliedPotential:
+    """One that a scene takes; an object of the user is tried around a position, shape ``(d,)``.
+
+    Raises
+    ------
+    ValueError
+        If it lacks a function, one returns another shape or is not finite there, or one is not the
+        derivative of another by differences over two distances that agree with each other.
+    """
+    if isinstance(functions, QuadraticPotential | ExpressionPotential | SuppliedPotential):
+        return functions
+    name = type(functions).__name__
+    for wanted in ("energy", "gradient", "hessian"):
+        if not callable(getattr(functions, wanted, None)):
+            raise ArgumentError(
+                "potential",
+                f"{name} has no function {wanted}(position); write energy, gradient "
+                "and hessian of positions (..., d)",
+            )
+    found = SuppliedPotential(functions=functions, dimension=position.size)
+    many = np.stack([position] * (position.size + 1))
+    for of in (found.energy, found.gradient, found.hessian):
+        if not (np.isfinite(of(many)).all() and np.isfinite(of(position)).all()):
+            raise ArgumentError(
+                "potential", f"{name} is not finite at the start, q = {position.tolist()}"
+            )
+    spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(position))
+    for value, derivative in ((found.energy, found.gradient), (found.gradient, found.hessian)):
+        near, far = (_differences(value, position, size * spacing) for size in (1.0, 2.0))
+        own = derivative(position)
+        # kinks, and round-off of large values, are no mistakes
+        allowed = np.sqrt(np.sqrt(np.finfo(float).eps)) * (np.abs(own).max() + np.abs(near).max())
+        agrees = np.abs(near - far).max() < allowed
+        if agrees and not np.abs(own - near).max() <= 4.0 * allowed:
+            raise ArgumentError(
+                "potential",
+                f"{name}.{derivative.__name__} is not the derivative of "
+                f"{name}.{value.__name__} at the start: it returns {own.tolist()}, "
+                f"differences give {near.tolist()}",
+            )
+    return found
+
+
+def _differences(function: Callable[[Array], Array], position: Array, sizes: Array) -> Array:
+    """Central differences at a position ``(d,)``, the direction last."""
+    steps = np.diag(sizes)
+    found = (function(position + steps) - function(position - steps)).T / (2.0 * sizes)
+    return np.asarray(found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearPotential:
+    r"""The potential :math:`c - f \cdot q` of a constant force that a forcing holds."""
+
+    offset: float
+    force: Array  # (d,)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of degrees of freedom."""
+        return self.force.size
+
+    def energy(self, position: Array) -> Array:
+        """Its energy, shapes ``(..., d)`` to ``(...)``."""
+        return np.asarray(self.offset - position @ self.force)
 
 
 def plus_linear(values: Sequence[Any], matrix: Array, position: Sequence[Any]) -> list[Any]:
@@ -202,5 +343,8 @@ def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:
         return QuadraticPotential(stiffness=stiffness)
     if isinstance(potential, QuadraticPotential):
         return QuadraticPotential(stiffness=added(potential.form, stiffness))
+    if not isinstance(potential, ExpressionPotential | SuppliedPotential):
+        d = stiffness.shape[0]
+        return SuppliedPotential(functions=potential, dimension=d, stiffness=stiffness)
     own = potential.stiffness
     return replace(potential, stiffness=stiffness if own is None else added(own, stiffness))

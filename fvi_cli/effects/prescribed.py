@@ -37,9 +37,7 @@ class PrescribedMotion:
         values = self.displacement(between)[:, 0]
         largest = float(np.abs(values).max())
         if not np.ptp(values) > JUMP * largest:
-            raise ArgumentError(
-                "displacement", "it does not change; a law answers to a displacement that does"
-            )
+            raise ArgumentError("displacement", "it is constant; give a displacement that changes")
         for index, time in enumerate(self.displacement.break_points):
             before, after = (
                 float(self.displacement.pieces[index + k].evaluate(np.array(time))[0])

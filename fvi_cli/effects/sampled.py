@@ -206,7 +206,7 @@ class FunctionForce(_WithFormula):
 
     @property
     def is_constant(self) -> bool:
-        """Nothing is known of it."""
+        """Of an unknown kind."""
         return False
 
     def scaled(self, factor: float) -> FunctionForce:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from functools import reduce
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -14,12 +15,42 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse, times
-from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
+from fvi_cli.effects.potential import (
+    LinearPotential,
+    Potential,
+    QuadraticPotential,
+    checked_potential,
+    with_stiffness,
+)
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
+_LISTED: Final = {
+    "damping": (FractionalDamping, "fvi.FractionalDamping(order=0.5, coefficient=0.3)"),
+    "laws": (Law, "fvi.prony(...)"),
+}
+
+
+def listed_effects(name: str, given: object) -> tuple[Any, ...]:
+    """The terms under `damping` or `laws`.
+
+    Raises
+    ------
+    ValueError
+        For anything but a list of them, with what to write.
+    """
+    kind, example = _LISTED[name]
+    if not isinstance(given, list | tuple):
+        raise ArgumentError(name, f"a list is needed; write {name}=[{example}]")
+    for index, one in enumerate(given):
+        if not isinstance(one, kind):
+            other = next((key for key, (own, _) in _LISTED.items() if isinstance(one, own)), "")
+            what = f"a {type(one).__name__}" if other else repr(one)
+            advice = f"give it under {other}" if other else f"write {name}=[{example}]"
+            raise ArgumentError(f"{name}.{index}", f"{what} is no {kind.__name__}; {advice}")
+    return tuple(given)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +69,8 @@ class Scene:
     final_time
         T > 0.
     potential, damping, forcing
-        The other effects; what is absent is not simulated.
+        The other effects; what is absent is not simulated. The potential is any object with the
+        functions of :class:`Potential`.
     laws
         Relaxation laws, which have relaxed before t = 0. Their relaxed moduli become part of the
         potential, so that those of a scene have none.
@@ -49,6 +81,9 @@ class Scene:
     derivative
         ``caputo``: D acts on q - q0 (and on q - q0 - v0 t for orders above 1);
         ``riemann-liouville``: on q itself.
+    linear_potential
+        The potential c - f q of a constant force f that is part of `forcing`: it counts in the
+        energy, and its work is none of the forcing.
     prescribed
         The motion itself, of one coordinate, where it is given: only the forces are sought.
 
@@ -56,7 +91,8 @@ class Scene:
     ------
     ValueError
         For sizes that do not match, values that are not finite, and Riemann-Liouville damping of
-        order > 1 with q0 != 0, whose force t**(-order) is not integrable at 0; for laws with
+        order > 1 with q0 != 0, whose force t**(-order) is not integrable at 0; for an object in
+        place of a potential that lacks functions or whose functions do not fit; for laws with
         Riemann-Liouville derivatives and q0 != 0, and laws with a relaxed modulus beside a
         Lagrangian.
     """
@@ -71,6 +107,7 @@ class Scene:
     derivative: Derivative = "caputo"
     lagrangian: Lagrangian | None = None
     laws: tuple[Law, ...] = ()
+    linear_potential: LinearPotential | None = None
     prescribed: PrescribedMotion | None = None
 
     def __post_init__(self) -> None:
@@ -80,13 +117,32 @@ class Scene:
             if value.shape != (d,) or not np.all(np.isfinite(value)):
                 raise ArgumentError(name, f"{d} finite numbers are needed, got {value.tolist()}")
             set_arrays(self, **{name: value})
-        if not (0 < self.final_time < math.inf):
+        try:
+            is_time = 0 < self.final_time < math.inf
+        except TypeError:
+            is_time = False
+        if not is_time:
             raise ArgumentError(
                 "final_time", f"{self.final_time!r} is not allowed; it must be positive"
             )
         if self.lagrangian is not None and self.potential is not None:
             raise ArgumentError("potential", "a Lagrangian holds the potential energy already")
-        effects = (self.potential, self.lagrangian, *self.damping, *self.laws, self.forcing)
+        for name in _LISTED:
+            object.__setattr__(self, name, listed_effects(name, getattr(self, name)))
+        if self.forcing is not None and not isinstance(self.forcing, Forcing):
+            raise ArgumentError("forcing", "no Forcing; write fvi.Forcing.from_text('sin(t)')")
+        potential = self.potential
+        if potential is not None:
+            potential = checked_potential(potential, self.initial_position)
+            object.__setattr__(self, "potential", potential)
+        effects = (
+            potential,
+            self.linear_potential,
+            self.lagrangian,
+            *self.damping,
+            *self.laws,
+            self.forcing,
+        )
         for effect in effects:
             if effect is not None and effect.dimension != d:
                 raise ValueError(
@@ -171,7 +227,7 @@ class Scene:
 
         Then nothing grows: for Re s > 0 every term of
         :math:`s M + \sum_j s^{\gamma_j - 1} D_j + K / s` has a positive semi-definite Hermitian
-        part, that of the first one definite. Nothing dense is made of sparse matrices.
+        part, that of the first one definite. Sparse matrices stay sparse.
         """
         forms = [term.form for term in self.active_forces]
         if isinstance(self.potential, QuadraticPotential):
@@ -213,9 +269,12 @@ class Scene:
             at = 0.0 if time is None else time
             return self.lagrangian.energy(position, self.velocity(position, momentum, at), at)
         kinetic = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
-        if self.potential is None:
-            return np.asarray(kinetic)
-        return np.asarray(kinetic + self.potential.energy(position))
+        return np.asarray(kinetic + self.potential_energy(position))
+
+    def potential_energy(self, position: Array) -> Array:
+        """V(q) without forcing, beside an inertia, shapes ``(..., d)`` to ``(...)``."""
+        parts = [one.energy(position) for one in (self.potential, self.linear_potential) if one]
+        return np.asarray(reduce(np.add, parts)) if parts else np.zeros(position.shape[:-1])
 
     def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
         """The derivatives of L by v and q; M v and minus the gradient of V."""

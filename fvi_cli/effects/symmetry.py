@@ -80,15 +80,8 @@ def symmetry_defect(scene: Scene, symmetry: Symmetry) -> float:
     speed = max(float(np.abs(v0).max()), 1.0)
     position = q0 + reach * random.standard_normal(shape)
     velocity = v0 + speed * random.standard_normal(shape)
-    if scene.lagrangian is not None:
-        time = scene.final_time * random.random(TRIALS)
-        force = scene.lagrangian.force(position, velocity, time)
-        momentum = scene.lagrangian.momentum(position, velocity, time)
-    else:
-        momentum = velocity @ scene.inertia.mass
-        force = np.zeros(shape)
-        if scene.potential is not None:
-            force = -scene.potential.gradient(position)
+    time = scene.final_time * random.random(TRIALS)
+    momentum, force = scene.forces(position, velocity, time)
     along, turned = symmetry.direction(position), velocity @ symmetry.generator.T
     change = np.einsum("ni,ni->n", force, along) + np.einsum("ni,ni->n", momentum, turned)
     size = np.einsum("ni,ni->n", np.abs(force), np.abs(along))

@@ -1,4 +1,4 @@
-"""How far the steps have come, for whoever watches them; nothing is done when nobody does."""
+"""Progress of the steps for a callback; without a callback this does no work."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 
 STRIDE = 256
-"""Loops over single steps tell about every so many of them."""
+"""Loops over single steps report after every so many of them."""
 
 SECONDS_BETWEEN = 0.1
-"""A watcher is told no more often than this."""
+"""The callback is called no more often than this."""
 
 Watcher = Callable[[int, int], None]
 """Called with the number of steps that are done, and N."""
@@ -23,7 +23,7 @@ _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 def on_progress(watcher: Watcher) -> Iterator[None]:
     """Tell `watcher` now and then how far the integrations inside the block have come.
 
-    Loops tell it of their own accord, block by block; they need not be handed the watcher through
+    Loops report it of their own accord, block by block; they need not be handed the watcher through
     all that lies between.
     """
     due = 0.0

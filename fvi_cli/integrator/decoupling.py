@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.effects.damping import distinct_directions
 from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.matrix_force import distinct_directions
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array

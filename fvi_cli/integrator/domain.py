@@ -7,12 +7,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import ExpressionPotential, Potential
+from fvi_cli.effects.potential import (
+    ExpressionPotential,
+    Potential,
+    QuadraticPotential,
+)
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
 from fvi_cli.mathematics.intervals.singularities import find_open_places
 from fvi_cli.mathematics.intervals.singularities import is_unbounded as has_no_bound
 
@@ -28,7 +31,7 @@ def first_undefined(potential: Potential | None, position: Array) -> int | None:
     There V is not finite, or it is infinite at a place of the chord from the position before, as
     where a long step jumps over the pole of ``1/(a - x)``. None: all are reached.
     """
-    if not isinstance(potential, ExpressionPotential) or position.shape[0] < 2:
+    if potential is None or isinstance(potential, QuadraticPotential) or len(position) < 2:
         return None
     with np.errstate(all="ignore"):
         energy, first = potential.energy(position), position.shape[0]
@@ -38,10 +41,14 @@ def first_undefined(potential: Potential | None, position: Array) -> int | None:
             wrong = np.flatnonzero(np.isnan(energy) | lost)
             # what begins where V is not finite never was at a place that counts
             first = max(int(wrong[0]), 1) if wrong.size else first
-        if potential.energy_expression.system.is_entire:
+        # the poles of functions of the user are not sought
+        if (
+            not isinstance(potential, ExpressionPotential)
+            or potential.energy_expression.system.is_entire
+        ):
             return first if first < position.shape[0] else None
         low, high = position[:first].min(axis=0), position[:first].max(axis=0)
-        if is_unbounded(potential, low, high).any():
+        if may_be_unbounded(potential, low, high).any():
             jumped = _first_pole(potential, position[: first - 1], position[1:first])
             first = first if jumped is None else jumped + 1
     return first if first < position.shape[0] else None
@@ -65,15 +72,15 @@ def check_domain(
 
 
 def undefined_near(position: Array) -> str:
-    """What is said of a step to a place that the motion cannot reach."""
+    """Message on a step to a place that the motion cannot reach."""
     near = ", ".join(f"{value:.4g}" for value in position)
     return (
-        f"the potential energy is not finite on the way to q = [{near}]; take a smaller step if "
-        "the motion itself stays away from there"
+        f"the potential energy is not finite between the last point and q = [{near}]; "
+        "take a smaller step if the motion itself stays away from there"
     )
 
 
-def is_unbounded(
+def may_be_unbounded(
     potential: ExpressionPotential,
     low: Array,
     high: Array,
@@ -100,7 +107,7 @@ def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int
 
     def is_open(chords: Places, low: Array, high: Array) -> NDArray[np.bool_]:
         ends = [_on(begin, end, chords, at) for at in (low, high)]
-        return is_unbounded(potential, np.minimum(*ends), np.maximum(*ends))
+        return may_be_unbounded(potential, np.minimum(*ends), np.maximum(*ends))
 
     chords, places = find_open_places(is_open, np.zeros(len(begin)), np.ones(len(begin)))
     growing = np.zeros(chords.size, dtype=bool)

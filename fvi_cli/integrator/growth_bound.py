@@ -85,9 +85,7 @@ class GrowthBound:
         def potential(x: Array, t: Array | float) -> Array:
             if scene.lagrangian is not None:
                 return -scene.lagrangian.lagrangian(x, np.zeros_like(x), t)
-            return (
-                np.zeros(x.shape[:-1]) if scene.potential is None else (scene.potential.energy(x))
-            )
+            return scene.potential_energy(x)
 
         level = float(potential(start, 0.0))
         impulse = scene.momentum(start, scene.initial_velocity, 0.0)
@@ -133,23 +131,12 @@ def beyond(
     if size <= bound.size:
         return None
     momentum = velocity if bound.scene is None else velocity @ bound.scene.inertia.mass
-    if not bound.outside(position[None], momentum[None], np.array([time])).any():
-        return None
-    return _diverged(size, n_done - 1, time)
-
-
-def _diverged(size: float, step: int, time: float) -> Failure:
-    return Failure(
-        f"diverged: |x| = {size:.3g} after step {step}, t = {time:.6g}, is "
-        f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do",
-        "diverged",
-        step,
-        time,
-    )
+    found = first_outside(bound, position[None], momentum[None], np.array([time]), n_done - 1)
+    return None if found is None else found[1]
 
 
 def growth_limit(scene: Scene) -> float:
-    r"""A bound on Re s of all modes of a linear scene with dense matrices; 0: nothing grows.
+    r"""A bound on Re s of all modes of a linear scene with dense matrices; 0: no mode grows.
 
     For a mode x with :math:`x^* M x = 1` and :math:`\sigma = \mathrm{Re}\, s > 0` the real part of
     :math:`x^* (s M + \sum_j s^{\gamma_j - 1} D_j + K / s) x = 0` gives
@@ -224,7 +211,12 @@ def first_outside(
     if not outside.any():
         return None
     index = int(outside.argmax())
-    return index, _diverged(float(np.abs(position[index]).max()), done + index, float(times[index]))
+    size, step, time = float(np.abs(position[index]).max()), done + index, float(times[index])
+    words = (
+        f"diverged: |x| = {size:.3g} after step {step}, t = {time:.6g}, is "
+        f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do"
+    )
+    return index, Failure(words, "diverged", step, time)
 
 
 def scene_bound(scene: Scene) -> GrowthBound:
@@ -262,7 +254,7 @@ def energy_remarks(
     .. math:: \sqrt{E(t) - V_0} \le \sqrt{E(0) - V_0} + F t \sqrt{d / (2 m)}
 
     with the least potential energy :math:`V_0` on the way, the largest entry F of the forcing and
-    the least eigenvalue m of the mass. Nothing is said of derivatives of order above 1 that begin
+    the least eigenvalue m of the mass. It does not hold for derivatives of order above 1 that begin
     with a velocity, nor of Riemann-Liouville derivatives, whose start gives energy.
     """
     starts_free = scene.derivative == "caputo" and (
@@ -273,7 +265,7 @@ def energy_remarks(
     if energy.max() <= energy[0]:
         return ()
     with np.errstate(all="ignore"):
-        least = 0.0 if scene.potential is None else float(scene.potential.energy(position).min())
+        least = float(scene.potential_energy(position).min())
         push = largest_force * scene.final_time * math.sqrt(0.5 * scene.dimension)
         push *= math.sqrt(_largest_flexibility(scene.inertia)) if push else 0.0
         permitted = (math.sqrt(max(float(energy[0]) - least, 0.0)) + push) ** 2

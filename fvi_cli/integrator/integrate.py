@@ -7,17 +7,33 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.run import integrate_baseline
-from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.failure import no_unique_solution
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.run.adaptive_run import integrate_adaptively
-from fvi_cli.integrator.run.objections import check_laws
+from fvi_cli.integrator.method_names import method_name
+from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
+from fvi_cli.integrator.run.scenes_run import integrate_adaptively
 from fvi_cli.integrator.trajectory import Trajectory, thinned
+
+
+def check_counts(n_steps: object, every: object) -> None:
+    """Refuse numbers of steps and of points that are no positive integers.
+
+    Raises
+    ------
+    ValueError
+        With the number and what is allowed.
+    """
+    for name, value in (("n_steps", n_steps), ("every", every)):
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
+            others = ", a Mesh or AdaptiveSteps" if name == "n_steps" else ""
+            raise ValueError(
+                f"{name}: {value!r} is not allowed; it must be an integer >= 1{others}"
+            )
 
 
 def integrate(
@@ -69,16 +85,18 @@ def integrate(
         return integrate_prescribed(
             scene, scene.prescribed, method, steps, every=every, with_steps=with_steps
         )
-    check_laws(scene, method)
+    if reason := law_objection(scene, method):
+        raise ValueError(f"method: {reason}")
     if isinstance(method, Baseline) or not method.is_runge_kutta:
         if not isinstance(steps, int):
             raise ValueError(
-                f"mesh: {method.case} takes equal steps only; give a number, or take rk: gauss "
-                "with start: none"
+                f"mesh: {method_name(method)} takes equal steps only; give a number, "
+                "or take rk: gauss with start: none"
             )
         if with_steps:
             raise ValueError(
-                f"with_steps: {method.case} keeps no polynomials; take rk: gauss, such as gauss3"
+                f"with_steps: {method_name(method)} has no polynomials to keep; "
+                "take rk: gauss, such as gauss3"
             )
     if isinstance(method, Method):
         if isinstance(steps, AdaptiveSteps):
@@ -103,11 +121,9 @@ def integrate(
         )
         return found
     if not diagnostics.is_empty:
-        raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
-    if scene.lagrangian is not None:
-        raise ValueError(f"baseline: {method.name} is not made for a general Lagrangian")
+        raise ValueError(f"diagnostics: {method_name(method)} keeps no increments of its steps")
     if not isinstance(steps, int):
-        raise ValueError(f"mesh: {method.case} takes equal steps only")
+        raise ValueError(f"mesh: {method_name(method)} takes equal steps only")
     try:
         return thinned(integrate_baseline(scene, method, steps), every)
     except np.linalg.LinAlgError:

@@ -6,15 +6,14 @@ from collections.abc import Hashable, Sequence
 from functools import partial
 
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.matrices import Form, dense
+from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.damping.damping import damping_of, writes_out
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.frame import longest_in_batch, sampling_of
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.integrate import check_counts, integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
@@ -43,7 +42,7 @@ def integrate_members(
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
 ) -> list[Trajectory]:
-    """Integrate every scene, those of one kind (:func:`kind_of`) as one batch.
+    """Integrate every scene, those of one kind (:func:`batch_kind`) as one batch.
 
     Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all; each
     batch has a part of the checkpoint. One trajectory per scene, in their order: what `integrate`
@@ -88,7 +87,7 @@ def integrate_batch(
     """Integrate scenes of one kind, so many at a time as stay in the cache.
 
     One whose numbers cease to be finite is integrated individually, where overflow in blocks is
-    told from a run that left its bound before.
+    distinguished from a run that left its bound before.
     """
     mesh, block = _mesh(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
@@ -127,7 +126,7 @@ def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list
 
 def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     """Whether a scene may be one of a batch."""
-    return isinstance(method, Method) and kind_of(scene, method, n_steps) is not None
+    return isinstance(method, Method) and batch_kind(scene, method, n_steps) is not None
 
 
 def fewest(scene: Scene, n_steps: int) -> int:
@@ -152,7 +151,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> 
         return [[place] for place in range(len(scenes))]
     found: dict[Hashable, list[int]] = {}
     for index, scene in enumerate(scenes):
-        kind = kind_of(scene, method, n_steps)
+        kind = batch_kind(scene, method, n_steps)
         found.setdefault(("alone", index) if kind is None else kind, []).append(index)
     groups: list[list[int]] = []
     for places in found.values():
@@ -163,7 +162,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> 
     return groups
 
 
-def kind_of(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | None:
+def batch_kind(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | None:
     """What scenes have in common that differ in numbers alone; None: it goes individually."""
     if scene.is_sparse or scene.prescribed is not None:
         return None
@@ -200,16 +199,22 @@ def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:
 
 
 def _formulas_of(energy: object) -> Hashable:
-    """The formulas of a nonlinear scene; None for linear ones."""
+    """The formulas, or functions, of a nonlinear scene; None for linear ones."""
+    if isinstance(energy, SuppliedPotential):
+        return (id(energy.functions), _entries(energy.stiffness))
     if isinstance(energy, ExpressionPotential):
-        own = None if energy.stiffness is None else dense(energy.stiffness).tobytes()
         formulas = (energy.gradient_system, energy.hessian_system)
-        return (energy.coordinates, tuple(sorted(energy.parameters)), formulas, own)
+        names = tuple(sorted(energy.parameters))
+        return (energy.coordinates, names, formulas, _entries(energy.stiffness))
     if isinstance(energy, Lagrangian):
-        own = None if energy.stiffness is None else dense(energy.stiffness).tobytes()
         formulas = (energy.first, energy.second)
-        return (energy.coordinates, tuple(sorted(energy.parameters)), formulas, own)
+        names = tuple(sorted(energy.parameters))
+        return (energy.coordinates, names, formulas, _entries(energy.stiffness))
     return None
+
+
+def _entries(stiffness: Form | None) -> bytes | None:
+    return None if stiffness is None else dense(stiffness).tobytes()
 
 
 def _width(scene: Scene) -> int:

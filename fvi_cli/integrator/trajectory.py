@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.results.diagnostics import Diagnostics
-from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.results.showing import dataframe_of, dataset_of, html_of
@@ -89,7 +88,7 @@ class Trajectory:
     steps
         All steps as polynomials on their own mesh, where they were kept.
     rejected
-        Steps of an adaptive run that were tried in vain.
+        Rejected steps of an adaptive run.
     doubts
         Times of an adaptive run at which the local error could not be kept or seen, and why.
     assessment

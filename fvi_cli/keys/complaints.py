@@ -1,4 +1,4 @@
-"""Mistakes with their places, gathered so that all of them are told at once."""
+"""Mistakes with their places, gathered so that all of them are reported at once."""
 
 from __future__ import annotations
 
@@ -49,21 +49,14 @@ def no_member(number: int) -> bool:
 
 @dataclass(kw_only=True)
 class Complaints:
-    """Collects complaints about one text; the same one counts once.
+    """Collects complaints about one text; the same one counts once."""
 
-    Parameters
-    ----------
-    folder
-        Where relative paths in the text begin; None: in the folder of the process.
-    checks_member
-        Says by its number whether a member of a sweep is to be checked: another command, or an
-        earlier one, may do so for the others.
-    files
-        What was read of files that the text names: each is read once, however often it is named.
-    """
-
+    # where relative paths in the text begin; None: in the folder of the process
     folder: Path | None = None
+    # says by its number whether a member of a sweep is to be checked: another command, or an
+    # earlier one, may do so for the others
     checks_member: ChecksMember = every_member
+    # what was read of files that the text names: each is read once, however often it is named
     files: dict[Hashable, Any] = field(default_factory=dict)
     _found: dict[tuple[SourcePosition, str], None] = field(default_factory=dict)
 
@@ -87,13 +80,7 @@ class Complaints:
             self._found[place, f"{message}{addition}"] = None
 
     def raise_if_any(self) -> None:
-        """Tell everything in the order of the text.
-
-        Raises
-        ------
-        ConfigError
-            If there is any complaint.
-        """
+        """Tell everything in the order of the text."""
         if not self._found:
             return
         lines = [f"{place}: {message}" for place, message in sorted(self._found, key=itemgetter(0))]

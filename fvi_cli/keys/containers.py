@@ -86,21 +86,11 @@ class OneOrMany(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Named(Shape):
-    """A mapping from names that the user chooses to equal things.
+    """A mapping from names that the user chooses to equal things."""
 
-    Parameters
-    ----------
-    shape
-        What stands under every name.
-    names
-        What the names are, in words.
-    example
-        One of such mappings.
-    """
-
-    shape: Shape
-    names: str = "names"
-    example: str = ""
+    shape: Shape  # what stands under every name
+    names: str = "names"  # what the names are, in words
+    example: str = ""  # one of such mappings
 
     @property
     def expected(self) -> str:
@@ -134,7 +124,7 @@ class MappingShape(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class ByForm(Shape):
-    """Different shapes for a single value, a list and mappings, which their keys tell apart."""
+    """Different shapes for a single value, a list and mappings, distinguished by their keys."""
 
     single: Shape | None = None
     several: Shape | None = None

@@ -64,24 +64,12 @@ class Readable(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cursor:
-    """A place in a tree.
-
-    Parameters
-    ----------
-    node
-        What stands there.
-    path
-        Keys and indices that lead there.
-    complaints
-        Receives what is wrong.
-    names
-        Names that expressions may hold beside their own variables.
-    """
+    """A place in a tree."""
 
     node: Node
-    complaints: Complaints
-    path: KeyPath = ()
-    names: tuple[str, ...] = ()
+    complaints: Complaints  # receives what is wrong
+    path: KeyPath = ()  # keys and indices that lead there
+    names: tuple[str, ...] = ()  # names that expressions may hold beside their own variables
 
     def refuse(self, message: str, *path: str | int) -> Missing:
         """Complain of what stands here, or at the end of a path below as far as it exists."""

@@ -28,23 +28,12 @@ _WORDS: Final[dict[str, ScalarValue]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScalarNode:
-    """A word, number or text.
-
-    Parameters
-    ----------
-    place
-        Where it begins.
-    value
-        What it means.
-    text
-        What is written, without quotes.
-    text_place
-        Place of the first character of `text` if the text stands in the source as it is.
-    """
+    """A word, number or text."""
 
     place: SourcePosition
-    value: ScalarValue
-    text: str
+    value: ScalarValue  # what it means
+    text: str  # what is written, without quotes
+    # place of the first character of `text` if the text stands in the source as it is
     text_place: SourcePosition | None = None
 
 
@@ -135,7 +124,7 @@ class NowhereError(LookupError):
 
     def __init__(self, path: KeyPath, reason: str) -> None:
         self.path, self.reason = path, reason
-        super().__init__(f"there is no {show_path(path)}; {reason}")
+        super().__init__(f"{show_path(path)} does not exist; {reason}")
 
 
 def with_node(node: Node, path: KeyPath, value: Node, place: SourcePosition) -> Node:

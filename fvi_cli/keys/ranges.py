@@ -20,7 +20,7 @@ class Range(Setting, words="{from: 1, to: 100, number: 50, spacing: linear|log}"
     from_: float = key("The first number.")
     to: float = key("The last number.")
     number: Annotated[int, Integer(least=2, most=MOST_NUMBERS)] = key(
-        "How many numbers, both ends counted."
+        "Number of values, both ends included."
     )
     spacing: Literal["linear", "log"] = key(
         "Equal distances, or equal ratios between positive numbers.", default="linear"

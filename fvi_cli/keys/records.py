@@ -174,7 +174,7 @@ def _with_comma(name: str, node: MappingNode) -> str:
 
 
 def copied(value: Any) -> Any:
-    """Plain values that nobody else holds."""
+    """Plain values, as copies."""
     if isinstance(value, Mapping):
         return {key: copied(entry) for key, entry in value.items()}
     return [copied(entry) for entry in value] if isinstance(value, list | tuple) else value

@@ -20,8 +20,8 @@ from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.matrices.definite import singular_words
 
 Schema = dict[str, Any]
 
@@ -149,17 +149,10 @@ class Flag(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Choice(Shape):
-    """One word of several.
+    """One word of several."""
 
-    Parameters
-    ----------
-    words
-        What is allowed.
-    gone
-        What to write in place of a word that was allowed once.
-    """
-
-    words: tuple[str, ...]
+    words: tuple[str, ...]  # what is allowed
+    # what to write in place of a word that was allowed once
     gone: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -213,9 +206,9 @@ class FormulaText(Shape):
             if error.unknown and at.path[:1] in (("problem",), ("quantities",), ("events",)):
                 known = (*self.variables, *at.names)
                 if not suggestion(error.unknown, known):
-                    hint = f"; a number of your own: problem.parameters: {{{error.unknown}: 1.0}}"
+                    hint = f"; to define it write problem.parameters: {{{error.unknown}: 1.0}}"
             if re.fullmatch(r"[\w./\\-]+\.(at2|csv|txt|dat)", str(value), re.IGNORECASE):
-                hint = f"; a file is written {{file: {value}}}, with its column if it is a CSV"
+                hint = f"; for a file write {{file: {value}}}, with its column if it is a CSV"
             if error.column is None or exact is None or not exact.line:
                 return at.refuse(str(error) + hint)
             at.complaints.add(exact.shifted(error.column - 1), at.path, error.message + hint)
@@ -228,21 +221,11 @@ class FormulaText(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Text(Shape):
-    """A text that is read later, when the names in it are known.
+    """A text that is read later, when the names in it are known."""
 
-    Parameters
-    ----------
-    what
-        What it must be, in words.
-    pattern
-        What all of it must match; None: anything.
-    longest
-        Most characters; None: no limit.
-    """
-
-    what: str = "a text"
-    pattern: str | None = None
-    longest: int | None = None
+    what: str = "a text"  # what it must be, in words
+    pattern: str | None = None  # what all of it must match; None: anything
+    longest: int | None = None  # most characters; None: no limit
 
     @property
     def expected(self) -> str:
@@ -322,7 +305,7 @@ class Matrix(Shape):
         for i, j in np.argwhere(np.abs(matrix - matrix.T) > 1e-12 * scale).tolist():
             if i > j:
                 return at.refuse(
-                    f"{matrix[i, j]:g} is not the entry {matrix[j, i]:g} at {j}, {i}; "
+                    f"{matrix[i, j]:g} differs from the entry {matrix[j, i]:g} at {j}, {i}; "
                     "the matrix must be symmetric",
                     i,
                     j,

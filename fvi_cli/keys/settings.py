@@ -22,7 +22,7 @@ from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import OPTIONAL, REQUIRED, Built, Cursor
 from fvi_cli.keys.nodes import node_of
-from fvi_cli.keys.records import Key, Record, Refusal
+from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Flag, Number, Shape, Text
 
 Positive = Annotated[float, Number(above=0.0)]
@@ -46,40 +46,18 @@ def key(meaning: str, *, unit: str = "", default: Any = REQUIRED) -> Any:
 class Setting(Built):
     """A mapping with known keys, and the value that it makes.
 
-    A name that Python has taken stands with ``_`` behind it.
-
-    Class arguments
-    ---------------
-    refused
-        Keys that deserve a reason, with it.
-    forms
-        Keys of which exactly one group is given, ``?`` behind those that it can do without; the
-        schema says so.
-    declares
-        Key whose names the expressions under all keys may hold.
-    words
-        What is allowed, in place of *a mapping with ...*.
+    A name that Python has taken stands with ``_`` behind it. Class arguments are fields of
+    :class:`Record`: `refused` keys with reasons, `forms`, groups of keys of which exactly one is
+    given (``?`` behind those that it can do without), the key whose names the expressions under
+    all keys may hold (`declares`), and `words` in place of *a mapping with ...*.
     """
 
     options: ClassVar[Mapping[str, Any]] = {}
     keys: ClassVar[tuple[Key, ...]] = ()
     plan: ClassVar[tuple[tuple[str, str, Any, Callable[[Any], Any] | None], ...]] = ()
 
-    def __init_subclass__(
-        cls,
-        *,
-        refused: Mapping[str, Refusal] | None = None,
-        forms: tuple[tuple[str, ...], ...] = (),
-        declares: str = "",
-        words: str = "",
-    ) -> None:
-        given = {
-            "refused": refused,
-            "forms": forms,
-            "declares": declares,
-            "words": words,
-        }
-        cls.options = {**cls.options, **{name: one for name, one in given.items() if one}}
+    def __init_subclass__(cls, **options: Any) -> None:
+        cls.options = {**cls.options, **options}
 
     def __init__(self, **given: Any) -> None:
         names = {one.attribute: one.name for one in keys_of(type(self))}
@@ -96,11 +74,6 @@ class Setting(Built):
         """The value of plain ones that were read, with the defaults of absent keys.
 
         What is not valid stands as INVALID in it.
-
-        Raises
-        ------
-        ArgumentError
-            If a key is missing.
         """
         made = object.__new__(cls)
         made._fill(values)
@@ -181,14 +154,8 @@ def keys_of(setting: type[Setting]) -> tuple[Key, ...]:
                 gone.add(name)
             elif name not in found and name not in gone:
                 word, shape = name.rstrip("_"), shape_of(hints[name])
-                found[name] = Key(
-                    word,
-                    shape,
-                    one.meaning,
-                    unit=one.unit,
-                    default=one.default,
-                    attribute=name,
-                )
+                more = {"unit": one.unit, "default": one.default, "attribute": name}
+                found[name] = Key(word, shape, one.meaning, **more)
     setting.keys = tuple(found.values())
     setting.plan = tuple(
         (one.name, one.attribute, one.default, one.shape.build)

@@ -2,7 +2,7 @@ r"""When an iteration for a root has converged: one rule for every Newton's iter
 
 Every component has a scale of its own and every point, step or member an end of its own. With
 :math:`c_j` the change of component j, :math:`c_j'` the one before and :math:`s_j` its scale,
-component j is done where what is left, :math:`c_j\, c_j / c_j'`, is below the unit round-off of
+component j is done where the remainder, :math:`c_j\, c_j / c_j'`, is below the unit round-off of
 :math:`s_j`. Where the changes cease to fall, :math:`c_j` must be explained by round-off: by a
 computed bound :math:`f_j` of it, in which a component that is not coupled to others does not
 feel their size. Slow progress above that bound is a failure.
@@ -11,7 +11,6 @@ feel their size. Slow progress above that bound is a failure.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,37 +29,6 @@ SLOW = 0.25
 """From this ratio of successive changes on an iteration is slow."""
 ITERATIONS, HALVINGS = 60, 40
 SMALLEST = np.finfo(float).tiny
-
-
-def judge(
-    change: Array,
-    previous: Array,
-    scale: Array,
-    floor: Callable[[Mask], Array],
-    *,
-    power: int = 1,
-    tolerance: float = NEGLIGIBLE,
-    slow: float = SLOW,
-) -> tuple[Mask, Mask]:
-    r"""Which components are done, and which are not and are slow.
-
-    With absolute changes of an iteration and of the one before, nan where there was none, and the
-    scale of the unknowns. `floor` bounds what round-off may do to the change, and is asked for with
-    the slow components only; from a ratio `slow` of the changes on a component is slow. What is
-    left is :math:`c\,(c / c')^\text{power}`: 1 where the iteration converges linearly, 2 where it
-    does quadratically, 0 where `change` is the correction of the result itself; the part
-    `tolerance` of the scale may be left.
-    """
-    ratio = change / previous
-    left = change if power == 0 else change * np.fmin(ratio, 1.0) ** power
-    done = left <= tolerance * scale
-    if done.all():
-        return done, ~done
-    is_slow = ~done & (ratio > slow)
-    if is_slow.any():
-        is_resolved = is_slow & (change <= NOISE * floor(is_slow))
-        done, is_slow = done | is_resolved, is_slow & ~is_resolved
-    return done, is_slow
 
 
 Evaluate = Callable[[Array], tuple[Array, Array, Array]]
@@ -100,8 +68,11 @@ def _find_roots(evaluate: Evaluate, unknown: Array) -> tuple[Array, Mask, int]:
             regular = _regular(residual, jacobian)
             # the correction at the end of the step, by the Jacobian of its beginning
             left, size = np.abs(_solve(matrix, residual)), np.abs(trial)
-            floor = partial(_rounding, matrix, terms, size)
-            ends |= searching & judge(left, before, size, floor, power=0, tolerance=UNIT)[0].all(1)
+            done = left <= UNIT * size
+            is_slow = ~done & (left / before > SLOW)
+            if is_slow.any():
+                done |= is_slow & (left <= NOISE * _rounding(matrix, terms, size))
+            ends |= searching & done.all(axis=1)
             scale = np.maximum(size + before, SMALLEST)
             falls = (left / scale).max(axis=1) < (before / scale).max(axis=1)
             searching &= ~(regular & (ends | falls))
@@ -115,7 +86,7 @@ def _find_roots(evaluate: Evaluate, unknown: Array) -> tuple[Array, Mask, int]:
     return unknown, found, iteration
 
 
-def _rounding(matrix: Array, terms: Array, size: Array, _: Mask) -> Array:
+def _rounding(matrix: Array, terms: Array, size: Array) -> Array:
     """What rounded terms of the residuals, and rounded unknowns, do to a correction."""
     return np.asarray(UNIT * (np.einsum("nab,nb->na", np.abs(np.linalg.inv(matrix)), terms) + size))
 

@@ -22,8 +22,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
-from fvi_cli.mathematics.algebra.builder import Builder, Term
-from fvi_cli.mathematics.algebra.derivatives import derivatives
+from fvi_cli.mathematics.algebra.builder import Builder, Term, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, compute
 from fvi_cli.mathematics.algebra.syntax import syntax_tree
 from fvi_cli.mathematics.arrays import Array

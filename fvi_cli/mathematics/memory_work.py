@@ -1,6 +1,6 @@
 r"""Work of a fractional force along a motion that is known on a grid, by splines.
 
-Nothing of the integrators' own convolution quadrature enters, so that an energy balance drawn up
+It does not use the integrators' own convolution quadrature, so that an energy balance drawn up
 with it is a check from outside.
 """
 
@@ -25,14 +25,7 @@ def fractional_integral(order: float, step_size: float, values: Array) -> Array:
     of the quintic spline through f at t_k = k h, shape ``(N + 1, d)`` with N >= 5, exactly but for
     round-off: on every step the spline is a sum of powers, whose moments with the kernel are known.
     The error is O(h^6) for a smooth function.
-
-    Raises
-    ------
-    ValueError
-        If the order a is not positive.
     """
-    if not order > 0:
-        raise ValueError(f"order: {order!r} is not allowed; it must be positive")
     n_steps = values.shape[0] - 1
     grid = np.arange(n_steps + 1, dtype=float)
     spline = make_interp_spline(grid, values, k=SPLINE_DEGREE)

@@ -26,20 +26,8 @@ def left_operator(bdf_order: int, exponent: float, step_size: float, values: Arr
     step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one series (Lubich,
     *Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986; Hariz Belgacem, Jimenez,
     Ober-Bloebaum, arXiv 2403.18362).
-
-    Raises
-    ------
-    ValueError
-        For a formula or exponent out of range, a step that is not positive and finite, and
-        values that are empty or of more than two axes.
     """
     samples = np.asarray(values, dtype=np.float64)
-    if samples.ndim not in (1, 2) or samples.size == 0:
-        raise ValueError(
-            f"values: shape {samples.shape} is not allowed; it must be (n,) or (n, d), not empty"
-        )
-    if not (step_size > 0 and np.isfinite(step_size)):
-        raise ValueError(f"step_size: {step_size!r} is not allowed; it must be positive")
     n_samples = samples.shape[0]
     weights = convolution_weights(bdf_order, exponent, n_samples)
     # A stencil of finite length (integer exponent) is short however long the sequence is.

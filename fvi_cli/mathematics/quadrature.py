@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 
-from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, LongArray
 
 LARGEST_RULE = 64
@@ -58,7 +57,6 @@ def gauss_rule(n_points: int) -> QuadratureRule:
     With the roots x_i of the Legendre polynomial P_n the weights on [0, 1] are
     ``1 / ((1 - x_i^2) P_n'(x_i)^2)``.
     """
-    _check_number("gauss", n_points, least=1)
     roots = _jacobi_roots(n_points, 0, 0)
     _, slopes = _jacobi(n_points, 0, 0, roots)
     return _symmetric_rule("gauss", roots, np.reciprocal((1 - roots**2) * slopes**2))
@@ -71,7 +69,6 @@ def lobatto_rule(n_points: int) -> QuadratureRule:
     The inner nodes are the roots of ``P_{n-1}'``; the weights on [0, 1] are
     ``1 / (n (n-1) P_{n-1}(x_i)^2)``.
     """
-    _check_number("lobatto", n_points, least=2)
     one = np.ones(1, dtype=np.longdouble)
     roots = np.concatenate([-one, _jacobi_roots(n_points - 2, 1, 1), one])
     legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
@@ -85,18 +82,12 @@ def radau_right_rule(n_points: int) -> QuadratureRule:
     The other nodes are the roots of the Jacobi polynomial ``P_{n-1}^{(1,0)}``; the weights on
     [0, 1] are ``(1 + x_i) / (2 n^2 P_{n-1}(x_i)^2)``.
     """
-    _check_number("radau-right", n_points, least=1)
     one = np.ones(1, dtype=np.longdouble)
     roots = np.concatenate([_jacobi_roots(n_points - 1, 1, 0), one])
     legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
     weights = (1 + roots) / (2 * n_points**2 * legendre**2)
     nodes = ((1 + roots) / 2).astype(np.float64)
     return QuadratureRule(name="radau-right", nodes=nodes, weights=weights.astype(np.float64))
-
-
-def _check_number(name: str, n_points: int, *, least: int) -> None:
-    if not least <= n_points <= LARGEST_RULE:
-        raise ArgumentError(name, f"{n_points} points; permitted are {least} to {LARGEST_RULE}")
 
 
 def _symmetric_rule(name: str, roots: LongArray, weights: LongArray) -> QuadratureRule:

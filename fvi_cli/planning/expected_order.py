@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.break_points import interpolation_limit
 from fvi_cli.integrator.meshes.singular_start import powers_behind, start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.starts.expansion import forcing_powers, solution_expansion
-from fvi_cli.integrator.starts.interpolation_limit import interpolation_limit
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import SeriesError
-from fvi_cli.planning.kinks import has_kinks
+from fvi_cli.planning.unsmooth_forces import has_kinks
 
 Norm = Literal["max", "final", "l2"]
 

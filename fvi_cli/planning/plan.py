@@ -1,4 +1,4 @@
-"""How a run will be done and what that takes, asked of the engine before the first step."""
+"""How the engine will do a run and what that takes, before the first step."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_operations
-from fvi_cli.integrator.break_points import fits_break_points
+from fvi_cli.integrator.break_points import fits_break_points, interpolation_remarks
 from fvi_cli.integrator.damping.directions import pattern_of
-from fvi_cli.integrator.loop.plan import MeshPlan
 from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.run.on_mesh import plan_on_mesh
-from fvi_cli.integrator.starts.interpolation_limit import interpolation_remarks
+from fvi_cli.integrator.run.scenes_run import MeshPlan
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.planning.memory import peak_bytes
 
@@ -32,28 +31,16 @@ FORCING_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What a run simulates and how.
-
-    Parameters
-    ----------
-    scene, method, n_steps, every, is_diagnosed
-        The run, and whether diagnostics are asked for.
-    members
-        How many scenes of its kind are integrated as one batch with it; 1: individually.
-    mesh
-        What the engine will do.
-    remarks
-        What else the reader should know.
-    """
+    """What a run simulates and how."""
 
     scene: Scene
     method: AnyMethod
     n_steps: int
     every: int
     is_diagnosed: bool
-    members: int
-    mesh: MeshPlan
-    remarks: tuple[str, ...] = ()
+    members: int  # how many scenes are integrated as one batch with it; 1: individually
+    mesh: MeshPlan  # what the engine will do
+    remarks: tuple[str, ...] = ()  # what else the reader should know
 
     @property
     def history_operations(self) -> int | None:
@@ -120,7 +107,7 @@ class Plan:
                 if is_linear
                 else f"Newton's iteration with the exact Jacobian, {mesh.single} single steps"
             ]
-        # where every sum is written out nobody looks for systems
+        # sums that are written out need no systems
         is_written_out = is_linear and mesh.n_lags == mesh.single > 0
         return ", ".join(words if is_written_out else [*words, self._systems_in_words])
 
@@ -141,7 +128,7 @@ class Plan:
         if isinstance(self.method, Baseline):
             return "dot products"
         if not mesh.n_states:
-            return "none: derivatives of order 1 need no past"
+            return "not needed: derivatives of order 1 have no memory"
         if not mesh.n_lags:
             return f"{mesh.n_states} exponentials in place of the past"
         if mesh.n_lags == mesh.n_steps:
@@ -161,7 +148,7 @@ class Plan:
             )
         if start == "weights" and self.scene.active_damping:
             return "starting weights"
-        return "the start is not treated"
+        return "no correction"
 
     @property
     def forcing(self) -> str:
@@ -201,17 +188,7 @@ def plan_run(
 ) -> Plan:
     """Tell how `integrate` or `integrate_members` will do a run, without doing it.
 
-    Parameters
-    ----------
-    scene, method, n_steps, every
-        As for :func:`fvi_cli.integrator.integrate.integrate`.
-    members
-        How many scenes of this kind are given, see
-        :func:`fvi_cli.integrator.members.companions`.
-    is_diagnosed
-        Whether diagnostics are asked for.
-    grading
-        Of the mesh; 1: equal steps.
+    So many `members` of its kind are given, see :func:`fvi_cli.integrator.members.companions`.
     """
     mesh: int | Mesh = n_steps
     most, is_batch = None, False

@@ -43,12 +43,7 @@ def longest_step(final_time: float, n_steps: int, grading: float = 1.0) -> float
 def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
     """What steps are too long for, with both numbers and what to write; empty: nothing.
 
-    Parameters
-    ----------
-    scene
-        What is integrated; nonlinear ones are linearised at the start.
-    n_steps, grading
-        The mesh.
+    Nonlinear scenes are linearised at the start.
     """
     if scene.prescribed is not None:
         return ()

@@ -32,19 +32,11 @@ NOISY_SECONDS, REPEATED = 0.01, 3
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Seconds that runs of increasing numbers of steps took.
-
-    Parameters
-    ----------
-    n_steps, seconds
-        The runs.
-    is_quadratic
-        Whether every step sums over all before it.
-    """
+    """Seconds that runs of increasing numbers of steps took."""
 
     n_steps: tuple[int, ...]
     seconds: tuple[float, ...]
-    is_quadratic: bool
+    is_quadratic: bool  # whether every step sums over all before it
 
     def at(self, n_steps: int) -> float:
         """Seconds of so many steps: between measured runs, or as the last of them go on."""
@@ -105,7 +97,7 @@ def short_job(
     observations: Sequence[Observations] = (),
     grading: float = 1.0,
 ) -> Callable[[int], object]:
-    """The first steps of a run, or of a batch of members, with all that is asked of it.
+    """The first steps of a run, or of a batch of members, with all its requested outputs.
 
     Steps have the size of the whole job; those of graded meshes go to the end of the motion.
     """

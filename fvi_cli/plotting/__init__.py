@@ -1,12 +1,17 @@
 """Figures from finished runs, made without pyplot and without any global state."""
 
-from fvi_cli.plotting.drawn import compare_drawn, drawn_data
+from fvi_cli.plotting.drawn import (
+    FORMATS,
+    USUAL_FORMS,
+    compare_drawn,
+    drawn_data,
+    drawn_text,
+    save_figure,
+)
 from fvi_cli.plotting.interpolation import interpolation_figure
-from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
-from fvi_cli.plotting.ladders.saturation import saturation_figure
+from fvi_cli.plotting.ladders.convergence import Study, convergence_figure, saturation_figure
 from fvi_cli.plotting.motions.time_series import error_figure, trajectory_figure
 from fvi_cli.plotting.planner import figure_kinds, figures_for, left_out
-from fvi_cli.plotting.saving import FORMATS, USUAL_FORMS, drawn_text, save_figure
 from fvi_cli.plotting.style import style_file
 
 __all__ = [

@@ -17,81 +17,38 @@ _SAME = 0.02  # of a panel's height: less is one line to the eye
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """Points, what they are called, and what is marked among them.
+    """Points, what they are called, and what is marked among them."""
 
-    Parameters
-    ----------
-    x, y
-        Shape ``(n,)``; nan where there is nothing to draw.
-    label
-        Its entry in the legend.
-    by
-        A number that a colour bar shows in place of the label.
-    look
-        None: by its place among the curves of the panel.
-    peaks
-        Points that are marked by crosses.
-    lost
-        Abscissas without a value, with what happened.
-    order, stated
-        Slope that theory expects (one, or one for every point) and that the source states; nan:
-        none.
-    floor
-        Values below are round-off.
-    """
-
-    x: Array
+    x: Array  # shape ``(n,)``; nan where there is nothing to draw
     y: Array
-    label: str = ""
-    by: float = math.nan
-    look: Look | None = None
-    peaks: Sequence[tuple[float, float]] = ()
-    lost: Sequence[tuple[float, str]] = ()
+    label: str = ""  # its entry in the legend
+    by: float = math.nan  # a number that a colour bar shows in place of the label
+    look: Look | None = None  # None: by its place among the curves of the panel
+    peaks: Sequence[tuple[float, float]] = ()  # points that are marked by crosses
+    lost: Sequence[tuple[float, str]] = ()  # abscissas without a value, with what happened
+    # slope that theory expects (one, or one for every point) and that the source states; nan: none
     order: float | Array = math.nan
     stated: float = math.nan
-    floor: float = 0.0
+    floor: float = 0.0  # values below are round-off
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """Curves that share their axes.
+    """Curves that share their axes."""
 
-    Parameters
-    ----------
-    curves
-        At least one.
-    y, x
-        Words beside the axes, with units.
-    title, remark
-        Above the panel, the remark in small letters on the right.
-    height
-        Inches, without legend and words.
-    is_log
-        Whether the ordinate is logarithmic, where that is to be chosen.
-    is_ensemble
-        Whether the curves are members of a sweep: of many there are bands.
-    has_slopes
-        Whether triangles explain a ladder.
-    may_run_away
-        Whether a curve may leave the panel so that it does not press the others flat.
-    rounding
-        Values below are hatched as round-off.
-    levels
-        Dashed horizontal lines.
-    """
-
-    curves: Sequence[Curve]
-    y: str
+    curves: Sequence[Curve]  # at least one
+    y: str  # words beside the axes, with units
     x: str = ""
-    title: str = ""
+    title: str = ""  # above the panel, the remark in small letters on the right
     remark: str = ""
-    height: float = 2.0
-    is_log: bool = False
-    is_ensemble: bool = False
-    has_slopes: bool = True
+    height: float = 2.0  # inches, without legend and words
+    is_log: bool = False  # whether the ordinate is logarithmic, where that is to be chosen
+    is_ensemble: bool = False  # whether the curves are members of a sweep: of many there are bands
+    has_slopes: bool = True  # whether triangles explain a ladder
+    # whether a curve may leave the panel so that it does not press the others flat
     may_run_away: bool = False
-    rounding: float = 0.0
-    levels: Sequence[float] = ()
+    rounding: float = 0.0  # values below are hatched as round-off
+    levels: Sequence[float] = ()  # dashed horizontal lines
 
 
 def looks(curves: Sequence[Curve], *, marked: bool) -> list[Look]:

@@ -1,10 +1,13 @@
-"""What a figure draws, as rounded numbers, to tell a stale picture from another renderer."""
+"""Figures as files: PDF, SVG and PNG, and what they draw as JSON, to find stale ones."""
 
 from __future__ import annotations
 
+import io
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +16,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 from fvi_cli.plotting.slopes import GUIDE
+from fvi_cli.plotting.style import journal_style, own_style
+from fvi_cli.storage.atomic import replace_file
 from fvi_cli.studies.order import NEAR_FLOOR
 
 JsonValue = None | bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"]
@@ -32,14 +37,10 @@ def drawn_data(figure: Figure) -> dict[str, JsonValue]:
     """Titles, axis labels, texts and lines of a figure, numbers rounded to 3 significant digits.
 
     On a linear axis the digits are counted from the largest number of a line. Reference slopes
-    are given by their slope only, since their place is a matter of layout.
-
-    Returns
-    -------
-    dict
-        JSON values: ``texts`` and ``panels``, each panel with ``title``, ``x``, ``y`` (label and
-        scale), ``texts`` and ``lines`` (``label`` and ``x``, ``y``, and ``noise`` where rounding
-        decides below a level; or ``slope``).
+    are given by their slope only, since their place is a matter of layout. JSON values: ``texts``,
+    ``legend`` and ``panels``, each panel with ``title``, ``x``, ``y`` (label and scale), ``texts``
+    and ``lines`` (``label`` and ``x``, ``y``, and ``noise`` where rounding decides below a level;
+    or ``slope``).
     """
     panels: list[JsonValue] = [
         _panel(axes) for axes in figure.axes if axes.axison and axes.get_gid() != "decoration"
@@ -108,16 +109,10 @@ def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:
 
 
 def compare_drawn(committed: JsonValue, fresh: JsonValue) -> list[str]:
-    """Compare two results of :func:`drawn_data`.
+    """One line for every difference of two results of :func:`drawn_data`.
 
-    One unit in the last kept digit is no difference, nor is one in a percentage, nor is
-    anything between two values below a line's ``noise``.
-
-    Returns
-    -------
-    list of str
-        One line for every difference, ``panels.0.lines.1.y.3: 0.5 is now 0.7``; empty when the
-        figures draw the same.
+    ``panels.0.lines.1.y.3: 0.5 is now 0.7``. One unit in the last kept digit is no difference, nor
+    is one in a percentage, nor is anything between two values below a line's ``noise``.
     """
     return list(_differences(committed, fresh, "", _LINEAR))
 
@@ -183,3 +178,64 @@ def _numbers(
             if size <= noise or abs(_number(a) - _number(b)) < 1.5 * unit:
                 continue
         yield f"{place}.{position}: {a!r} is now {b!r}"
+
+
+FORMATS = ("pdf", "png", "svg")
+"""Kinds of pictures."""
+
+USUAL_FORMS = ("pdf", "png", "json")
+"""What is written of a figure unless something else is asked for."""
+
+_NO_METADATA: Mapping[str, Mapping[str, str | None]] = {
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+}
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+
+
+def save_figure(
+    figure: Figure, directory: Path, name: str, forms: Sequence[str] = USUAL_FORMS
+) -> list[Path]:
+    """Write pictures and ``<name>.json`` (what is drawn) into `directory`, which is made.
+
+    The files carry no date and no version, so that equal figures give equal bytes. Every file
+    appears whole or not at all: all are rendered before the first is put in its place.
+
+    Raises
+    ------
+    ValueError
+        For a name with other characters than letters, digits, ``-`` and ``_``, or an unknown form.
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"name: {name!r} is not allowed; use letters, digits, - and _")
+    for form in forms:
+        if form not in (*FORMATS, "json"):
+            raise ValueError(f"format: {form!r} is not one of {', '.join(FORMATS)}")
+    contents = {directory / f"{name}.{form}": _rendered(figure, form) for form in forms}
+    directory.mkdir(parents=True, exist_ok=True)
+    for path, content in contents.items():
+        replace_file(path, content)
+    return list(contents)
+
+
+def drawn_text(figure: Figure) -> str:
+    """Return :func:`drawn_data` as the text of the JSON file, one line for every curve's axis."""
+    content = dict(drawn_data(figure))
+    if style := own_style():
+        content["style"] = style
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    return re.sub(r"\[[^][{}\"]*\]", _on_one_line, text) + "\n"
+
+
+def _on_one_line(numbers: re.Match[str]) -> str:
+    return re.sub(r"\s+", " ", numbers[0]).replace("[ ", "[").replace(" ]", "]")
+
+
+def _rendered(figure: Figure, kind: str) -> bytes:
+    if kind == "json":
+        return drawn_text(figure).encode()
+    buffer = io.BytesIO()
+    with journal_style():
+        figure.savefig(buffer, format=kind, metadata=dict(_NO_METADATA[kind]))
+    return buffer.getvalue()

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
@@ -30,15 +29,7 @@ _MEASURED = Look(colour=GUIDE_COLOUR, marker=".", has_line=False, size=3.0)
 
 
 def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]:
-    """Figures of fits by name: of every experiment the motions, and the profiles of the best model.
-
-    Parameters
-    ----------
-    name
-        Names begin with it.
-    results
-        Of experiments with at least one model that could be computed.
-    """
+    """Of every experiment the motions, and the profiles of the best model, by names of figures."""
     found: dict[str, Figure] = {}
     for result in results:
         own = f"{name}-fit" if len(results) == 1 else f"{name}-{result.name}-fit"
@@ -114,11 +105,9 @@ def _profiles(model: ModelFit) -> Figure:
         )
         for one in drawn
     ]
-    figure = plane(panels, columns=min(2, len(drawn)), title=words)
+    figure = plane(panels, columns=min(2, len(drawn)), title=words, most_ticks=3)
     for axes in figure.axes:
         axes.set_ylim(-3.2, 3.2)
-        axes.ticklabel_format(axis="x", scilimits=(-4, 6))
-        axes.xaxis.set_major_locator(MaxNLocator(3))
     return figure
 
 

@@ -29,7 +29,7 @@ def interpolation_figure() -> Figure:
 
     On every step a polynomial of degree s through s + 1 Lobatto control points, the outer two
     shared with the neighbours, and the s Gauss points at which the Lagrangian is evaluated.
-    The polynomials stay away from the curve, so that the eye can tell them apart.
+    The polynomials stay away from the curve, so that the eye can distinguish them.
     """
     nodes = RuleSpecification(points=_DEGREE).build().nodes
     basis = lobatto_basis(_DEGREE)

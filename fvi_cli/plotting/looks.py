@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NotRequired, TypedDict
+from typing import Any
 
 from matplotlib.colors import to_hex, to_rgb
 
 from fvi_cli.integrator.method import BASELINE_NAMES, PEER_NAMES, AnyMethod, Baseline, Method
+from fvi_cli.integrator.method_names import describe_method, method_names
 from fvi_cli.plotting.style import COLOURS, LINE_STYLES, LineStyle
 from fvi_cli.plotting.words import typeset
-from fvi_cli.reports.naming import describe_method, method_names
 
 BASELINE_COLOURS = ("#8c8c8c", "#5c5c5c")
 
@@ -28,19 +28,6 @@ _BASELINE_MARKERS = "x+1234|"
 _FURTHER_MARKERS = "<>8dHp"
 
 
-class LineProperties(TypedDict):
-    """Properties of a matplotlib line."""
-
-    color: str
-    linestyle: LineStyle | Literal["none"]
-    marker: str
-    markerfacecolor: str
-    markeredgecolor: str
-    markeredgewidth: float
-    linewidth: NotRequired[float]
-    markersize: NotRequired[float]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Look:
     """Colour, marker, dashes and width of a line, or of marks without one."""
@@ -53,24 +40,20 @@ class Look:
     width: float | None = None
     size: float | None = None
 
-    def properties(self) -> LineProperties:
+    def properties(self) -> dict[str, Any]:
         """Keyword arguments of a line of this look."""
-        found: LineProperties = {
+        # a white edge keeps filled marks apart that lie upon each other
+        has_edge = self.is_filled and self.marker not in "x+.*"
+        sizes = {"linewidth": self.width, "markersize": self.size}
+        return {
             "color": self.colour,
             "linestyle": self.dashes if self.has_line else "none",
             "marker": self.marker,
             "markerfacecolor": self.colour if self.is_filled else "white",
-            # a white edge keeps filled marks apart that lie upon each other
-            "markeredgecolor": "white"
-            if self.is_filled and self.marker not in "x+.*"
-            else self.colour,
+            "markeredgecolor": "white" if has_edge else self.colour,
             "markeredgewidth": 0.5 if self.is_filled else 0.9,
+            **{name: size for name, size in sizes.items() if size is not None},
         }
-        if self.width is not None:
-            found["linewidth"] = self.width
-        if self.size is not None:
-            found["markersize"] = self.size
-        return found
 
 
 EXACT = Look(colour="#bdbdbd", width=4.0)
@@ -86,7 +69,7 @@ class MethodLook:
 
 
 def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
-    """Name and look of every method by its case, told apart in colour as well as in grey.
+    """Name and look of every method by its case, distinct in colour as well as in grey.
 
     Colour and marker belong to the convolution quadrature (with its stages), or to the baseline,
     and are the same in every figure; baselines are grey. Odd degrees are filled, even ones hollow,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib import rcParams
@@ -20,9 +22,11 @@ from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
     COLOURS,
     INK,
+    clear_factor,
     colour_bar,
     colour_of,
     few_decades,
+    few_numbers,
     hatch_rounding,
     journal_style,
     label_size,
@@ -59,18 +63,14 @@ def over_time(
 ) -> Figure:
     """Draw one panel below the other over the same abscissa, which may be `logarithmic`.
 
-    Curves that the eye cannot tell apart are drawn once, under their joint name. Numbers of
+    Curves that the eye cannot distinguish are drawn once, under their joint name. Numbers of
     curves stand at a colour `bar` of that name. `title` stands above the legend. `from_zero`:
     ordinates are sizes. `shared`: all panels have the same abscissas.
     """
     panels = merge_alike(panels)
-    with journal_style():
-        heights = [panel.height for panel in panels[::columns]]
-        figure = new_figure(sum(heights) + 0.5)
-        grid, used = panel_grid(
-            figure, len(panels), columns, sharex=shared, sharey=columns > 1, height_ratios=heights
-        )
-        colours = _colours(panels) if bar else None
+    heights = [panel.height for panel in panels[::columns]]
+    shares: dict[str, Any] = {"sharex": shared, "sharey": columns > 1, "height_ratios": heights}
+    with _drawing(panels, columns, 0.5, bar, **shares) as (figure, grid, used, colours):
         for axes, panel in zip(used, panels, strict=True):
             axes.set_yscale("log", nonpositive="mask") if panel.is_log else None
             if logarithmic:
@@ -104,10 +104,7 @@ def ladders(
     expects, or else those observed; what a source states is dashed. `shared`: all panels have the
     same abscissas.
     """
-    with journal_style():
-        figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.45)
-        grid, used = panel_grid(figure, len(panels), columns, sharex=shared)
-        colours = _colours(panels) if bar else None
+    with _drawing(panels, columns, 0.45, bar, sharex=shared) as (figure, grid, used, colours):
         for axes, panel in zip(used, panels, strict=True):
             axes.set(xscale="log", yscale="log")
             _draw_curves(axes, panel, colours, nested=True)
@@ -129,20 +126,34 @@ def plane(
     bar: str = "",
     title: str = "",
     is_equal: bool = False,
+    most_ticks: int = 0,
 ) -> Figure:
     """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
-    with journal_style():
-        figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.5)
-        grid, used = panel_grid(figure, len(panels), columns)
-        colours = _colours(panels) if bar else None
+    with _drawing(panels, columns, 0.5, bar) as (figure, grid, used, colours):
         for axes, panel in zip(used, panels, strict=True):
             _draw_curves(axes, panel, colours)
             _widen(axes, panels)
             if is_equal:
                 axes.set_aspect("equal", adjustable="datalim")
+            if most_ticks:
+                few_numbers(axes, most_ticks)
         _name_axes(figure, grid, used, panels, "")
         finish(figure, used, panels, colours, bar=bar, title=title)
+        figure.draw_without_rendering()
+        for axes in used:
+            clear_factor(axes.xaxis)
     return figure
+
+
+@contextmanager
+def _drawing(
+    panels: Sequence[Panel], columns: int, words: float, bar: str, **options: Any
+) -> Iterator[tuple[Figure, list[list[Axes]], list[Axes], ScalarMappable | None]]:
+    """A figure with the panels, inches for `words` around them, and the colours of a bar."""
+    with journal_style():
+        figure = new_figure(sum(panel.height for panel in panels[::columns]) + words)
+        grid, used = panel_grid(figure, len(panels), columns, **options)
+        yield figure, grid, used, _colours(panels) if bar else None
 
 
 def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
@@ -219,10 +230,11 @@ def _is_near(one: Curve, other: Curve) -> bool:
 
 def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
     """The median of many members, and bands that hold 9 of 10 and all of them."""
-    x = np.unique(np.concatenate([curve.x for curve in curves]))
+    x = np.unique(np.concatenate([curve.x for curve in curves]))  # that may differ by round-off
+    x = x[np.diff(x, prepend=-np.inf) > 1e-12 * np.abs(x)]
     values = np.full((len(curves), x.size), np.nan)
     for row, curve in zip(values, curves, strict=True):
-        row[np.searchsorted(x, curve.x)] = curve.y
+        row[np.searchsorted(x, curve.x, side="right") - 1] = curve.y
     shown = np.isfinite(values).any(axis=0)
     values, x = values[:, shown], x[shown]
     for low, high, label, alpha in _BANDS:
@@ -236,11 +248,11 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
 
 
 def _colours(panels: Sequence[Panel]) -> ScalarMappable:
-    """Colours of the numbers of curves, by their logarithms where they span more than a decade."""
+    """Colours of the numbers of curves, by their logarithms where these are spaced evenly."""
     numbers = [curve.by for panel in panels for curve in panel.curves]
-    low, high = min(numbers), max(numbers)
-    scale = LogNorm if low > 0 and high > 10 * low else Normalize
-    return ScalarMappable(scale(low, high))
+    low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
+    is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
+    return ScalarMappable((LogNorm if is_log else Normalize)(low, high))
 
 
 def finish(
@@ -257,7 +269,7 @@ def finish(
     entries = legend_entries(panels, axes)
     if colours is not None:
         colour_bar(figure, axes, colours, bar)
-        # lines are told apart by their colours; marks and dashes of different kinds have names
+        # lines are distinguished by their colours; marks and dashes of different kinds have names
         few = len(entries) <= MOST_LINES
         marks = [
             one
@@ -339,7 +351,7 @@ def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
     axes.set_ylim(low / margin, high * margin)
     logarithmic_ticks(axes, steps)
     if not errors.size:
-        # numbers beside an empty panel would claim a range that nobody measured
+        # numbers beside an empty panel would claim a range that was not measured
         axes.set_yticks([])
         axes.set_yticks([], minor=True)
 
@@ -370,7 +382,9 @@ def _limit_over_time(axes: Axes, panel: Panel) -> None:
         return
     values = np.concatenate(ranges)
     if len(ranges) > 1:
-        calmest = min(float(np.abs(values).max()) for values in ranges)
+        sizes = [float(np.abs(values).max()) for values in ranges]
+        # what rests, such as the damper that a design lacks, says nothing of the others
+        calmest = min(size for size in sizes if size >= _ROUND_OFF * max(sizes))
         values = values[np.abs(values) <= 10 * calmest]
     low, high = float(values.min()), float(values.max())
     span = (high - low) or abs(high) or 1.0

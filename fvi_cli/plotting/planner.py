@@ -11,19 +11,21 @@ from matplotlib.figure import Figure
 from fvi_cli.plotting.ladders.convergence import (
     Study,
     convergence_figure,
+    saturation_figure,
     sweep_convergence_figure,
 )
-from fvi_cli.plotting.ladders.saturation import saturation_figure
-from fvi_cli.plotting.motions.against import obstacle, settings_figure
-from fvi_cli.plotting.motions.hysteresis import hysteresis_figure, sweep_hysteresis_figure
+from fvi_cli.plotting.motions.against import obstacle, response_spectrum_figure, settings_figure
 from fvi_cli.plotting.motions.paths import (
     WATERFALL_KINDS,
     path_figure,
     phase_figure,
     waterfall_figure,
 )
-from fvi_cli.plotting.motions.response_spectrum import response_spectrum_figure
-from fvi_cli.plotting.motions.section import has_events, section_figure, sweep_section_figure
+from fvi_cli.plotting.motions.section import (
+    has_events,
+    hysteresis_figure,
+    section_figure,
+)
 from fvi_cli.plotting.motions.time_series import (
     MOST_COMPONENTS,
     MOST_PANELS,
@@ -36,7 +38,6 @@ from fvi_cli.plotting.motions.time_series import (
     momenta_figure,
     observed_of,
     quantities_figure,
-    sweep_quantities_figure,
     sweep_trajectory_figure,
     trajectory_figure,
 )
@@ -66,41 +67,24 @@ _OVER_TIME: dict[str, Draw] = {
 _OF_MEMBERS: dict[str, Draw] = {
     "convergence": sweep_convergence_figure,
     "trajectory": sweep_trajectory_figure,
-    "quantities": sweep_quantities_figure,
-    "section": sweep_section_figure,
-    "hysteresis": sweep_hysteresis_figure,
+    "quantities": quantities_figure,
+    "section": section_figure,
+    "hysteresis": hysteresis_figure,
     "spectrum": response_spectrum_figure,
 }
 _LEAST_LADDER = 3
 
 
 def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[str, Figure]:
-    """Make every figure that the experiments of one configuration call for.
+    """Figures that the experiments of one configuration call for, by file name without suffix.
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy``, ``error`` and
     ``quantities``, as far as there are an energy, something to measure errors against, and
     quantities. Of a sweep there are ``convergence``, ``trajectory``, ``quantities``, ``section``
     and ``spectrum``, in figures of their own. Experiments of kind ``fractional-derivative`` share
-    one saturation figure.
-
-    Parameters
-    ----------
-    studies
-        Experiments with their finished runs.
-    name
-        Name of the configuration. With it all convergence panels stand in one figure
-        ``<name>-convergence``; without it every experiment has its own.
-
-    Returns
-    -------
-    dict
-        Figures by file name without suffix: ``<experiment>-trajectory`` and so on.
-
-    Raises
-    ------
-    ValueError
-        For a figure that does not exist.
+    one saturation figure. With the `name` of the configuration all convergence panels stand in one
+    figure ``<name>-convergence``; without it every experiment has its own.
     """
     figures: dict[str, Figure] = {}
     derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
@@ -133,13 +117,7 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
 
 
 def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tuple[str, ...]:
-    """Kinds of figures of one experiment that its runs have the data for, in order of drawing.
-
-    Raises
-    ------
-    ValueError
-        For a figure that does not exist.
-    """
+    """Kinds of figures of one experiment that its runs have the data for, in order of drawing."""
     wanted = _words(experiment)
     for kind in wanted:
         if kind not in FIGURE_KINDS:
@@ -207,7 +185,7 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     obstacles: dict[str, str] = {}
     if experiment.members:
         *others, last = _OF_MEMBERS
-        reason = f"of a sweep there are {', '.join(others)} and {last}"
+        reason = f"a sweep has {', '.join(others)} and {last}"
         obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
         if experiment.members[0].dimension != 1:
             obstacles["spectrum"] = "it is for oscillators of one degree of freedom"
@@ -215,12 +193,12 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
         obstacles["spectrum"] = "it is drawn of a sweep over stiffness or mass"
     compared = any(np.isfinite(item.error) for item in finished)
     if not compared and all(item.status == "ok" for item in finished):
-        obstacles["convergence"] = f"there is no error: the reference is {finished[0].reference}"
+        obstacles["convergence"] = f"no error is known: the reference is {finished[0].reference}"
     elif experiment.members and not any(np.isfinite(f.error) and f.error > 0 for f in finished):
         obstacles["convergence"] = "no member has an error, or one above 0"
     moving = [item for item in finished if item.trajectory.time.size > 1]
     if not moving:
-        reason = f"no run got beyond its start ({finished[-1].status})"
+        reason = f"every run failed at its start ({finished[-1].status})"
         return {**obstacles, **dict.fromkeys(_OVER_TIME, reason)}
     if all(item.trajectory.energy is None for item in moving):
         obstacles["energy"] = "no method of the experiment has a momentum"
@@ -244,7 +222,7 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     if experiment.problem.kind not in WATERFALL_KINDS:
         obstacles["waterfall"] = f"it is made for {', '.join(WATERFALL_KINDS)}"
     if experiment.problem.exact is None and not compared:
-        obstacles["error"] = f"there is no error: the reference is {finished[0].reference}"
+        obstacles["error"] = f"no error is known: the reference is {finished[0].reference}"
     return obstacles
 
 

@@ -23,9 +23,9 @@ from fvi_cli.plotting.style import (
     hatch_rounding,
     note,
     small,
-    width_of,
+    text_width,
 )
-from fvi_cli.plotting.words import fraction
+from fvi_cli.plotting.words import fraction_in_words
 
 GUIDE = "guide"
 """Group id of the lines that show a reference slope."""
@@ -118,13 +118,13 @@ def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> Array:
         return np.zeros((0, 2))
     points, width = _size(axes)[1], _size(axes)[0]
     x0, x1 = np.log10(axes.get_xlim())
-    # hollow marks, unless that already tells two methods apart
+    # hollow marks, unless that already distinguishes two methods
     is_hollow = all(look.is_filled for look in shown)
     across = blended_transform_factory(axes.transData, axes.transAxes)
     top = 1.0
     for status, members in groups.items():
         places = [(np.log10(h) - x0) / (x1 - x0) for _, _, steps in members for h in steps]
-        room = 72 * width_of(status) / width + 0.06
+        room = 72 * text_width(status) / width + 0.06
         is_right, is_left = 1 - max(places) > room, min(places) > room
         # where the word has no room beside the marks it has a row of its own
         n_rows = len(members) + (not (is_right or is_left))
@@ -208,8 +208,8 @@ def _draw_slopes(
     drawn = 0
     for order in (*orders, *sorted(stated)):
         is_stated = order in stated
-        label = f"stated {order:g}" if is_stated else f"order {fraction(order)}"
-        box = np.array([72 * width_of(label), small()]) / size
+        label = f"stated {order:g}" if is_stated else f"order {fraction_in_words(order)}"
+        box = np.array([72 * text_width(label), small()]) / size
         own = [k for k, c in enumerate(curves) if is_stated and c.stated == order]
         targets = []
         for k in own if is_stated else _nearest(curves, order):

@@ -6,19 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import NullFormatter, NullLocator
 
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.looks import MethodLook, method_looks
-from fvi_cli.plotting.stability_region import region_figures
+from fvi_cli.plotting.looks import MethodLook, method_labels, method_looks
 from fvi_cli.plotting.style import (
     COLOURS,
     DECORATION,
@@ -28,8 +29,11 @@ from fvi_cli.plotting.style import (
     journal_style,
     legend_of,
     new_figure,
+    note,
     panel_grid,
+    small,
 )
+from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import key_in_words
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
@@ -52,7 +56,10 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
     figures: dict[str, Figure] = {}
     for table in tables:
         stem = table.experiment.name if len(tables) > 1 else name
-        figures |= region_figures(stem, table)
+        for order in sorted({region.order for region in table.regions}):
+            word = f"{order:g}".replace(".", "-")
+            maps = [region for region in table.regions if region.order == order]
+            figures[f"{stem}-stability-region-{word}"] = region_figure(maps)
         if table.experiment.members:
             figures[f"{stem}-stability"] = parameter_figure(table)
         elif len(table.experiment.steps) > 1:
@@ -63,7 +70,7 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
 def step_figure(table: StabilityTable) -> Figure:
     """Stable steps of every method, and below how fast the others grow.
 
-    Marks tell of runs from random data that are long enough for every growth to show.
+    Marks show runs from random data that are long enough for every growth to show.
     """
     methods = table.experiment.methods
     styles = method_looks(methods)
@@ -119,25 +126,14 @@ def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high:
                 bar.set(linewidth=0, edgecolor="white", hatch=_HATCHES.get(colour, ""))
     for verdict, properties in _MARKS.items():
         x = [row.run.step_size for row in rows if _seen(row) == verdict]
-        axes.plot(x, [place] * len(x), linestyle="none", label=f"_{verdict}", **properties)
+        axes.plot(x, [place] * len(x), label=f"_{verdict}", **properties)
     x = [row.run.step_size for row in rows if _differs(row)]
-    axes.plot(x, [place] * len(x), linestyle="none", label="_differs", **_DIFFERENCE)
+    axes.plot(x, [place] * len(x), label="_differs", **_DIFFERENCE)
 
 
-class Mark(TypedDict):
-    """Properties of marks."""
-
-    marker: str
-    color: str
-    markerfacecolor: str
-    markersize: float
-    markeredgewidth: float
-
-
-def _mark(marker: str, colour: str, face: str, size: float, edge: float = 1.0) -> Mark:
-    return Mark(
-        marker=marker, color=colour, markerfacecolor=face, markersize=size, markeredgewidth=edge
-    )
+def _mark(marker: str, colour: str, face: str, size: float, edge: float = 1.0) -> dict[str, Any]:
+    own = {"marker": marker, "color": colour, "markerfacecolor": face}
+    return {**own, "linestyle": "none", "markersize": size, "markeredgewidth": edge}
 
 
 _MARKS = {
@@ -188,30 +184,26 @@ def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
 
 def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
     time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
-    entries: list[Patch | Line2D] = [
-        Patch(facecolor=STABLE_COLOUR, label="stable"),
-        Patch(facecolor=SLOW_COLOUR, label=f"unstable, not yet at {time}"),
-        Patch(
-            facecolor=UNSTABLE_COLOUR,
-            edgecolor="white",
-            hatch=_HATCHES[UNSTABLE_COLOUR],
-            label=f"unstable before {time}",
-        ),
-    ]
+    names = {
+        STABLE_COLOUR: "stable",
+        SLOW_COLOUR: f"unstable, not yet at {time}",
+        UNSTABLE_COLOUR: f"unstable before {time}",
+    }
     if any(row.verdict == "unknown" for row in table.rows):
-        entries.append(Patch(facecolor=UNKNOWN_COLOUR, label="not predicted"))
-    seen = [_entry(f"{word} in a long run", _MARKS[word]) for word in ("stable", "unstable")]
+        names[UNKNOWN_COLOUR] = "not predicted"
+    entries = [Patch(facecolor=colour, label=name) for colour, name in names.items()]
+    entries[2].set(edgecolor="white", hatch=_HATCHES[UNSTABLE_COLOUR])
+    words = ("stable", "unstable")
+    seen = [Line2D([], [], label=f"{word} in a long run", **_MARKS[word]) for word in words]
     return [*entries, *_observed_entries(table, seen)]
-
-
-def _entry(label: str, mark: Mark) -> Line2D:
-    return Line2D([], [], linestyle="none", label=label, **mark)
 
 
 def _observed_entries(table: StabilityTable, seen: Sequence[Line2D]) -> list[Line2D]:
     """What was observed, as far as anything was."""
     observed = any(row.observation is not None for row in table.rows)
-    differs = [_entry("not as predicted", _DIFFERENCE)] if table.disagreements else []
+    differs = (
+        [Line2D([], [], label="not as predicted", **_DIFFERENCE)] if table.disagreements else []
+    )
     return [*(seen if observed else ()), *differs]
 
 
@@ -239,10 +231,8 @@ def parameter_figure(table: StabilityTable) -> Figure:
             axes.set_ylabel(key_in_words(keys[1]) if len(keys) > 1 else "step size $h$")
         for column in grid:
             column[-1].set_xlabel(key_in_words(keys[0]))
-        more = len(panels) > len(shown)
-        words = (
-            f"the first {len(shown)} of {len(panels)} panels; all are in the table" if more else ""
-        )
+        some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
+        words = some if len(panels) > len(shown) else ""
         legend_of(figure, _parameter_entries(table, len(keys)), title=words)
     return figure
 
@@ -294,7 +284,7 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
     seen = places[:, [_seen(row) == "unstable" for row in rows]]
     axes.plot(*seen, ".", markersize=1.8, color=INK, label="_unstable")
     other = places[:, [_differs(row) for row in rows]]
-    axes.plot(*other, linestyle="none", label="_differs", **_SMALL_DIFFERENCE)
+    axes.plot(*other, label="_differs", **_SMALL_DIFFERENCE)
     axes.set_xlim(x_edges[0], x_edges[-1])
     axes.set_ylim(y_edges[0], y_edges[-1])
     for axis, scale in ((axes.xaxis, x_scale), (axes.yaxis, y_scale)):
@@ -332,3 +322,76 @@ def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2
         entries.append(Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below"))
     seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
     return [*entries, *_observed_entries(table, [seen])]
+
+
+MOST_COLUMNS = 3
+_HEIGHT = 0.68  # inches of a panel
+
+# undecided, stable, and the growth of the worst mode per step from slow to fast
+# on grey paper too: stable is the darkest
+_LEVEL_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A4")
+_LEVEL_LABELS = ("not decided", "stable", "0.1 to 1 %", "1 to 10 %", "10 % to a factor e", "faster")
+
+
+def region_figure(maps: Sequence[StabilityMap]) -> Figure:
+    """A panel for every method, those of one family in a row, with the stable share of it."""
+    lines = _lines(maps)
+    columns = max(len(line) for line in lines)
+    labels = method_labels([one.method for one in maps])
+    padded = [one for line in lines for one in (*line, *[None] * (columns - len(line)))]
+    with journal_style():
+        figure = new_figure(0.45 + (_HEIGHT + 0.17) * len(lines))
+        grid, _ = panel_grid(figure, len(padded), columns, sharex=True, sharey=True)
+        for axes, one in zip(figure.axes, padded, strict=True):
+            if one is None:
+                axes.set_axis_off()
+                continue
+            _draw(axes, one)
+            title = labels[one.method.case].replace(", ", "\n", 1)
+            axes.set_title(title, fontsize=small(), pad=2.5)
+        for column in grid:
+            lowest = [axes for axes in column if axes.axison][-1]
+            lowest.tick_params(labelbottom=True)
+            lowest.set_xlabel("$h^2 k / m$")
+        figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$")
+        undecided = any((one.level < 0).any() for one in maps)
+        handles = [
+            Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
+            for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
+        ]
+        order = fraction_in_words(maps[0].order)
+        legend_of(figure, handles, title=rf"damping of order $\gamma = {order}$: growth per step")
+    return figure
+
+
+def _lines(maps: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
+    """Methods of one family and degree in a row; long rows are cut."""
+    families: dict[object, list[StabilityMap]] = {}
+    for one in maps:
+        method = one.method
+        key: object = "baseline"
+        if isinstance(method, Method):
+            key = "runge-kutta" if method.is_runge_kutta else (method.sampling, method.degree)
+        families.setdefault(key, []).append(one)
+    return [
+        family[begin : begin + MOST_COLUMNS]
+        for family in families.values()
+        for begin in range(0, len(family), MOST_COLUMNS)
+    ]
+
+
+def _draw(axes: Axes, one: StabilityMap) -> None:
+    """The plane with the share of it that is stable."""
+    plane = (one.stiffness, one.damping)
+    norm = BoundaryNorm(np.arange(-1.5, len(GROWTH_LEVELS) + 1.0), len(_LEVEL_COLOURS))
+    cells = axes.pcolormesh(*plane, one.level, cmap=ListedColormap(_LEVEL_COLOURS), norm=norm)
+    cells.set_rasterized(True)
+    axes.set(xscale="log", yscale="log")
+    if 0 < one.share_stable < 1 and min(one.level.shape) > 1:
+        stable = (one.level == 0).astype(float)
+        axes.contour(*plane, stable, levels=[0.5], colors=[INK], linewidths=0.8)
+    share = f"{100 * one.share_stable:.0f} % stable"
+    note(axes, 0.05, 0.93, share, ha="left", va="top", paper={"alpha": 0.8, "pad": 1.0})
+    for axis in (axes.xaxis, axes.yaxis):
+        few_decades(axis, 4)
+        axis.set_minor_locator(NullLocator())

@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypedDict
+from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -25,7 +25,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, fontManager
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import (
+    FixedLocator,
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    NullLocator,
+)
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -49,13 +56,7 @@ LINE_STYLES: tuple[LineStyle, ...] = (
 )
 
 
-class _Decoration(TypedDict):
-    gid: str
-    scalex: bool
-    scaley: bool
-
-
-DECORATION = _Decoration(gid="decoration", scalex=False, scaley=False)
+DECORATION: Mapping[str, Any] = {"gid": "decoration", "scalex": False, "scaley": False}
 """Properties of lines that show no number: they move no limits, and no check compares them."""
 
 # settings of a program, not of a figure
@@ -214,7 +215,7 @@ def _width(words: str, font: str, size: float) -> float:
     return float(renderer.get_text_width_height_descent(words, prop, "$" in words)[0])
 
 
-def width_of(words: str, size: float = 0.0) -> float:
+def text_width(words: str, size: float = 0.0) -> float:
     """Inches of the widest line in the font of the style, of `size` points or :func:`small`."""
     font = findfont(FontProperties())
     return max(_width(line, font, size or small()) for line in words.split("\n")) / _DOTS
@@ -226,7 +227,7 @@ def wrap(words: str, width: float, size: float = 0.0) -> str:
     # a formula is one word
     for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", words):
         longer = f"{lines[-1]} {word}".strip()
-        if lines[-1] and width_of(longer, size) > width:
+        if lines[-1] and text_width(longer, size) > width:
             lines.append(word)
         else:
             lines[-1] = longer
@@ -252,7 +253,7 @@ def legend_of(
     ):
         line = (length + mpl.rcParams["legend.handletextpad"]) * small() / 72
         labels = [wrap(str(handle.get_label()), width - line) for handle in handles]
-        widths = [width_of(label) + line for label in labels]
+        widths = [text_width(label) + line for label in labels]
         columns = next(
             n
             for n in range(len(labels), 0, -1)
@@ -337,6 +338,22 @@ def few_decades(axis: Axis, number: int) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def few_numbers(axes: Axes, most: int) -> None:
+    """At most so many ticks on the first axis, numbers from 1e-4 to 1e6 in full."""
+    axes.ticklabel_format(axis="x", scilimits=(-4, 6))
+    axes.xaxis.set_major_locator(MaxNLocator(most))
+
+
+def clear_factor(axis: Axis) -> None:
+    """Move the factor of the numbers into the label where it would stand on that."""
+    factor, label = axis.get_offset_text(), axis.label
+    power = re.search(r"10\^\{.*?\}", factor.get_text())
+    if power and factor.get_window_extent().overlaps(label.get_window_extent()):
+        words, _, unit = label.get_text().partition(" (")
+        axis.set_label_text(f"{words} (${power[0]}$" + (f" {unit}" if unit else ")"))
+        factor.set_visible(False)
+
+
 def short_numbers(axis: Axis) -> None:
     """Plain numbers on a logarithmic axis, at 1, 2 and 5 where there are few decades."""
     low, high = sorted(axis.get_view_interval())
@@ -359,7 +376,7 @@ def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
         wide = axes.get_window_extent().width / axes.figure.dpi / math.log(high / low)
         shown: list[float] = []
         for size in sorted(set(step_sizes)):
-            room = 0.15 + width_of(f"{size:.3g}")
+            room = 0.15 + text_width(f"{size:.3g}")
             if not shown or wide * math.log(size / shown[-1]) > room:
                 shown.append(size)
         axes.xaxis.set_major_locator(FixedLocator(shown))

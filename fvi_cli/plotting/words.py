@@ -14,7 +14,7 @@ from fvi_cli.studies.members import Member, value_in_words
 _GREEK = {"theta": r"\theta", "phi": r"\varphi", "psi": r"\psi", "omega": r"\omega"}
 
 
-def fraction(value: float) -> str:
+def fraction_in_words(value: float) -> str:
     """``5/2`` for 2.5, and the decimal number where no small denominator does."""
     nearest = Fraction(value).limit_denominator(12)
     return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
@@ -22,7 +22,9 @@ def fraction(value: float) -> str:
 
 def typeset(name: str) -> str:
     """``weights $t^{5/2}$`` for ``weights t^2.5``."""
-    return re.sub(r"t\^([\d.]+)", lambda power: f"$t^{{{fraction(float(power[1]))}}}$", name)
+    return re.sub(
+        r"t\^([\d.]+)", lambda power: f"$t^{{{fraction_in_words(float(power[1]))}}}$", name
+    )
 
 
 def typeset_name(name: str) -> str:
@@ -85,7 +87,7 @@ def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str
 
 
 def member_label(member: Member | None) -> str:
-    """What tells a member of a sweep from the others."""
+    """What distinguishes a member of a sweep from the others."""
     if member is None:
         return ""
     values = member.unnamed
@@ -102,7 +104,7 @@ def swept_number(member: Member | None) -> float | None:
     return float(values[0]) if is_number else None
 
 
-def swept_in_words(experiment: Experiment) -> str:
+def swept_keys_in_words(experiment: Experiment) -> str:
     """The keys of a sweep as words; of designs that they are."""
     named = experiment.members[0].named if experiment.members else ()
     words = [key_in_words(key) for key in experiment.swept if key not in named]

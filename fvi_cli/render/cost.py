@@ -9,7 +9,7 @@ from pathlib import Path
 from fvi_cli.plotting.ladders.cost import cost_figure_names
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.cost import cost_summary
-from fvi_cli.reports.writers.markdown import to_markdown
+from fvi_cli.reports.writers.text import to_markdown
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.provenance import package_versions, platform_name
 from fvi_cli.studies.cost import CostTable
@@ -39,7 +39,7 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
     ]
     for index, (name, tables) in enumerate(measured_tables.items()):
         blocks.append(Heading(level=2, words=name))
-        # how to read the numbers is said once
+        # how to read the numbers is explained once
         blocks += cost_summary(tables, level=3)[min(index, 1) :]
     # a picture is no block of a report: it is put below the heading of its configuration
     text = to_markdown(blocks)

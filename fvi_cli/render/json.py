@@ -12,7 +12,7 @@ from fvi_cli.render.plans import effects_of
 from fvi_cli.runner.plan import Forecast, PlannedRun, forecast_runs
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.records.observed import ObservedSummary, summary_of
+from fvi_cli.storage.records.fields import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.fits.result import FitResult
 

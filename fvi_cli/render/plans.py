@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.planning.plan import effects_of_scene
-from fvi_cli.render.runs import aligned
+from fvi_cli.render.runs import columns_of_words
 from fvi_cli.runner.plan import Forecast, PlannedRun, forecast_runs, group_alike
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 
@@ -28,16 +29,17 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
     in_full
         Add the machinery of every run below, the same one once.
     """
-    header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
+    header = ("experiment", "method", "n_steps", "step_size", "action", "predicted", "effects")
     rows = [(*header, "operations", "memory", "time", "reason")]
     forecasts = forecast_runs(plans)
+    names = method_names([plan.run.method for plan in plans])
     for alike in group_alike(plans):
         plan = alike[0]
         run = plan.run
         rows.append(
             (
                 run.experiment.name,
-                *_method_and_steps(plan),
+                *_method_and_steps(plan, names),
                 "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
@@ -46,20 +48,20 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
                 plan.reason,
             )
         )
-    text = aligned(rows)
+    text = columns_of_words(rows)
     if not in_full:
         return text
     return f"{text}\n\n{machinery_as_text({run: one.plan for run, one in forecasts.items()})}"
 
 
-def _method_and_steps(plan: PlannedRun) -> tuple[str, str]:
-    accuracy = plan.run.experiment.accuracy
+def _method_and_steps(plan: PlannedRun, names: Mapping[str, MethodName]) -> tuple[str, str]:
+    accuracy, name = plan.run.experiment.accuracy, names[plan.run.method.case].label
     if accuracy is None or not plan.finds_steps:
-        return plan.run.method.case, str(plan.run.n_steps)
+        return name, str(plan.run.n_steps)
     if accuracy.mesh == "adaptive":
-        return "gauss", "adaptive"
+        return "Gauss", "adaptive"
     count = len(accuracy.candidates)
-    return (plan.run.method.case if count == 1 else f"one of {count}"), "equal"
+    return (name if count == 1 else f"one of {count}"), "equal"
 
 
 def machinery_as_text(plans: Mapping[Run, Plan]) -> str:
@@ -67,7 +69,7 @@ def machinery_as_text(plans: Mapping[Run, Plan]) -> str:
     paragraphs: dict[str, list[str]] = {}
     for run, plan in plans.items():
         lines = "\n".join(f"  {line}" for line in plan.lines())
-        name = f"{run.experiment.name} {run.method.case} N={run.n_steps}"
+        name = run.title
         paragraphs.setdefault(lines, []).append(name)
     return "\n".join(
         f"{', '.join(dict.fromkeys(names))}\n{lines}" for lines, names in paragraphs.items()
@@ -86,7 +88,7 @@ def _costs(forecast: Forecast | None) -> tuple[str, str, str]:
 
 
 def describe_observations(run: Run) -> list[str]:
-    """What is asked of a motion beside its positions, in words."""
+    """Requested outputs of a motion besides its positions, in words."""
     observations = run.experiment.observations
     times = [] if observations.times is None else [f"output at {observations.times.size} times"]
     several = {

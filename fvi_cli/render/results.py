@@ -33,7 +33,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable
-from fvi_cli.studies.order import order_tables as tables_of_orders
+from fvi_cli.studies.order import tables_of_members as tables_of_orders
 from fvi_cli.studies.stability_study import StabilityTable
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
@@ -65,7 +65,7 @@ class ResultKind:
     folder
         Of the tables.
     is_written, is_compared
-        Whether files are kept of it, and tell the same twice.
+        Whether files are kept of it, and are the same on every run.
     further
         Writes further files: given their beginning and the results.
     key, values
@@ -162,7 +162,7 @@ KINDS: Mapping[type, ResultKind] = {
 }
 
 
-def kind_of(results: Results) -> tuple[ResultKind, Found]:
+def result_kind(results: Results) -> tuple[ResultKind, Found]:
     """The kind of `results`, and the results one by one; none at all are outcomes.
 
     Raises
@@ -173,7 +173,7 @@ def kind_of(results: Results) -> tuple[ResultKind, Found]:
     found = [results] if isinstance(results, tuple(KINDS)) else list(results)  # type: ignore[arg-type]
     kinds = {type(one) for one in found} or {Outcome}
     if len(kinds) > 1:
-        raise RequestError("results of different kinds: give them one kind after the other")
+        raise RequestError("results of different kinds: call once for each kind")
     return KINDS[kinds.pop()], found
 
 
@@ -193,7 +193,7 @@ def as_text(results: Results, *, name: str | None = None) -> str:
     RequestError
         If there is more than one experiment and no name.
     """
-    kind, found = kind_of(results)
+    kind, found = result_kind(results)
     if kind.text is not None and found:
         return kind.text(found)
     return to_text(report_on(results, name).summary)
@@ -206,15 +206,15 @@ def show(results: Results, *, name: str | None = None) -> None:
 
 def report_on(results: Results, name: str | None = None) -> Report:
     """The report on results of one kind; of outcomes that on their orders."""
-    kind, found = kind_of(results)
+    kind, found = result_kind(results)
     if kind.report is None:
-        raise RequestError("there is no report on plans or on what a result file holds")
+        raise RequestError("plans and contents of result files have no report")
     return kind.report(name or _only_name(found), found)
 
 
 def json_rows(results: Results, name: str | None = None) -> dict[str, list[object]]:
     """Results as JSON values: runs and fits in full, of others the rows of their report."""
-    kind, found = kind_of(results)
+    kind, found = result_kind(results)
     if kind.key:
         return {kind.key: [row for one in found for row in kind.values(one)]}
     return {
@@ -237,11 +237,10 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
     RequestError
         If there is more than one experiment and no name, or where there is no picture.
     """
-    kind, found = kind_of(results)
+    kind, found = result_kind(results)
     if kind.figures is None:
         raise RequestError(
-            "there are figures of outcomes, of fits, and of tables of stability, cost, modes and "
-            "responses only"
+            "only outcomes, fits, and tables of stability, cost, modes and responses have figures"
         )
     return dict(kind.figures(name or _only_name(found), found))
 
@@ -278,7 +277,7 @@ def write(
     StorageError
         If the folder or a file cannot be written.
     """
-    kind, found = kind_of(results)
+    kind, found = result_kind(results)
     if not kind.is_written:
         raise RequestError("plans and what a result file holds are not written")
     folder, title = Path(output), name or _only_name(found)
@@ -303,9 +302,9 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     RequestError
         If there is more than one experiment and no name, or for tables of cost and plans.
     """
-    kind, found = kind_of(results)
+    kind, found = result_kind(results)
     if not kind.is_compared:
-        raise RequestError("times are never the same twice, and plans are not kept")
+        raise RequestError("costs and plans cannot be compared: times differ from run to run")
     folder, title = Path(output), name or _only_name(found)
     differences = reports.compare(folder / kind.folder, report_on(results, title))
     if kind.figures is None:
@@ -358,7 +357,7 @@ def observed_report(outcomes: Sequence[Outcome], name: str) -> Report:
 
 
 def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None) -> Report:
-    """Quantities and events of all runs, and designs side by side, as ``fvi quantities`` has them.
+    """Quantities and events of all runs, and a table of designs, as ``fvi quantities`` has them.
 
     The rows stand in its sheets; :func:`as_text` shows it, :func:`write` makes files of it.
 

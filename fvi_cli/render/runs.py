@@ -12,21 +12,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.reports.document import Grid
-from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
-from fvi_cli.reports.kinds.quantities import EXTENT_COLUMNS
-from fvi_cli.reports.naming import MethodName, method_names
+from fvi_cli.reports.kinds.quantities import EXTENT_COLUMNS, design_blocks, design_sheet
 from fvi_cli.reports.table import Column, grid_of
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Entry, StoredFile
-from fvi_cli.storage.records.observed import ObservedSummary, summary_of
+from fvi_cli.storage.records.fields import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
+def columns_of_words(rows: Sequence[Sequence[str]]) -> str:
     """Rows of words as columns, the first row as heading."""
     lines = [tuple(row) for row in rows]
     return _as_text(Grid(header=lines[0], rows=tuple(lines[1:])))
@@ -70,7 +69,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                 )
             )
     is_swept = any(outcome.experiment.members for outcome in outcomes)
-    texts = [aligned(rows)] if len(rows) > 1 or not is_swept else []
+    texts = [columns_of_words(rows)] if len(rows) > 1 or not is_swept else []
     texts += _assurances_as_text(outcomes, every_member=every_member)
     texts += _observed_as_text(outcomes)
     designs = design_sheet([one for outcome in outcomes for one in outcome.finished])
@@ -101,7 +100,7 @@ def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> l
             rows += [
                 (name, f"{own.tolerance:g}", f"{own.estimate:.3e}", own.choice) for _, own in found
             ]
-    return [aligned(rows)] if len(rows) > 1 else []
+    return [columns_of_words(rows)] if len(rows) > 1 else []
 
 
 def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
@@ -147,7 +146,7 @@ _EVENT_COLUMNS = (
     Column(
         "run",
         title="run",
-        get=lambda one: "ended by it" if one.name == one.observed.stopped_by else "",
+        get=lambda one: "ended by this event" if one.name == one.observed.stopped_by else "",
     ),
 )
 
@@ -192,7 +191,7 @@ def _members_as_text(outcome: Outcome) -> str:
                 "" if worst is None else worst.label,
             )
         )
-    return aligned(rows)
+    return columns_of_words(rows)
 
 
 def contents_as_text(stored: StoredFile) -> str:
@@ -216,7 +215,7 @@ def contents_as_text(stored: StoredFile) -> str:
     ]
     if not any(run.variant for run in stored.runs):
         rows = [row[:-1] for row in rows]
-    text = "\n".join([*lines, "", aligned(rows)])
+    text = "\n".join([*lines, "", columns_of_words(rows)])
     swept = dict.fromkeys(
         f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
         if run.members > 1
@@ -239,7 +238,7 @@ def contents_as_text(stored: StoredFile) -> str:
 
 
 def titles_as_text(titles: Mapping[str, str]) -> str:
-    """Names and titles side by side, wrapped where there is a terminal."""
+    """Names and titles in two columns, wrapped where there is a terminal."""
     width = max(map(len, titles)) + 2
     room = shutil.get_terminal_size().columns if sys.stdout.isatty() else 10_000
     return "\n".join(
@@ -256,4 +255,4 @@ def titles_as_text(titles: Mapping[str, str]) -> str:
 def entries_as_text(entries: Sequence[Entry]) -> str:
     """One line for every group of a result file, with the number of runs in it."""
     counts = Counter(entry.path for entry in entries)
-    return aligned([("group", "runs"), *((group, str(n)) for group, n in counts.items())])
+    return columns_of_words([("group", "runs"), *((group, str(n)) for group, n in counts.items())])

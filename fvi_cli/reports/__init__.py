@@ -5,8 +5,7 @@ else (CSV, JSON, Markdown, LaTeX, what a terminal shows, whether stored files ar
 done with the report alone.
 """
 
-from fvi_cli.reports.compare import compare, missing
-from fvi_cli.reports.files import write
+from fvi_cli.reports.compare import compare, missing, write
 from fvi_cli.reports.table import Column, Report, Sheet, Within
 from fvi_cli.reports.writers import rendered
 

@@ -1,8 +1,9 @@
-"""Whether stored files are those that the program makes now."""
+"""Files of a report: whether stored ones are those that the program makes now, and new ones."""
 
 from __future__ import annotations
 
 import json
+import logging
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,11 +13,12 @@ from pathlib import Path
 
 from fvi_cli.reports.document import Block, blank
 from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
-from fvi_cli.reports.writers import FORMS, csv_name
+from fvi_cli.reports.writers import FORMS, csv_name, rendered
 from fvi_cli.reports.writers.data import FORMAT, as_value, as_word, csv_columns, read_csv
+from fvi_cli.storage.atomic import explain_os_error, replace_file
 
 MOST_LINES = 50
-"""Differences of one file that are told one by one."""
+"""Differences of one file that are reported one by one."""
 
 FOLLOWS = Within(relative=1e-6, absolute=1e-6)
 """For stored numbers that follow from other stored ones: slopes from errors."""
@@ -46,18 +48,6 @@ def compare(directory: Path, report: Report) -> list[str]:
     Markdown and LaTeX forms must be, letter by letter, those that the stored rows make; numbers
     that no file has in full may differ in their last digit, and those that round-off decides at
     will. The LaTeX and JSON forms are compared where they are there.
-
-    Parameters
-    ----------
-    directory
-        Folder of the files.
-    report
-        What the program makes now.
-
-    Returns
-    -------
-    list of str
-        Empty when the files are up to date.
     """
     found, _ = compare_files(directory, report)
     return [line for path, lines in found.items() for line in _first_lines(path, lines)]
@@ -154,7 +144,7 @@ def _csv(text: str, sheet: Sheet, *, is_partial: bool) -> tuple[list[str], list[
             for w, c, known in zip(line, columns, (like.get(c.name) for c in columns), strict=True)
         }
     twice = len(lines) - len(stored)
-    messages = [f"{twice} rows stand in it twice"] if twice else []
+    messages = [f"{twice} rows are given twice"] if twice else []
     if is_partial:
         stored = {key: stored[key] for key in fresh if key in stored}
     messages += _rows(stored, fresh, sheet)
@@ -191,7 +181,7 @@ def _number(value: Value, like: Value) -> Value:
 def _rows(stored: Mapping[Key, Row], fresh: Mapping[Key, Row], sheet: Sheet) -> Iterator[str]:
     keys = [column.name for column in sheet.columns if column.name in sheet.keys]
     yield from (
-        f"{_place(keys, key)}: stored, but not there now" for key in stored if key not in fresh
+        f"{_place(keys, key)}: stored, but not computed now" for key in stored if key not in fresh
     )
     yield from (f"{_place(keys, key)}: not stored" for key in fresh if key not in stored)
     for key, row in fresh.items():
@@ -223,7 +213,7 @@ def _agree(one: Value, other: Value, within: Within) -> bool:
 
 
 def _own(rows: Sequence[Row], expected: Sheet, messages: Sequence[str]) -> list[str]:
-    """Numbers that do not follow from those beside them, unless they are told already."""
+    """Numbers that do not follow from those beside them, unless they are reported already."""
     lines = []
     keys = [column.name for column in expected.columns if column.name in expected.keys]
     for stored, row in zip(rows, expected.rows, strict=True):
@@ -287,3 +277,35 @@ def _last_unit(word: str) -> float:
     """What one unit of the last digit is worth."""
     digits, _, exponent = word.partition("e")
     return 10.0 ** (int(exponent or 0) - len(digits.partition(".")[2]))
+
+
+_logger = logging.getLogger("fvi_cli")
+
+
+def write(directory: Path, report: Report, *, anew: bool = False) -> list[Path]:
+    """Bring ``<name>.csv``, ``.md``, ``.tex`` and ``.json`` in `directory` up to date: their paths.
+
+    Stored rows that agree with the fresh ones (:func:`compare`) stay, and with them every file that
+    they make, byte for byte, unless all are wanted `anew`: round-off differs from machine to
+    machine, and a file that is written for that alone would be a change without a reason. All are
+    made before the first is written, and each appears whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        If the folder or a file cannot be written.
+    """
+    is_new = anew or report.is_timed
+    found, kept = ({}, report) if is_new else compare_files(directory, report)
+    stale = {path for path, lines in found.items() if lines}
+    texts = {directory / name: text for name, text in rendered(kept).items()}
+    if not is_new and not stale:
+        _logger.info("%s: agrees with what is computed, left as it is", directory / report.name)
+    with explain_os_error(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    for place, text in texts.items():
+        with explain_os_error(place):
+            # where rows are others all files are; else those that do not belong to the rows
+            if kept is report or place in stale or not place.is_file():
+                replace_file(place, text.encode("utf-8"))
+    return list(texts)

@@ -37,7 +37,7 @@ class Near:
 
 Piece = str | CodeSpan | Equation | Rough | Near
 Words = str | tuple[Piece, ...]
-"""Running text; every piece is literal, nothing in it is markup."""
+"""Running text; every piece is literal, without markup."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,40 +64,19 @@ class Bullets:
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """A table of words.
+    """A table of words."""
 
-    Parameters
-    ----------
-    header
-        One entry per column.
-    rows
-        Each as long as the header.
-    summary_rows
-        Rows below a line: what follows from those above.
-    text_columns
-        Number of columns at the left that hold words; the others hold numbers.
-    key_columns
-        Number of columns at the left that are needed to read the others: they are repeated when
-        the grid is split.
-    is_near
-        Whether no file has its numbers in full, as of :class:`Near`.
-    groups
-        Sizes of the groups of the other columns that belong together; empty: every column by
-        itself.
-
-    Raises
-    ------
-    ValueError
-        If a row is longer or shorter than the header, or the groups do not fill the header.
-    """
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    header: tuple[str, ...]  # one entry per column
+    rows: tuple[tuple[str, ...], ...]  # each as long as the header
+    # rows below a line: what follows from those above
     summary_rows: tuple[tuple[str, ...], ...] = ()
-    text_columns: int = 1
+    text_columns: int = 1  # number of columns at the left that hold words; the others hold numbers
+    # number of columns at the left that are needed to read the others: they are repeated when the
+    # grid is split
     key_columns: int = 1
+    # sizes of the groups of the other columns that belong together; empty: every column by itself
     groups: tuple[int, ...] = ()
-    is_near: bool = False
+    is_near: bool = False  # whether no file has its numbers in full, as of :class:`Near`
 
     def __post_init__(self) -> None:
         for row in (*self.rows, *self.summary_rows):
@@ -199,7 +178,7 @@ def pieces(words: Words) -> tuple[Piece, ...]:
     return (words,) if isinstance(words, str) else words
 
 
-def plain(words: Words) -> str:
+def plain_text(words: Words) -> str:
     """The text alone."""
     return "".join(piece if isinstance(piece, str) else piece.text for piece in pieces(words))
 

@@ -1,145 +1,14 @@
-"""Names of methods and numbers as people read them."""
+"""Members, numbers and keys as people read them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeGuard
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-
-_RULES: Mapping[str, str] = {"gauss": "Gauss", "lobatto": "Lobatto", "radau": "Radau"}
-
-_FORCINGS: Mapping[str, str] = {
-    "galerkin": "forcing by the rule of the action",
-    "exact": "forcing by exact moments",
-    "projected": "forcing by exact moments of its projection",
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class MethodName:
-    """Name of a method in two parts.
-
-    Parameters
-    ----------
-    family
-        ``BDF2``, ``Gauss3``, ``Lobatto IIIC 4`` (Runge-Kutta families with their number of
-        stages), ``explicit Euler``.
-    variant
-        What tells it from methods of the same family; empty when there is no other.
-    """
-
-    family: str
-    variant: str = ""
-
-    @property
-    def label(self) -> str:
-        """Both parts."""
-        return f"{self.family}, {self.variant}" if self.variant else self.family
-
-
-def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
-    """The shortest name of every method, by case, that tells it from the others in `methods`."""
-    distinct = {method.case: method for method in methods}
-    features = [feature for feature in _FEATURES if _is_needed(feature, list(distinct.values()))]
-    plain = [method for method in distinct.values() if _is_bdf(method)]
-    is_mixed = len({method.sampling for method in plain}) > 1
-    names = {}
-    for case, method in distinct.items():
-        family = method.label
-        # samples at nodes are the paper's, and need no word where there are no others
-        if _is_bdf(method) and (is_mixed or method.sampling == "points"):
-            family = f"{family} {method.sampling}"
-        variant = ", ".join(filter(None, (feature(method) for feature in features)))
-        names[case] = MethodName(family=family, variant=variant)
-    labels = [name.label for name in names.values()]
-    return {
-        case: MethodName(family=case) if labels.count(name.label) > 1 else name
-        for case, name in names.items()
-    }
-
-
-def describe_method(method: AnyMethod) -> list[str]:
-    """What a method is, in phrases."""
-    if isinstance(method, Baseline):
-        return ["for comparison"]
-    words = [f"degree {method.degree}"]
-    if method.is_runge_kutta:
-        words.append(f"{method.stages} stages" if method.stages > 1 else "1 stage")
-    else:
-        points = "point" if method.rule.points == 1 else "points"
-        words.append(f"{method.rule.points} {_RULES[method.rule.rule]} {points}")
-        where = "nodes" if method.sampling == "nodes" else "quadrature points"
-        words.append(f"damping sampled at the {where}")
-    starts = {
-        "none": "no start correction",
-        "graded": "short steps behind singular points",
-    }
-    words.append(starts.get(method.start) or f"starting {_start(method)}")
-    words.append(_FORCINGS[method.forcing_quadrature])
-    if method.history != "auto":
-        words.append(f"{method.history} history")
-    return words
-
-
-def _is_bdf(method: AnyMethod) -> TypeGuard[Method]:
-    return isinstance(method, Method) and not method.is_runge_kutta
-
-
-_Feature = Callable[[AnyMethod], str]
-
-
-def _degree(method: AnyMethod) -> str:
-    return f"degree {method.degree}" if _is_bdf(method) else ""
-
-
-def _rule(method: AnyMethod) -> str:
-    return f"{method.rule.points} {_RULES[method.rule.rule]}" if _is_bdf(method) else ""
-
-
-def _start(method: AnyMethod) -> str:
-    if not isinstance(method, Method):
-        return ""
-    if method.start != "weights":
-        return "plain" if method.start == "none" else method.start
-    powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
-    return f"weights {powers}" if powers else "weights"
-
-
-def _forcing(method: AnyMethod) -> str:
-    return f"{method.forcing_quadrature} forcing" if isinstance(method, Method) else ""
-
-
-def _history(method: AnyMethod) -> str:
-    if not isinstance(method, Method) or method.history == "auto":
-        return ""
-    return f"{method.history} history"
-
-
-_FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing, _history)
-
-
-def _is_needed(feature: _Feature, methods: Sequence[AnyMethod]) -> bool:
-    """Whether two methods of one family differ in `feature`, and in no earlier one alone."""
-    if feature is _rule:
-        # the rule follows from the degree unless it is given: ask only beside equal degrees
-        return _differs(feature, methods, also=_degree)
-    return _differs(feature, methods)
-
-
-def _differs(feature: _Feature, methods: Sequence[AnyMethod], also: _Feature | None = None) -> bool:
-    seen: dict[tuple[str, ...], str] = {}
-    for method in methods:
-        key: tuple[str, ...] = (method.label,)
-        if isinstance(method, Method):
-            key += (method.sampling,)
-        if also is not None:
-            key += (also(method),)
-        if seen.setdefault(key, feature(method)) != feature(method):
-            return True
-    return False
+from fvi_cli.reports.table import Column, Value
+from fvi_cli.studies.members import Member, swept_in_words, value_in_words
 
 
 def number(value: float, form: str, missing: str = "-") -> str:
@@ -189,3 +58,49 @@ def key_in_words(key: str) -> str:
         the = "" if words[-1:].isdigit() else "the "
         words = f"{name} of {the}{words}" if words else name
     return words
+
+
+DESIGN = "design"
+"""Column of the names."""
+
+
+def member_columns(
+    members: Iterable[Member | None], member_of: Callable[[Any], Member | None], title: str = ""
+) -> tuple[Column, ...]:
+    """``design`` where there are names, and a column for every swept key of some members.
+
+    Numbers are numbers; lists and mappings are written as in YAML. `member_of` gives the member
+    of what a row is about, and `title` is the heading of the names where people read.
+    """
+    found = [member for member in members if member is not None]
+    keys = dict.fromkeys(key for member in found for key in member.values)
+
+    def name(one: Any) -> str:
+        member = member_of(one)
+        return "" if member is None else member.name
+
+    def value(one: Any, key: str) -> Value:
+        member = member_of(one)
+        return None if member is None else plain_value(member.values.get(key))
+
+    names = [Column(DESIGN, "name of the design", title, get=name)]
+    meaning = "swept value of the configuration"
+    swept = (Column(key, meaning, get=partial(value, key=key)) for key in keys)
+    return (*(names if any(member.name for member in found) else ()), *swept)
+
+
+def members_in_words(members: Sequence[Member]) -> str:
+    """``3 designs: bare, soft, stiff``, or the number of members and what is swept."""
+    names = list(dict.fromkeys(member.name for member in members if member.name))
+    keys = list(members[0].unnamed) if members else []
+    swept = [swept_in_words(key, [one.values[key] for one in members]) for key in keys]
+    if names:
+        return "; ".join([f"{len(names)} designs: {', '.join(names)}", *swept])
+    return f"{len(members)} members, {'; '.join(swept)}"
+
+
+def plain_value(value: object) -> Value:
+    """A swept value in a table: a number, or words."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value
+    return None if value is None else value_in_words(value)

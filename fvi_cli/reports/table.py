@@ -7,10 +7,12 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter, itemgetter
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, TypeVar
 
 from fvi_cli.reports.document import Block, Grid
 
+T = TypeVar("T")
 Value = str | int | float | bool | None
 """An entry; None where there is none."""
 
@@ -41,39 +43,25 @@ SAME_NUMBER = Within(relative=1e-9)
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a sheet, or of a grid for people.
+    """One column of a sheet, or of a grid for people."""
 
-    Parameters
-    ----------
-    name
-        In the CSV and JSON forms.
-    meaning
-        What stands in it, with its unit.
-    title, form
-        Its heading where people read, and the format of its numbers (as in :func:`format`, or a
-        function of the value); no title: it is not shown.
-    compared
-        How far a stored number may be from a fresh one; texts, whole numbers, yes and no must be
-        the same. None: not compared.
-    missing
-        What stands for None in the CSV form.
-    is_extra
-        Whether it stands in the JSON form only.
-    follows
-        Whether a stored value must be what the stored rows give (:attr:`Report.remake`).
-    get
-        How its value is got from what a row is about: a function, or a path of attributes; default
-        the attribute of its name.
-    """
-
-    name: str
-    meaning: str = ""
+    name: str  # in the CSV and JSON forms
+    meaning: str = ""  # what stands in it, with its unit
+    # its heading where people read, and the format of its numbers (as in :func:`format`, or a
+    # function of the value); no title: it is not shown
     title: str = ""
     form: str | Callable[[Any], str] = ""
+    # how far a stored number may be from a fresh one; texts, whole numbers, yes and no must be the
+    # same. None: not compared.
     compared: Within | None = SAME_NUMBER
-    missing: str = ""
-    is_extra: bool = False
+    missing: str = ""  # what stands for None in the CSV form
+    is_extra: bool = False  # whether it stands in the JSON form only
+    # whether it says more of the column before it, from which no grid may split it
+    is_continuation: bool = False
+    # whether a stored value must be what the stored rows give (:attr:`Report.remake`)
     follows: bool = False
+    # how its value is got from what a row is about: a function, or a path of attributes; default
+    # the attribute of its name
     get: str | Callable[[Any], Any] = ""
 
     def of(self, item: object) -> Any:
@@ -102,6 +90,10 @@ def within(path: str, *columns: Column) -> tuple[Column, ...]:
         one if callable(one.get) else replace(one, get=f"{path}.{one.get or one.name}")
         for one in columns
     )
+
+
+class About(SimpleNamespace):
+    """What a row is about: whatever the getters of its columns ask for."""
 
 
 def rows_of(columns: Iterable[Column], items: Iterable[object]) -> tuple[Row, ...]:
@@ -157,35 +149,58 @@ def _no_value(stored: Row, fresh: Row) -> Container[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """Rows under columns.
+    """Rows under columns."""
 
-    Parameters
-    ----------
-    name
-        What its rows are: ``runs``, ``summary``.
-    columns
-        From left to right.
-    rows
-        Each with an entry for every column.
-    keys
-        The columns that tell a row from all others.
-    below_floor
-        The columns in which this stored and this fresh row may differ at will.
-    is_file
-        Whether it has a CSV file; others stand in the JSON form only.
-    """
-
-    name: str
+    name: str  # what its rows are: ``runs``, ``summary``
     columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
-    keys: tuple[str, ...]
+    rows: tuple[Row, ...]  # each with an entry for every column
+    keys: tuple[str, ...]  # the columns that identify a row
+    # the columns in which this stored and this fresh row may differ at will
     below_floor: Callable[[Row, Row], Container[str]] = _no_value
-    is_file: bool = True
+    is_file: bool = True  # whether it has a CSV file; others stand in the JSON form only
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        columns: tuple[Column, ...],
+        items: Iterable[object],
+        keys: Sequence[str],
+        **more: Any,
+    ) -> Sheet:
+        """A row about every item."""
+        rows = rows_of(columns, items)
+        return cls(name=name, columns=columns, rows=rows, keys=tuple(keys), **more)
 
     def grid(self, *, text_columns: int = 1, key_columns: int = 1) -> Grid:
         """The columns with a title, for people."""
         shown = [replace(c, get=itemgetter(c.name)) for c in self.columns if c.title]
-        return grid_of(shown, self.rows, text_columns=text_columns, key_columns=key_columns)
+        groups: list[int] = []
+        for one in shown[key_columns:]:
+            if one.is_continuation and groups:
+                groups[-1] += 1
+            else:
+                groups.append(1)
+        layout = {"text_columns": text_columns, "key_columns": key_columns}
+        return grid_of(shown, self.rows, groups=tuple(groups), **layout)
+
+
+def with_stored(item: T, columns: Iterable[Column], row: Row, path: str) -> T:
+    """What stands at a path of what a row is about, with the measured numbers of a stored row."""
+    for one in columns:
+        place = "" if callable(one.get) else one.get or one.name
+        if one.compared is not SAME_NUMBER and place.startswith(f"{path}."):
+            item = _with_value(item, place.removeprefix(f"{path}."), row[one.name])
+    return item
+
+
+def _with_value(item: Any, path: str, value: Value) -> Any:
+    name, _, inner = path.partition(".")
+    before = getattr(item, name)
+    if inner:
+        return replace(item, **{name: _with_value(before, inner, value)})
+    is_number = isinstance(before, float)
+    return replace(item, **{name: number_of(value) if is_number else value or type(before)()})
 
 
 Sheets = Mapping[str, Sheet]
@@ -201,30 +216,17 @@ def alike(blocks: Iterable[Block]) -> Words:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Everything that is told of results of one kind: sheets of numbers, and words on them.
+    """The report on results of one kind: sheets of numbers, and words on them."""
 
-    Parameters
-    ----------
-    name
-        Files begin with it.
-    sheets
-        The first is ``<name>.csv``, another one ``<name>-<sheet>.csv``.
-    words
-        Of the sheets by their names: what a terminal shows, and the whole.
-    remake
-        The report on other rows, where more than words follows from them.
-    is_timed
-        Whether its numbers are times of this machine, which are never the same twice.
-    is_partial
-        Whether stored tables may have more rows, and so other words.
-    """
-
-    name: str
-    sheets: tuple[Sheet, ...]
+    name: str  # files begin with it
+    sheets: tuple[Sheet, ...]  # the first is ``<name>.csv``, another one ``<name>-<sheet>.csv``
+    # of the sheets by their names: what a terminal shows, and the whole
     words: Callable[[Sheets], Words]
+    # the report on other rows, where more than words follows from them
     remake: Callable[[Sheets], Report] | None = None
+    # whether its numbers are times of this machine, which are never the same twice
     is_timed: bool = False
-    is_partial: bool = False
+    is_partial: bool = False  # whether stored tables may have more rows, and so other words
 
     @property
     def summary(self) -> Sequence[Block]:

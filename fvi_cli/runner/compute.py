@@ -4,20 +4,39 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import logging
+import re
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
 
 from fvi_cli.runner.executors.batches import one_by_one_words, search_title
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.execute import execute_job
-from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, Watch, jobs_of
+from fvi_cli.runner.executors.jobs import (
+    ComputeJob,
+    Crash,
+    FinishedJob,
+    Job,
+    Watch,
+    jobs_of,
+)
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
+from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.plan import check_memory
 from fvi_cli.runner.progress import RunBar, run_bar
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.request import Source, gather, requested
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import FRESH, Why, recall, resumed_at, reusable, stored_runs
+from fvi_cli.runner.stored import (
+    FRESH,
+    Why,
+    resumed_at,
+    reusable,
+    stored_outcomes,
+    stored_runs,
+)
 from fvi_cli.storage import NEW, Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import Member
@@ -27,8 +46,44 @@ from fvi_cli.studies.study import needs_refined_run
 _logger = logging.getLogger(__name__)
 
 
-def run_request(request: Request, settings: Settings) -> list[Outcome]:
-    """Recall or compute every run of one request; keep what is computed if that is wanted.
+def run(
+    source: Source,
+    *,
+    output: Path | str | None = None,
+    workers: int = 1,
+    dask: str | None = None,
+    fresh: bool = False,
+    fail_fast: bool = False,
+    allow_unstable: bool = False,
+    keep: bool = True,
+    wait: bool = False,
+    shard: str = "1/1",
+    checkpoint_every: float = 60.0,
+    progress: bool = False,
+    keeps_motions: bool = True,
+) -> list[Outcome]:
+    """Compute every run of a configuration, as ``fvi run`` does; one that fails says so, no more.
+
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    output
+        Folder of ``<name>.h5``, whose runs are not computed again; None: no file is written.
+    workers
+        Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
+    dask
+        Address of a Dask scheduler, whose workers compute in their place.
+    fresh, fail_fast, allow_unstable, wait, shard, checkpoint_every
+        As the options of the command line.
+    keep
+        Store what is computed in `output`.
+    progress
+        Show a progress bar where there is a terminal.
+    keeps_motions
+        Give the points of members of a sweep; a summary does without them.
+
+    One outcome for every experiment; a run that failed is among its finished ones with its status.
 
     Raises
     ------
@@ -37,102 +92,154 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
     RequestError
         If as many runs as there are processes would take more memory than there is.
     """
+    settings = Settings(
+        output=Path(output or "."),
+        workers=workers,
+        dask=dask,
+        fresh=fresh or output is None,
+        fail_fast=fail_fast,
+        show_progress=progress,
+        keep=keep and output is not None,
+        checkpoint_seconds=checkpoint_every,
+        waits=wait,
+        keeps_motions=keeps_motions,
+        shard=shard_named(shard),
+    )
+    request = requested(source, allow_unstable=allow_unstable)
     check_memory(request, settings)
-    experiments = request.loaded.experiments
+    title, experiments = request.name, request.loaded.experiments
     is_kept = settings.keep and request.stored is None
     checkpoints = settings.checkpoints(request)
     with stored_runs(request, settings, writes=is_kept) as (store, why):
         if request.stored is not None:
-            return recall(experiments, store)
+            return stored_outcomes(experiments, store)
         if settings.fresh and checkpoints is not None:
             every = (run for one in experiments for run in (*one.runs(), *one.searches()))
             checkpoints.remove(every)
+        kept = (lambda one: one) if settings.keeps_motions else without_motion
+        listed = settings.shard.runs_of(experiments)
+        done: dict[Run, FinishedRun] = {}
+        waiting: list[Run] = []
+        shown: set[tuple[str, str, str]] = set()
+        for one in itertools.chain.from_iterable(listed.values()):
+            found = store.finished(one)
+            earlier = reusable(found) if one.is_search else found
+            if earlier is None:
+                waiting.append(one)
+            else:
+                done[one] = kept(earlier)
+        _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
+        _log_reasons(title, waiting, why)
+        for words in {one_by_one_words(one.experiment) for one in waiting} - {""}:
+            _logger.warning("%s: %s", title, words)
+
+        def take(one: FinishedJob) -> bool:
+            # a dead worker left no result: the next time it is computed again
+            if is_kept and one.stored:
+                store.add(one.stored)
+            for run, finished in zip(one.job.runs, one.finished, strict=True):
+                done[run] = kept(finished)
+                _report(finished, shown)
+            return any(map(is_unexpected_failure, one.finished))
+
         try:
-            return compute_runs(
-                experiments,
+            compute_jobs(
+                jobs_of(waiting, store.has_reference),
                 settings,
-                title=request.name,
+                title=title,
+                compute=functools.partial(execute_job, checkpoints=checkpoints),
+                take=take,
                 store=store,
                 is_kept=is_kept,
-                why=why,
-                checkpoints=checkpoints,
+                begun={} if checkpoints is None else _resumed(waiting, checkpoints),
             )
         finally:
             if is_kept:
                 # also on Ctrl-C: what is finished is there for the next time
                 # a part of few packs may be empty, which those who wait for its file need not know
                 store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
+        return [
+            _outcome(experiment, [done[run] for run in runs if run in done])
+            for experiment, runs in listed.items()
+        ]
 
 
-def compute_runs(
-    experiments: Sequence[Experiment],
+def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
+    """Read the runs of a result file that its configuration asks for; computes none.
+
+    Parameters
+    ----------
+    path
+        Result file.
+    overrides
+        Changes ``key.path=value`` of that configuration, for runs of other values in the file.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be read.
+    """
+    (request,) = gather([str(path)], overrides)
+    return run(request, output=Path(path).parent)
+
+
+def compute_jobs(
+    jobs: Sequence[Job],
     settings: Settings,
     *,
     title: str,
+    compute: ComputeJob,
+    take: Callable[[FinishedJob], bool],
     store: Store,
     is_kept: bool,
-    why: Why | None = None,
-    checkpoints: CheckpointFolder | None = None,
-) -> list[Outcome]:
-    """Recall or compute every run of `experiments`.
+    begun: Mapping[Hashable, int] = MappingProxyType({}),
+) -> None:
+    """Compute the jobs of a command: the one place for its progress, references and --fail-fast.
 
-    `title` stands beside the progress bar, `store` gives back what was finished before and, where
-    that `is_kept`, is given what is computed; `why` says for the log why it is.
+    Parameters
+    ----------
+    jobs, compute
+        What is computed, and by what.
+    settings
+        Where, and whether the first unexpected failure ends it.
+    title
+        Stands beside the progress bar.
+    take
+        Takes what a job came to, and says whether that is an unexpected failure.
+    store, is_kept
+        Where references are looked up, and whether those that are found are stored there.
+    begun
+        Steps of runs that an earlier command has done.
     """
-    done: dict[Run, FinishedRun] = {}
-    kept = (lambda one: one) if settings.keeps_motions else without_motion
-    waiting: list[Run] = []
-    listed = settings.shard.runs_of(experiments)
-    for run in (run for runs in listed.values() for run in runs):
-        found = store.finished(run)
-        earlier = reusable(found) if run.is_search else found
-        if earlier is None:
-            waiting.append(run)
-        else:
-            done[run] = kept(earlier)
-    _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
-    if why is not None:
-        _log_reasons(title, waiting, why)
-    for words in {one_by_one_words(run.experiment) for run in waiting} - {""}:
-        _logger.warning("%s: %s", title, words)
-    begun: dict[Hashable, int] = {} if checkpoints is None else _resumed(waiting, checkpoints)
-    # a single search says how far it is in lines of its own
-    is_single_run = len(waiting) == 1 and waiting[0].is_search
-    jobs = jobs_of(waiting, store.has_reference)
+    runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
     references = _References(store=store, jobs=jobs, is_kept=is_kept)
+    # a single search says how far it is in lines of its own
+    is_single_search = len(runs) == 1 and runs[0][1].is_search
     with (
         run_bar(
             title,
-            len(waiting),
-            sum(run.n_steps for run in waiting),
-            wanted=settings.show_progress and not is_single_run,
+            len(runs),
+            sum(run.n_steps for _, run in runs),
+            wanted=settings.show_progress and not is_single_search,
             begun=begun,
         ) as bar,
         contextlib.closing(
-            settings.executor(_watch(bar, title)).compute(
-                jobs, functools.partial(execute_job, checkpoints=checkpoints), references.of
-            )
+            settings.executor(_watch(bar, title)).compute(jobs, compute, references.of)
         ) as computed,
     ):
         for one in computed:
             if one.job.is_reference:
                 references.learn(one)
                 continue
-            # what a dead worker did not tell is no result: the next time it is computed again
-            if is_kept and one.stored:
-                store.add(one.stored)
-            for run, finished in zip(one.job.runs, one.finished, strict=True):
-                done[run] = kept(finished)
-                bar.finished(_named(finished.run, title), one.job.runs[0], run.n_steps)
-                _report(finished)
+            is_failure = take(one)
+            for run, result in zip(one.job.runs, one.results, strict=True):
+                found = result.run if isinstance(result, FinishedRun) else run
+                doing = one.job.title if one.job.kind == "cost" else found.title
+                bar.finished(_named(doing, title), one.job.runs[0], run.n_steps)
             references.forget(one.job)
-            if settings.fail_fast and any(map(is_unexpected_failure, one.finished)):
+            if settings.fail_fast and is_failure:
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
                 break
-    return [
-        _outcome(experiment, [done[run] for run in runs if run in done])
-        for experiment, runs in listed.items()
-    ]
 
 
 class _References:
@@ -154,7 +261,7 @@ class _References:
         """Take in what a job has found."""
         pairs = list(zip(one.job.runs, one.results, strict=True))
         for run, result in pairs:
-            if not isinstance(result, FinishedRun):
+            if result is None or isinstance(result, Reference | Crash):
                 self._found[run.experiment, run.member] = result
         if self._is_kept:
             found = [(run, result) for run, result in pairs if isinstance(result, Reference)]
@@ -198,10 +305,10 @@ def _watch(bar: RunBar, title: str) -> Watch | None:
 
     def watch(job: Job, done: int, n_steps: int) -> None:
         first = job.runs[0]
-        if first.is_search:
-            # how many steps it takes is not known
+        # how many steps a search takes is not known, and a price has several runs
+        if first.is_search or job.kind == "cost":
             return
-        name = _named(first, title)
+        name = _named(first.title, title)
         share = f"{100 * done // n_steps} %"
         if n_steps == first.n_steps and not job.is_reference:
             within(f"{name}: {share}", first, done * len(job.runs))
@@ -211,9 +318,9 @@ def _watch(bar: RunBar, title: str) -> Watch | None:
     return watch
 
 
-def _named(run: Run, title: str) -> str:
-    """The run in one line, without the name of the experiment where that is said already."""
-    return run.title.removeprefix(f"{title} ")
+def _named(words: str, title: str) -> str:
+    """A run in one line, without the name of the experiment where the title has it already."""
+    return words.removeprefix(f"{title} ")
 
 
 def _log_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
@@ -228,11 +335,16 @@ def _log_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
         _logger.info("%s: computed again: %d runs, %s", title, count, reason)
 
 
-def _report(finished: FinishedRun) -> None:
-    """One line for a run; loud when it failed unexpectedly, or may be about to."""
+def _report(finished: FinishedRun, shown: set[tuple[str, str, str]]) -> None:
+    """One line for a run, loud when it failed unexpectedly, and its remarks, those alike once."""
+    run = finished.run
     for remark in finished.trajectory.remarks:
-        if remark.startswith(("stability:", "steps:")):
-            _logger.warning("%s: %s", finished.run.title, remark)
+        alike = run.experiment.name, run.method.case, re.sub(r"[0-9.]+", "", remark)
+        # tables of orders have the other remarks of a ladder, and nothing has those of a motion
+        is_shown = remark.startswith(("stability:", "steps:")) or not run.observations.is_empty
+        if is_shown and alike not in shown:
+            shown.add(alike)
+            _logger.warning("%s: %s", run.title, remark)
     level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
     message = finished.trajectory.message
     _logger.log(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import logging
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fvi_cli.errors import RequestError
@@ -13,14 +14,23 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
 from fvi_cli.integrator.baselines.run import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.run.objections import law_objection
-from fvi_cli.runner.executors.jobs import crash, describe_crash
-from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.compute import compute_jobs
+from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, References, Results, jobs_of
+from fvi_cli.runner.request import Request, Source, requested
+from fvi_cli.runner.settings import Settings
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage import open_results
-from fvi_cli.studies.cost import CostTable, cost_table, measure_costs
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
-from fvi_cli.studies.tolerance.price import TOLERANCES, measure_tolerance
+from fvi_cli.studies.cost import (
+    TOLERANCES,
+    CostRow,
+    CostTable,
+    ToleranceRow,
+    cost_table,
+    measure_cost,
+    measure_tolerance,
+)
+from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, FinishedRun
+from fvi_cli.studies.study import refined_references
 
 _logger = logging.getLogger(__name__)
 
@@ -42,17 +52,20 @@ def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
             continue
         for experiment in request.loaded.experiments:
             if experiment.members:
-                complaints.append(f"{experiment.name}: a sweep has no one price; leave out sweep")
+                complaints.append(
+                    f"{experiment.name}: costs are measured for one scene; leave out sweep"
+                )
             if experiment.needs_search:
                 complaints.append(f"{experiment.name}: {NEEDS_LADDER}")
             if experiment.problem.exact_source == "none":
                 complaints.append(
-                    f"{experiment.name}: exact: none leaves no errors to compare costs by; "
-                    "give --set problem.exact=auto"
+                    f"{experiment.name}: exact: none gives no errors; "
+                    "write --set problem.exact=auto"
                 )
             if not isinstance(experiment.problem, Problem):
                 complaints.append(
-                    f"{experiment.name}: a fractional derivative has no cost of a motion"
+                    f"{experiment.name}: costs are measured for motions, "
+                    "not for a fractional derivative"
                 )
     if complaints:
         raise RequestError(*complaints)
@@ -62,9 +75,9 @@ def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
         raise RequestError(f"--peers: {missing}")
     _logger.info("%s", PEER_LIMITS)
     return [
-        dataclasses.replace(
+        replace(
             request,
-            loaded=dataclasses.replace(
+            loaded=replace(
                 request.loaded, experiments=tuple(map(_with_peers, request.loaded.experiments))
             ),
         )
@@ -84,38 +97,88 @@ def _with_peers(experiment: Experiment) -> Experiment:
             _logger.warning("%s: %s; left out", experiment.name, reason)
         else:
             added.append(peer)
-    return dataclasses.replace(experiment, methods=(*experiment.methods, *added))
+    return replace(experiment, methods=(*experiment.methods, *added))
 
 
-def measure_request(request: Request, *, show_progress: bool) -> list[CostTable]:
-    """The tables of a request, every run measured in this process, one after the other.
+def cost(
+    source: Source, *, peers: bool = False, fail_fast: bool = False, progress: bool = False
+) -> list[CostTable]:
+    """Error, time, memory and work of every method, as ``fvi cost`` measures them.
 
-    Writing is measured on a result file in a temporary folder.
+    One run after the other, in this process; writing is measured on a file in a temporary folder.
+
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    peers
+        Measure pycaputo beside the methods, if it is installed.
+    fail_fast, progress
+        As for :func:`run`.
+
+    Raises
+    ------
+    RequestError
+        For a sweep, and where nothing is integrated.
     """
-    experiments = request.loaded.experiments
-    total = sum(len(experiment.runs()) + len(TOLERANCES) for experiment in experiments)
-    tables = []
+    (request,) = measurable([requested(source)], peers=peers)
+    settings = Settings(output=Path(), fail_fast=fail_fast, show_progress=progress, keep=False)
+    jobs: list[Job] = []
+    for experiment in request.loaded.experiments:
+        runs = experiment.runs()
+        own = [replace(one, kind="cost") if one.kind == "run" else one for one in jobs_of(runs)]
+        last = max(own, key=lambda one: one.runs[0].n_steps)
+        jobs += own + [replace(last, tolerance=tolerance) for tolerance in TOLERANCES]
+    rows: dict[Experiment, list[CostRow]] = {one: [] for one in request.loaded.experiments}
+    searches: dict[Experiment, list[ToleranceRow]] = {one: [] for one in rows}
+
+    def take(one: FinishedJob) -> bool:
+        (run,), (found,) = one.job.runs, one.results
+        if isinstance(found, ToleranceRow):
+            searches[run.experiment].append(found)
+            return False
+        message = found.message if isinstance(found, Crash) else ""
+        if one.job.tolerance is not None:
+            _logger.warning("%s: %s", one.job.title, message)
+            return False
+        row = (
+            found
+            if isinstance(found, CostRow)
+            else CostRow(
+                n_steps=run.n_steps, step_size=run.step_size, status="failed", message=message
+            )
+        )
+        rows[run.experiment].append(row)
+        _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
+        is_expected = run.experiment.expects_failure(run.method)
+        return row.status not in ("ok", "floor") and not is_expected
+
     with (
         tempfile.TemporaryDirectory() as folder,
         open_results(Path(folder), request.name) as results,
-        progress_bar(request.name, total, wanted=show_progress) as advance,
     ):
-        for experiment in experiments:
-            rows = []
-            measured = measure_costs(experiment, lambda one: results.add([one]), describe_crash)
-            for run, row in zip(experiment.runs(), measured, strict=True):
-                rows.append(row)
-                advance(run.title)
-                _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
-            tolerances = []
-            for tolerance in TOLERANCES:
-                try:
-                    tolerances.append(measure_tolerance(experiment, tolerance))
-                except Exception as error:
-                    found = crash(error)
-                    _logger.warning("%s to %g: %s", experiment.name, tolerance, found.message)
-                advance(f"{experiment.name} to {tolerance:g}")
-            tables.append(cost_table(experiment, rows, tolerances))
-            for line in tables[-1].unexpected:
-                _logger.warning("%s", line)
+        compute = functools.partial(_measure_job, store=lambda one: results.add([one]))
+        compute_jobs(
+            jobs,
+            settings,
+            title=request.name,
+            compute=compute,
+            take=take,
+            store=results,
+            is_kept=False,
+        )
+    tables = [cost_table(one, rows[one], searches[one]) for one in rows if rows[one]]
+    for line in (line for table in tables for line in table.unexpected):
+        _logger.warning("%s", line)
     return tables
+
+
+def _measure_job(
+    job: Job, references: References, store: Callable[[FinishedRun], object]
+) -> Results:
+    if job.is_reference:
+        return refined_references(job.runs)
+    (run,), reference = job.runs, references[0]
+    if job.tolerance is not None:
+        return [measure_tolerance(run, job.tolerance, reference)]
+    return [measure_cost(run, store, reference)]

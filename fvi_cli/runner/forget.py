@@ -8,7 +8,7 @@ from pathlib import Path
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, gather
 from fvi_cli.storage import Entry, open_results, read_results
-from fvi_cli.storage.identity import refusal_of, request_of
+from fvi_cli.storage.digests import refusal_of, request_of
 
 
 def forget_runs(
@@ -22,26 +22,15 @@ def forget_runs(
 ) -> list[Entry]:
     """Remove the runs from a result file for which everything holds that is given; returns them.
 
-    Parameters
-    ----------
-    path
-        The file. Where no run remains it is removed.
-    overrides
-        Changes ``key.path=value`` of the file's configuration: the runs that it asks for then.
-    case
-        Name of a method in files, or its beginning up to a ``-``.
-    others
-        The runs that the file's configuration does not ask for.
-    everything
-        All runs.
-    is_tried
-        Only find them.
+    Those that the file's configuration asks for with `overrides`, of the method `case` (or the
+    beginning of its name up to a ``-``), `others` that the configuration does not ask for, or all.
+    A file without runs is removed. With `is_tried` they are found only.
 
     Raises
     ------
     RequestError
-        If nothing is given, or something beside everything, or there is no such run; nothing is
-        changed then.
+        If no selection is given, or one together with `everything`, or no run matches; the file is
+        unchanged then.
     StorageError
         If the file cannot be read or written, or another command writes it.
     """
@@ -49,11 +38,11 @@ def forget_runs(
     if not is_some and not everything:
         raise RequestError("say which runs: --set KEY.PATH=VALUE, --case, --others or --all")
     if is_some and everything:
-        raise RequestError("--all: means every run, and goes with no other choice")
+        raise RequestError("--all: means every run; leave out the other options")
     if overrides and others:
         raise RequestError("--set and --others: give one of them")
     if path.suffix != STORED_SUFFIX:
-        raise RequestError(f"{path}: runs are forgotten in a result file, such as {path.stem}.h5")
+        raise RequestError(f"{path}: not a result file; give one, such as {path.stem}.h5")
     # says what is wrong with the file, or with the changes, before it is held
     (request,) = gather([str(path)], overrides)
     runs = (run for one in request.loaded.experiments for run in one.searches() or one.runs())
@@ -69,7 +58,30 @@ def forget_runs(
     with held as store:
         found = [one for one in store.entries() if is_meant(one)]
         if not found:
-            raise RequestError(f"{path}: holds no such run; `fvi show {path}` lists what it holds")
+            raise RequestError(f"{path}: no run matches; `fvi show {path}` lists its runs")
         if not is_tried:
             store.forget(found)
     return found
+
+
+def forget(
+    path: Path | str,
+    *,
+    overrides: Sequence[str] = (),
+    case: str | None = None,
+    others: bool = False,
+    everything: bool = False,
+) -> int:
+    """Remove runs from a result file, as ``fvi forget`` does; returns how many.
+
+    Those that its configuration asks for with `overrides`, of a method, not asked for, or all.
+
+    Raises
+    ------
+    RequestError
+        If no selection is given, or no run matches.
+    """
+    found = forget_runs(
+        Path(path), overrides=overrides, case=case, others=others, everything=everything
+    )
+    return len(found)

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fvi_cli.config.hard_cases import hard_cases
+from fvi_cli.config.hard_cases import hard_cases as named_cases
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport, examine, examined_methods
 
 
-def examine_named(
-    cases: Sequence[str], methods: Sequence[str], *, show_progress: bool
+def hard_cases(
+    *, cases: Sequence[str] = (), methods: Sequence[str] = (), progress: bool = False
 ) -> HardCaseReport:
-    """The named cases with the named methods; where nothing is named, all of them.
+    """What holds in the hard cases with every method, as ``fvi hard-cases`` measures it.
+
+    Parameters
+    ----------
+    cases, methods
+        Names, as they stand in the report; none: all of them.
+    progress
+        As for :func:`stability`.
 
     Raises
     ------
     RequestError
-        For names that do not exist, with those that do.
+        For names that do not exist.
     """
-    known = hard_cases()
+    known = named_cases()
     named = examined_methods()
     complaints = [
         f"{option} {name!r} is not one of {', '.join(allowed)}"
@@ -33,7 +40,7 @@ def examine_named(
     chosen = [case for name, case in known.items() if not cases or name in cases]
     by = [name for name in named if not methods or name in methods]
     findings: list[Finding] = []
-    with progress_bar("hard cases", len(chosen) * len(by), wanted=show_progress) as advance:
+    with progress_bar("hard cases", len(chosen) * len(by), wanted=progress) as advance:
         for case in chosen:
             for name in by:
                 findings += examine(case, name, named[name])

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fvi_cli.errors import RequestError
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.reports.kinds.members import member_columns
+from fvi_cli.reports.naming import member_columns
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import EXTENTS
 
@@ -28,18 +29,10 @@ _NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What became of one experiment.
+    """What became of one experiment."""
 
-    Parameters
-    ----------
-    experiment
-        What was asked for.
-    finished
-        Finished runs in the order of the experiment's own list.
-    """
-
-    experiment: Experiment
-    finished: tuple[FinishedRun, ...]
+    experiment: Experiment  # what was asked for
+    finished: tuple[FinishedRun, ...]  # in the order of the experiment's own list
 
     def __repr__(self) -> str:
         """A line for the experiment and one for each of its methods."""
@@ -56,7 +49,7 @@ class Outcome:
         return f"<p><b>{name}</b></p><table>{rows}</table>{self._first_figure()}"
 
     def _first_figure(self) -> str:
-        """The first figure as an HTML element; nothing where there is none."""
+        """The first figure as an HTML element; empty without a figure."""
         from fvi_cli.plotting import figures_for
 
         for figure in figures_for([(self.experiment, self.finished)]).values():
@@ -67,14 +60,10 @@ class Outcome:
         return ""
 
     def plot(self, figure: str | Mapping[str, Any] | None = None) -> Figure:
-        """Draw one figure.
+        """Draw one figure, by default the first that the experiment asks for.
 
-        Parameters
-        ----------
-        figure
-            As an entry of ``figures``: a word such as ``trajectory``, or a mapping such as
-            ``{"plot": "peak_drift", "against": "problem.stiffness"}``. Default: the first figure
-            that the experiment asks for.
+        Another is named as an entry of ``figures``: by a word such as ``trajectory``, or a mapping
+        such as ``{"plot": "peak_drift", "against": "problem.stiffness"}``.
 
         Raises
         ------
@@ -119,7 +108,7 @@ class Outcome:
         )
 
     def _row(self, one: FinishedRun) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What tells a run from the others, and what was found of it."""
+        """What identifies a run, and what was found of it."""
         columns = member_columns(self.experiment.members, lambda finished: finished.run.member)
         key = {column.name: column.of(one) for column in columns}
         key |= {"method": one.run.method.label, "case": one.run.method.case}
@@ -145,7 +134,7 @@ class Outcome:
             statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
             best = min(own, key=lambda one: math.inf if math.isnan(one.error) else one.error)
             least = f"error {best.error:.2e} at N = {best.run.n_steps}"
-            rows.append((method.case, statuses, "" if math.isnan(best.error) else least))
+            rows.append((method_name(method), statuses, "" if math.isnan(best.error) else least))
         return rows
 
     @property
@@ -160,7 +149,7 @@ class Outcome:
 
 
 def without_motion(finished: FinishedRun) -> FinishedRun:
-    """What is told of a member of a sweep in a summary, without the points of its motion."""
+    """A member of a sweep as a summary has it, without the points of its motion."""
     own = finished.trajectory
     if finished.run.member is None or own.observed is not None:
         return finished

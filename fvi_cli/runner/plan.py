@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from fvi_cli.planning.seconds import Timing, short_job, time_runs
 from fvi_cli.runner.executors.batches import batches_of, pack_size
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.jobs import crash
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.parts.shard import shard_named
+from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
@@ -32,25 +34,15 @@ MOST_ALIKE = 1024
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedRun:
-    """What would be done with one run.
-
-    Parameters
-    ----------
-    run
-        The run.
-    action
-        ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
-        named, from which nothing is computed.
-    reason
-        Why: ``stored``; ``new``, ``older solver``, ``changed: problem.stiffness``
-        (see :class:`fvi_cli.storage.Reasons`) or ``--fresh``; ``resume at step 4096 of 65536`` from
-        a checkpoint; ``refused:`` and what is predicted; ``not in the file``.
-    predicted
-        ``stable``, ``unstable`` or ``unknown``.
-    """
+    """What would be done with one run."""
 
     run: Run
+    # reuse a stored result, compute, refuse, or leave out: a result file was named, from which
+    # nothing is computed
     action: str
+    # stored; new, older solver, changed: problem.stiffness (see fvi_cli.storage.Reasons) or
+    # --fresh; resume at step 4096 of 65536 from a checkpoint; refused: and what is predicted;
+    # not in the file
     reason: str
     predicted: Predicted
 
@@ -68,8 +60,18 @@ class Forecast:
     seconds: float | None = None
 
 
-def plan_request(request: Request, settings: Settings) -> list[PlannedRun]:
-    """Tell for every run of `request` what would be done with it; nothing is written."""
+def plan(
+    source: Source,
+    *,
+    output: Path | str = "results",
+    workers: int = 1,
+    fresh: bool = False,
+    allow_unstable: bool = False,
+    shard: str = "1/1",
+) -> list[PlannedRun]:
+    """What :func:`run` would do with every run, why, and what is predicted; writes no file."""
+    settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
+    request = requested(source, allow_unstable=allow_unstable)
     check_memory(request, settings)
     plans = []
     checkpoints = None if settings.fresh else settings.checkpoints(request)
@@ -94,7 +96,7 @@ def _search(
     accuracy = search.experiment.accuracy
     words = "a tolerance" if accuracy is None else accuracy.words
     action = "compute" if request.stored is None else "leave out"
-    reason = f"steps are found on the way, for {words}; a second run estimates the error"
+    reason = f"steps are chosen during the run, for {words}; a second run estimates the error"
     if checkpoints is not None:
         reason = checkpoints.resumed(search) or reason
     return PlannedRun(run=search, action=action, reason=reason, predicted="unknown")

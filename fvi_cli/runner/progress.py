@@ -1,4 +1,4 @@
-"""What is said on standard error while runs are computed."""
+"""Messages on standard error while runs are computed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class StandardErrorHandler(logging.Handler):
     """Writes to what ``sys.stderr`` is at that moment, so that a progress bar can step aside."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record as one line; if nobody can be told, what is computed matters more."""
+        """Write one record as one line; if the stream is closed, the computation goes on."""
         with suppress(OSError):
             print(self.format(record), file=sys.stderr)  # noqa: T201
 
@@ -36,12 +36,12 @@ def configure_logging(level: int) -> logging.Logger:
 
 @dataclass(frozen=True, kw_only=True)
 class RunBar:
-    """What a bar over runs is told."""
+    """What a bar over runs receives."""
 
     # called with a word on each piece of work that is done, its key and its number of steps
     finished: Callable[[str, Hashable, int], None]
     # called with words on a piece that is being done, its key, and how many steps of it are done,
-    # or None for steps that do not count; None where nobody watches
+    # or None for steps that do not count; None without a callback
     within: Callable[[str, Hashable, int | None], None] | None = None
 
 
@@ -78,7 +78,7 @@ def run_bar(
     Yields
     ------
     RunBar
-        To be told what is done.
+        To report what is done.
     """
     if not (wanted and runs and sys.stderr.isatty()):
         yield RunBar(finished=lambda doing, key, steps: None)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored
+import numpy as np
+
+from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored, parse_config
 from fvi_cli.errors import FviError, RequestError
 from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
 
@@ -27,6 +29,10 @@ class Request:
     name: str  # name of the files that are written
     loaded: LoadedConfig  # the configuration
     stored: Path | None = None  # result file that was named in its place; then nothing is computed
+
+
+Source = str | Path | Mapping[str, Any] | LoadedConfig | Request
+"""What a call of the package is given in place of a request."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,20 +55,9 @@ def gather(
 ) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
-    Parameters
-    ----------
-    sources
-        Files and names.
-    overrides
-        Changes ``key.path=value``.
-    over
-        What is swept in place of the configuration's own sweep (:func:`ranges`).
-    allow_unstable
-        Whether runs are computed that are predicted to blow up.
-    checks_member
-        Which members of a sweep are checked; those of a result file were before it was made.
-    results
-        Result file of a configuration by its name; what that has was checked before.
+    `over` is swept in place of their own sweeps (:func:`ranges`). Of a sweep those members are
+    checked that `checks_member` says; what `results`, the result file of a configuration by its
+    name, has was checked before it was made.
 
     Raises
     ------
@@ -192,3 +187,67 @@ def allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:
         resolved={**loaded.resolved, "experiments": resolved},
         overrides=(*loaded.overrides, *(f"{prefix}allow_unstable=true" for prefix in prefixes)),
     )
+
+
+def load(
+    source: str | Path | Mapping[str, Any] | LoadedConfig, *, overrides: Sequence[str] = ()
+) -> LoadedConfig:
+    """Read and check a configuration.
+
+    Parameters
+    ----------
+    source
+        A file, the name of a shipped configuration, or what would stand in the file as a mapping
+        (with its ``name``); NumPy arrays and numbers in it stand for lists and numbers.
+    overrides
+        Changes ``key.path=value`` as of ``--set``, validated like the rest.
+
+    Raises
+    ------
+    ConfigError
+        Every mistake at once.
+    RequestError
+        For a name that is neither a file nor a shipped configuration.
+    """
+    if isinstance(source, LoadedConfig):
+        if overrides:
+            raise RequestError("overrides: give them when the configuration is first loaded")
+        return source
+    if isinstance(source, Mapping):
+        # JSON is YAML: the same checks, the same words
+        text = json.dumps(source, indent=1, default=_plain)
+        return parse_config(text, str(source.get("name", "mapping")), overrides=overrides)
+    return load_config(find_config(str(source)), overrides=overrides)
+
+
+def _plain(value: object) -> object:
+    """The value of a mapping as a list, a number or a text.
+
+    Raises
+    ------
+    RequestError
+        For what a configuration cannot hold.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if hasattr(value, "toarray"):
+        # a sparse matrix of SciPy
+        return np.asarray(value.toarray()).tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise RequestError(
+        f"a {type(value).__name__} cannot stand in a configuration; it holds mappings, lists, "
+        "numbers and texts (a formula, or a file of samples, for a force); a Scene takes more"
+    )
+
+
+def requested(
+    source: Source, *, overrides: Sequence[str] = (), allow_unstable: bool = False
+) -> Request:
+    """What a command would be asked for."""
+    if isinstance(source, Request):
+        return source
+    loaded = load(source, overrides=overrides)
+    if allow_unstable:
+        loaded = allowing_unstable(loaded)
+    return Request(name=loaded.name, loaded=loaded)

@@ -15,12 +15,12 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import Event, names_of, observations
-from fvi_cli.integrator.run import parts
-from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.run.parts import Part
+from fvi_cli.integrator.run import on_mesh
+from fvi_cli.integrator.run.on_mesh import AnySteps, Part
 from fvi_cli.integrator.stability import prediction as stability
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
@@ -142,9 +142,9 @@ def integrate_part(
     chosen = _method(method)
     if not isinstance(chosen, Method):
         raise ValueError(
-            f"method: {chosen.case} does not stop in the midst; take a variational method"
+            f"method: {method_name(chosen)} cannot stop and resume; take a variational method"
         )
-    return parts.integrate_part(
+    return on_mesh.integrate_part(
         scene, chosen, n_steps, until=until, checkpoint=checkpoint, every=every
     )
 
@@ -152,7 +152,7 @@ def integrate_part(
 def integrate_members(
     scenes: Sequence[Scene], method: AnyMethod | str, n_steps: int, *, every: int = 1
 ) -> list[Trajectory]:
-    """Integrate many scenes, those that fit together side by side; otherwise :func:`integrate`."""
+    """Integrate many scenes, those that fit together in batches; otherwise :func:`integrate`."""
     return members.integrate_members(scenes, _method(method), n_steps, every=every)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,14 +12,13 @@ from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess
 from fvi_cli.runner.executors.jobs import Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
-from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import PARTS_SUFFIX
 
 _SCHEMES = ("tcp", "tls", "ucx", "ws", "wss", "inproc")
 CHECKPOINT_SECONDS = 60.0
-"""Between two checkpoints of a run, unless something else is said."""
+"""Between two checkpoints of a run, by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +64,7 @@ class Settings:
             )
 
     def executor(self, watch: Watch | None = None) -> Executor:
-        """Where runs are computed; `watch` is told how far they are, on this machine."""
+        """Where runs are computed; `watch` receives their progress, on this machine."""
         if self.dask is not None:
             return DaskCluster(address=self.dask)
         if self.workers > 1:
@@ -76,16 +74,12 @@ class Settings:
     def checkpoints(self, request: Request) -> CheckpointFolder | None:
         """Where runs of `request` keep checkpoints; None where they keep none.
 
-        Nobody knows whether the workers of a scheduler see the folder.
+        Workers of a scheduler may not see the folder.
         """
         if self.dask is not None or not self.keep or request.stored is not None:
             return None
         folder = self.path_of(request).with_suffix(PARTS_SUFFIX)
         return CheckpointFolder(folder=folder, seconds=self.checkpoint_seconds)
-
-    def ends_with(self, outcomes: Sequence[Outcome]) -> bool:
-        """Whether an unexpected failure among these is the end (``fail_fast``)."""
-        return self.fail_fast and any(outcome.unexpected for outcome in outcomes)
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""

@@ -3,34 +3,45 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.executors.jobs import describe_crash
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.request import Source, ranges, requested
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.studies.stability_study import (
     StabilityTable,
     distinct_regions,
-    regions,
+    stability_maps,
     stability_rows,
 )
 
 _logger = logging.getLogger(__name__)
 
 
-def study_stability(
-    request: Request, *, is_observed: bool | None, show_progress: bool
+def stability(
+    source: Source, *, over: Sequence[str] = (), observe: bool | None = None, progress: bool = False
 ) -> list[StabilityTable]:
-    """Look at every run of every experiment.
+    """What is stable, predicted and observed, as ``fvi stability`` studies it.
 
-    Raises
-    ------
-    RequestError
-        For an experiment in which nothing is integrated.
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    over
+        Entries to vary, such as ``problem.stiffness=1:1e6:40:log``; at most two, and not for a
+        configuration that is loaded already.
+    observe
+        Compare with runs from random data; default as configured.
+    progress
+        Show a progress bar where there is a terminal.
+
+    A :class:`RequestError` reports an experiment in which nothing is integrated.
     """
+    request = requested(source, overrides=ranges(over))
     return [
-        _study(experiment, is_observed=is_observed, show_progress=show_progress)
+        _study(experiment, is_observed=observe, show_progress=progress)
         for experiment in request.loaded.experiments
     ]
 
@@ -53,7 +64,7 @@ def _study(
                 advance(row.run.title)
         except ValueError as error:
             raise RequestError(str(error)) from None
-        maps = regions(experiment, advance)
+        maps = stability_maps(experiment, advance)
     table = StabilityTable(experiment=experiment, rows=tuple(rows), regions=maps)
     for row in rows:
         if row.failure:

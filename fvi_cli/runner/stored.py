@@ -37,12 +37,7 @@ def stored_runs(
 ) -> Iterator[tuple[Store, Why]]:
     """The result file of a request, opened once, and why a run that it has not is computed.
 
-    Parameters
-    ----------
-    request, settings
-        What is asked for, and how.
-    writes
-        Hold the file for this command, which adds runs.
+    A command that `writes` holds it, and adds runs.
     """
     is_fresh = settings.fresh and request.stored is None
     path = settings.path_of(request)
@@ -61,7 +56,7 @@ def stored_runs(
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
 
 
-def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
+def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
     """Read the runs of a result file, and compute nothing.
 
     Raises

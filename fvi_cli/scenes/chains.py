@@ -14,8 +14,14 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
-from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.data import (
+    Damper,
+    SceneData,
+    linear_oscillator,
+    per_coordinate,
+    scene_function,
+    with_dampers,
+)
 from fvi_cli.scenes.structures.rayleigh import rayleigh_damping
 
 LARGEST_DENSE: Final = 200
@@ -25,13 +31,7 @@ Ends = Literal["both", "left", "none"]
 
 
 def neighbour_matrix(masses: int, ends: Ends) -> Array:
-    r"""The matrix of :math:`\sum (x_{i+1} - x_i)^2`, with walls at the ends that are fixed.
-
-    Raises
-    ------
-    ValueError
-        For another word, or no mass at all.
-    """
+    r"""The matrix of :math:`\sum (x_{i+1} - x_i)^2`, with walls at the ends that are fixed."""
     if ends not in ("both", "left", "none"):
         raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
     if masses < 1:
@@ -50,6 +50,7 @@ def neighbour_rows(masses: int, ends: Ends) -> Array:
     return rows[int(ends == "none") : masses + int(ends == "both")]
 
 
+@scene_function
 def chain(
     *,
     masses: int = 10,
@@ -94,13 +95,7 @@ def shear_form(stiffness: ArrayLike) -> Form:
 
 
 def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
-    r"""The force :math:`-m_i a(t)` on every storey, in coordinates that move with the ground.
-
-    Raises
-    ------
-    ValueError
-        If the acceleration has more than one component.
-    """
+    r"""The force :math:`-m_i a(t)` on every storey, in coordinates that move with the ground."""
     if acceleration.dimension != 1:
         raise ArgumentError(
             "ground_acceleration", f"{acceleration.dimension} components, but the ground has one"
@@ -121,6 +116,7 @@ def _times(component: ForceComponent, factor: float) -> ForceComponent:
     )
 
 
+@scene_function
 def frame(
     *,
     storeys: int = 3,
@@ -140,11 +136,6 @@ def frame(
     .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t),
 
     and with `rayleigh`, two damping ratios and the numbers of their modes, Rayleigh's damping.
-
-    Raises
-    ------
-    ValueError
-        For lists of another length than n.
     """
     masses = _per_part(mass, storeys, "mass")
     springs = _per_part(stiffness, storeys, "stiffness")
@@ -172,11 +163,6 @@ def pluck_amplitudes(modes: int, at: float, height: float) -> Array:
     r"""Sine coefficients of a triangle of `height` at the fraction `at` of the length.
 
     .. math:: q_j = \frac{2 H}{j^2 \pi^2 a (1 - a)} \sin(j \pi a), \quad j = 1..n
-
-    Raises
-    ------
-    ValueError
-        If `at` does not lie in (0, 1).
     """
     if not 0.0 < at < 1.0:
         raise ArgumentError("pluck.at", f"{at!r} is not allowed; it must lie in (0, 1)")
@@ -184,6 +170,7 @@ def pluck_amplitudes(modes: int, at: float, height: float) -> Array:
     return np.asarray(2.0 * height * np.sin(j * np.pi * at) / (j**2 * np.pi**2 * at * (1.0 - at)))
 
 
+@scene_function
 def string(
     *,
     modes: int = 8,
@@ -202,11 +189,6 @@ def string(
 
     .. math:: x_j'' + \sum_i \bigl(\mu_i + \eta_i \kappa_j^2\bigr) D^{\gamma_i} x_j
               + c^2 \kappa_j^2 x_j = f_j(t), \qquad \kappa_j = j \pi / L .
-
-    Raises
-    ------
-    ValueError
-        If the string is plucked outside of its ends.
     """
     wave_numbers = np.arange(1, modes + 1) * np.pi / length
     if pluck is not None:

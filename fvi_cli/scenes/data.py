@@ -1,9 +1,11 @@
-"""What every scene takes beside its own numbers: interval, drivers and initial data."""
+"""What every scene takes beside its own numbers, and scenes of one mass or a few."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Required, TypedDict, Unpack
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Required, TypedDict, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,38 +15,128 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, scaled, symmetric_form
-from fvi_cli.effects.potential import Potential
-from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, is_zero, scaled, symmetric_form
+from fvi_cli.effects.potential import (
+    ExpressionPotential,
+    LinearPotential,
+    Potential,
+    QuadraticPotential,
+)
+from fvi_cli.effects.scene import Derivative, Scene, listed_effects
+from fvi_cli.errors import ArgumentError
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
 
 
 class SceneData(TypedDict, total=False):
-    r"""Keyword arguments of all scenes.
-
-    Parameters
-    ----------
-    final_time
-        T: the motion is sought on [0, T].
-    damping
-        Terms :math:`\mu D^\gamma q` of the equation of motion; default: none.
-    laws
-        Relaxation laws; default: none.
-    forcing
-        f(t); default: none.
-    initial_position, initial_velocity
-        q(0) and q'(0), shape ``(d,)``; a number stands for every coordinate, default 0.
-    derivative
-        ``caputo`` (default) or ``riemann-liouville``.
-    """
+    r"""Keyword arguments of all scenes."""
 
     final_time: Required[float]
     damping: Sequence[FractionalDamping]
     laws: Sequence[Law]
-    forcing: Forcing | None
+    forcing: Forcing | str | Sequence[str] | None
     initial_position: ArrayLike
     initial_velocity: ArrayLike
     derivative: Derivative
+
+
+MEANING: Final = r"""
+Parameters
+----------
+final_time
+    T: the motion is sought on [0, T].
+damping
+    Terms :math:`\mu D^\gamma q` of the equation of motion, a list of
+    :class:`fvi_cli.FractionalDamping`.
+laws
+    Relaxation laws, a list of :class:`fvi_cli.Law`.
+forcing
+    f(t): a :class:`fvi_cli.Forcing`, or its formula in t, ``"0.3*cos(1.2*t)"``; for several
+    coordinates a list of formulas.
+initial_position, initial_velocity
+    q(0) and q'(0), shape ``(d,)``; a number stands for every coordinate.
+derivative
+    ``"caputo"`` or ``"riemann-liouville"``.
+
+Raises
+------
+TypeError
+    For arguments that there are not, with those that there are.
+ValueError
+    For values that are not allowed.
+"""
+"""What the docstring of every scene says of them."""
+
+_OTHER_NAMES: Final = {
+    "initial": "initial_position and initial_velocity",
+    **dict.fromkeys(("x0", "q0", "u0"), "initial_position"),
+    "v0": "initial_velocity",
+    **dict.fromkeys(("T", "t_end", "tend", "tmax", "t_max", "duration"), "final_time"),
+    "force": "forcing",
+}
+_Make = TypeVar("_Make", bound=Callable[..., Scene])
+
+
+def scene_function(make: _Make) -> _Make:
+    """The function with every argument in its signature; it refuses others."""
+    own = inspect.signature(make).parameters.values()
+    known = [one for one in own if one.kind is one.KEYWORD_ONLY]
+    every = inspect.signature(make_scene).parameters
+    known += [every[name] for name in SceneData.__annotations__]
+    signature = inspect.Signature(known, return_annotation="Scene")
+
+    @functools.wraps(make)
+    def checked(**given: Any) -> Scene:
+        check_arguments(make.__name__, given, signature)
+        for name in given.keys() & {"damping", "laws"}:
+            given[name] = listed_effects(name, given[name])
+        for name in given.keys() & {"forcing", "ground_acceleration"}:
+            given[name] = given_force(given[name], name)
+        return make(**given)
+
+    checked.__signature__ = signature  # type: ignore[attr-defined]
+    checked.__doc__ = f"{inspect.cleandoc(make.__doc__ or '')}\n{MEANING}"
+    return cast("_Make", checked)
+
+
+def check_arguments(name: str, given: Iterable[str], signature: inspect.Signature) -> None:
+    """Refuse arguments that a function does not have, and want those that it needs.
+
+    Raises
+    ------
+    TypeError
+        With the names that are allowed.
+    """
+    known, given = signature.parameters, list(given)
+    for one in given:
+        if one not in known:
+            other = _OTHER_NAMES.get(one, "")
+            is_own = other and other.partition(" ")[0] in known
+            hint = f"; write {other}" if is_own else suggestion(one, known)
+            raise TypeError(f"{name}: {one!r} is no argument{hint} (arguments: {listed(known)})")
+    for one, parameter in known.items():
+        if parameter.default is parameter.empty and one not in given:
+            raise TypeError(f"{name}: {one} is missing; write {name}({one}=..., ...)")
+
+
+def given_force(given: object, name: str = "forcing") -> Forcing | None:
+    """A force, or the one that formulas in t mean."""
+    if given is None or isinstance(given, Forcing):
+        return given
+    texts = [given] if isinstance(given, str) else given
+    if isinstance(texts, list | tuple) and texts and all(isinstance(one, str) for one in texts):
+        try:
+            return Forcing.from_text(*texts)
+        except ValueError as error:
+            raise ArgumentError(name, str(error)) from None
+    if callable(given):
+        raise ArgumentError(name, "a function; write fvi.Forcing.from_functions(function)")
+    raise ArgumentError(
+        name,
+        f"{excerpt(repr(given))} is no force; write a formula in t such as '0.3*cos(1.2*t)', a "
+        "list of one for every coordinate, or fvi.Forcing.from_samples(times, values)",
+    )
 
 
 def make_scene(
@@ -52,7 +144,14 @@ def make_scene(
     potential: Potential | None = None,
     *,
     lagrangian: Lagrangian | None = None,
-    **data: Unpack[SceneData],
+    linear_potential: LinearPotential | None = None,
+    final_time: float,
+    damping: Sequence[FractionalDamping] = (),
+    laws: Sequence[Law] = (),
+    forcing: Forcing | str | Sequence[str] | None = None,
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
 ) -> Scene:
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
     inertia = Inertia(mass=mass)
@@ -60,13 +159,14 @@ def make_scene(
         inertia=inertia,
         potential=potential,
         lagrangian=lagrangian,
-        damping=tuple(data.get("damping", ())),
-        laws=tuple(data.get("laws", ())),
-        forcing=data.get("forcing"),
-        initial_position=per_coordinate(data.get("initial_position", 0.0), inertia.dimension),
-        initial_velocity=per_coordinate(data.get("initial_velocity", 0.0), inertia.dimension),
-        final_time=data["final_time"],
-        derivative=data.get("derivative", "caputo"),
+        linear_potential=linear_potential,
+        damping=tuple(damping),
+        laws=tuple(laws),
+        forcing=given_force(forcing),
+        initial_position=per_coordinate(initial_position, inertia.dimension),
+        initial_velocity=per_coordinate(initial_velocity, inertia.dimension),
+        final_time=final_time,
+        derivative=derivative,
     )
 
 
@@ -103,3 +203,90 @@ def with_dampers(
             )
         )
     return {**data, "damping": (*terms, *data.get("damping", ()))}
+
+
+@scene_function
+def linear_oscillator(
+    *,
+    mass: ArrayLike | SparseMatrix = 1.0,
+    stiffness: ArrayLike | SparseMatrix = 1.0,
+    **data: Unpack[SceneData],
+) -> Scene:
+    r"""Scene of :math:`M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = f(t)`.
+
+    With one term of order 1 this is the damped oscillator of the paper (section "Numerical
+    examples"), with one term of order 1/2 or 3/2 its Bagley-Torvik equation. A stiffness of zero
+    is no potential at all.
+    """
+    potential = QuadraticPotential(stiffness=stiffness)
+    return make_scene(mass, None if is_zero(potential.form) else potential, **data)
+
+
+@scene_function
+def pendulum(*, omega: float = 1.0, **data: Unpack[SceneData]) -> Scene:
+    r"""Scene of :math:`x'' + \sum_j \mu_j D^{\gamma_j} x + \omega^2 \sin x = f(t)`."""
+    names = ("x", "omega")
+    potential = ExpressionPotential(
+        coordinates=("x",),
+        parameters={"omega": float(omega)},
+        energy_expression=Expression.parse("omega**2*(1 - cos(x))", variables=names),
+        gradient_expressions=(Expression.parse("omega**2*sin(x)", variables=names),),
+        hessian_expressions=((Expression.parse("omega**2*cos(x)", variables=names),),),
+    )
+    return make_scene([[1.0]], potential, **data)
+
+
+@scene_function
+def duffing(
+    *,
+    mass: float = 1.0,
+    stiffness: float = 1.0,
+    cubic_stiffness: float = 1.0,
+    **data: Unpack[SceneData],
+) -> Scene:
+    r"""Scene of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x + k_3 x^3 = f(t)`.
+
+    With k < 0 < :math:`k_3` the potential has two wells, with :math:`k_3 = 0` the scene is linear.
+    """
+    names = ("x", "k", "c")
+    potential: Potential = ExpressionPotential(
+        coordinates=("x",),
+        parameters={"k": float(stiffness), "c": float(cubic_stiffness)},
+        energy_expression=Expression.parse("x*x*(k/2 + c/4*x*x)", variables=names),
+        gradient_expressions=(Expression.parse("x*(k + c*x*x)", variables=names),),
+        hessian_expressions=((Expression.parse("k + 3*c*x*x", variables=names),),),
+    )
+    if cubic_stiffness == 0:
+        potential = QuadraticPotential(stiffness=np.array([[float(stiffness)]]))
+    return make_scene([[float(mass)]], potential, **data)
+
+
+@scene_function
+def kepler(
+    *,
+    attraction: float = 1.0,
+    **data: Unpack[SceneData],
+) -> Scene:
+    r"""Scene of a unit mass in the plane around a centre, with fractional drag.
+
+    .. math:: q'' + \sum_j \mu_j D^{\gamma_j} q + k q / |q|^3 = f(t), \qquad q = (x, y)
+    """
+    if not np.any(np.asarray(data.get("initial_position", 0.0))):
+        raise ArgumentError("initial_position", "the force is infinite in the centre, x = y = 0")
+    names = ("x", "y", "k")
+
+    def parse(text: str) -> Expression:
+        return Expression.parse(text.replace("R", "(x*x + y*y)"), variables=names)
+
+    mixed = parse("-3*k*x*y*R**-2.5")
+    potential = ExpressionPotential(
+        coordinates=("x", "y"),
+        parameters={"k": float(attraction)},
+        energy_expression=parse("-k*R**-0.5"),
+        gradient_expressions=(parse("k*x*R**-1.5"), parse("k*y*R**-1.5")),
+        hessian_expressions=(
+            (parse("k*(y*y - 2*x*x)*R**-2.5"), mixed),
+            (mixed, parse("k*(x*x - 2*y*y)*R**-2.5")),
+        ),
+    )
+    return make_scene(np.eye(2), potential, **data)

@@ -54,7 +54,7 @@ def objection(exact: Callable[[Array], Array], scene: Scene) -> str:
     """What speaks against `exact` as the solution of `scene`; empty where nothing does.
 
     Its value and its rate at 0 are compared with the initial data, and the equation is tried on
-    :data:`SHARES` of the interval. Nothing is said where the integrals are not resolved, and of
+    :data:`SHARES` of the interval. No check is made where the integrals are not resolved, and of
     scenes with a Lagrangian or relaxation laws only the initial data are compared.
     """
     end = scene.final_time
@@ -114,9 +114,9 @@ def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
         worst = int(np.argmax(residuals))
         if residuals[worst] > max(TOLERANCE * scale, 10 * unsure):
             return (
-                f"does not solve the equation: {words} = {end * ends[worst]:.4g}, its terms leave "
-                f"{residuals[worst]:.2g}, the largest being {scale:.2g}; with auto the solution "
-                "is looked for"
+                f"does not solve the equation: {words} = {end * ends[worst]:.4g}, the residual is "
+                f"{residuals[worst]:.2g}, the largest term {scale:.2g}; auto searches for "
+                "the solution"
             )
     return ""
 

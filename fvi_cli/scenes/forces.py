@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import logging
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -14,36 +16,42 @@ import numpy as np
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.complaints import excerpt, listed, show_path, suggestion
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.scalars import FormulaText, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.records.at2_samples import SUFFIX, read_at2_samples
-from fvi_cli.scenes.records.csv_samples import read_csv_samples
+from fvi_cli.scenes.records.csv_samples import (
+    SUFFIX,
+    read_at2_samples,
+    read_csv_samples,
+    unit_of_at2,
+)
 from fvi_cli.scenes.records.data_files import (
     CONTENT_SHA256,
-    SHA256,
-    DataFileError,
-    Digest,
-    file_under,
-    read_once,
-    with_content,
-    without_digest,
-)
-from fvi_cli.scenes.records.samples import (
     LARGEST_TEXT,
+    SHA256,
+    Digest,
     end_of_samples,
+    file_under,
+    filled_in,
+    read_once,
     sampled_component,
     samples_as_text,
     samples_from_text,
 )
 
+_logger = logging.getLogger(__name__)
 T = TypeVar("T")
 STANDARD_GRAVITY: Final = 9.80665
 """Of free fall, in m/s^2 (CGPM 1901)."""
+_SCALES: Final = {
+    "g": "write scale: g for metres and seconds, or scale: 1 if lengths are in units of g s^2",
+    "cm/s^2": "write scale: 0.01 for metres and seconds, or scale: 1 if lengths are in cm",
+}
+"""What to write for a record in these units."""
 _COLUMN: Final = Text(what="the name of a column")
 
 
@@ -53,15 +61,13 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     is_at2 = file.suffix.lower() == SUFFIX
     columns = () if is_at2 else (values["time"], values.get("column", ""))
 
-    def read() -> tuple[str, int, str]:
+    def read() -> tuple[str, str, str]:
         found = read_at2_samples(file, name) if is_at2 else read_csv_samples(file, name, *columns)
-        return found.sha256, found.time.size, samples_as_text(found.time, found.values)
+        text = samples_as_text(found.time, found.values)
+        return found.sha256, text, f"its {found.time.size} samples"
 
-    def is_same() -> bool:
-        sha256, _, text = read_once(at, ("samples", file, *columns), read)
-        if sha256 != values["sha256"].lower():
-            return True
-        pairs = zip(samples_from_text(text), samples_from_text(values["content"]), strict=True)
+    def is_equal(one: str, other: str) -> bool:
+        pairs = zip(samples_from_text(one), samples_from_text(other), strict=True)
         return all(np.array_equal(*pair) for pair in pairs)
 
     if "content" in values:
@@ -69,8 +75,7 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             samples_from_text(values["content"])
         except ValueError as error:
             return at.refuse(str(error))
-        return without_digest(values, at, is_same=is_same)
-    if is_at2 == ("column" in values):
+    elif is_at2 == ("column" in values):
         if not is_at2 and not file.exists():
             return at.refuse(f"{name}: cannot be read: no such file", "file")
         wrong = (
@@ -78,14 +83,35 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             "in .at2)"
         )
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
-    try:
-        sha256, count, text = read_once(at, ("samples", file, *columns), read)
-    except DataFileError as error:
-        error.report_argument(at)
-        return INVALID
-    return with_content(
-        values, at, sha256=sha256, text=text, largest=LARGEST_TEXT, what=f"its {count} samples"
-    )
+    key = ("samples", file, *columns)
+    found = filled_in(values, at, key, read, is_equal=is_equal, largest=LARGEST_TEXT)
+    if is_at2 and "content" not in values and found is not INVALID:
+        return _with_unit(found, at, file, name)
+    return found
+
+
+def _with_unit(values: Any, at: Cursor, file: Path, name: str) -> Any:
+    """The keys of a record in AT2, if their scale is not against the unit in its header."""
+
+    def read() -> str:
+        unit = unit_of_at2(file, name)
+        if unit and not at.has("scale"):
+            _logger.warning(
+                "%s: %s.file: %s is in units of %s, and its numbers are taken as they stand; %s",
+                at.node.place,
+                show_path(at.path),
+                name,
+                unit,
+                _SCALES[unit],
+            )
+        return unit
+
+    unit = read_once(at, ("unit", file), read)
+    if unit == "cm/s^2" and at.under("scale").scalar == "g":
+        return at.refuse(
+            f"g is not allowed: {name} is in units of {unit}; {_SCALES[unit]}", "scale"
+        )
+    return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +162,7 @@ class Samples(
         default=1.0,
     )
     beyond: Literal["refuse", "zero"] = key(
-        "zero: no force behind the last sample, where it comes before final_time.",
+        "zero: the force is zero after the last sample, where that comes before final_time.",
         default="refuse",
     )
     sha256: Digest = SHA256
@@ -276,13 +302,7 @@ def build_forcing(
     final_time: float = math.inf,
     names: Sequence[str] = (),
 ) -> Forcing | None:
-    """A force from what stands under its key; None when it is 0.
-
-    Raises
-    ------
-    ValueError
-        ``<key>...: what is wrong``.
-    """
+    """A force from what stands under its key; None when it is 0."""
     if isinstance(value, Mapping) and "pieces" in value:
         pieces = tuple(
             ForcingPiece(
@@ -333,20 +353,14 @@ def _with_ends(
 
 
 def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> Mapping[str, T]:
-    """What is given for some coordinates.
-
-    Raises
-    ------
-    ValueError
-        ``<place>: what is wrong``: a name that is no coordinate.
-    """
+    """What is given for some coordinates."""
     for name in given:
         if name not in names:
             known = listed(names[:6]) + ", ..." * (len(names) > 6)
             raise ArgumentError(
                 place,
                 f"{excerpt(name)!r} is not a coordinate{suggestion(name, names)} "
-                f"(there are {known})",
+                f"(coordinates: {known})",
             )
     return given
 
@@ -358,13 +372,7 @@ def _is_zero(component: ForceComponent) -> bool:
 
 
 def expressions(value: object, dimension: int, place: str) -> tuple[Expression, ...]:
-    """Expressions in t, one for every coordinate, from one or a list of them.
-
-    Raises
-    ------
-    ValueError
-        ``<place>: what is wrong``.
-    """
+    """Expressions in t, one for every coordinate, from one or a list of them."""
     return _per_coordinate(value, dimension, place, _expression)
 
 

@@ -15,6 +15,7 @@ from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
 from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
+    LinearPotential,
     Potential,
     QuadraticPotential,
     with_stiffness,
@@ -22,14 +23,21 @@ from fvi_cli.effects.potential import (
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.algebra.builder import bound, negative, terms_with
+from fvi_cli.mathematics.algebra.builder import bound, derivatives, negative, terms_with
 from fvi_cli.mathematics.algebra.dependence import constant_values, kinks_of
-from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.matrices.definite import singular_words
-from fvi_cli.scenes.data import Damper, SceneData, make_scene, per_coordinate, with_dampers
+from fvi_cli.scenes.data import (
+    Damper,
+    SceneData,
+    given_force,
+    make_scene,
+    per_coordinate,
+    scene_function,
+    with_dampers,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,10 +46,12 @@ class _Recognised:
 
     mass: Array | None = None
     potential: Potential | None = None
+    linear: LinearPotential | None = None
     forcing: tuple[Expression, ...] | None = None
     general: Lagrangian | None = None
 
 
+@scene_function
 def lagrangian_scene(
     *,
     coordinates: Sequence[str],
@@ -49,24 +59,15 @@ def lagrangian_scene(
     parameters: Mapping[str, float] | None = None,
     **data: Unpack[SceneData],
 ) -> Scene:
-    r"""Scene of a Lagrangian with fractional damping.
+    r"""Scene of a Lagrangian with fractional damping, the velocity of ``x`` called ``vx``.
 
     .. math:: \frac{d}{dt} \frac{\partial L}{\partial v} - \frac{\partial L}{\partial q}
               = f(t) - \sum_j \mu_j D^{\gamma_j} q
 
     Derivatives are taken symbolically. A Lagrangian that is quadratic in q and v becomes matrices
-    (with a force where it is linear in q, which then does not count in the energy); one with a
-    constant mass matrix and without products of q or t with v becomes an inertia and a potential;
-    all others keep their general form.
-
-    Parameters
-    ----------
-    coordinates
-        Names of the d coordinates; the velocity of ``x`` is ``vx``.
-    lagrangian
-        L in coordinates, velocities, parameters and ``t``.
-    parameters
-        Values of further names.
+    and constant forces, whose potential counts in the energy; one with a constant mass matrix and
+    without products of q or t with v becomes an inertia and a potential. In both, terms linear in q
+    in which t occurs are forcing. All others keep their general form.
 
     Raises
     ------
@@ -88,7 +89,7 @@ def lagrangian_scene(
         if not expression.names & set(velocities):
             raise ArgumentError(
                 "lagrangian",
-                f"no velocity occurs in it ({', '.join(velocities)}); "
+                f"it contains no velocity ({', '.join(velocities)}); "
                 "a Lagrangian needs a kinetic energy",
             )
         found = _recognise(names, velocities, expression)
@@ -116,10 +117,13 @@ def lagrangian_scene(
         _check_start(found.potential, position)
     if mass is None:  # pragma: no cover - one of the two is there
         raise ArgumentError("lagrangian", "no mass matrix")
-    data["forcing"] = _with(data.get("forcing"), found.forcing)
-    return make_scene(mass, found.potential, lagrangian=found.general, **data)
+    data["forcing"] = _with(given_force(data.get("forcing")), found.forcing)
+    return make_scene(
+        mass, found.potential, lagrangian=found.general, linear_potential=found.linear, **data
+    )
 
 
+@scene_function
 def double_pendulum(
     *,
     masses: tuple[float, float] = (1.0, 1.0),
@@ -153,13 +157,7 @@ def double_pendulum(
 
 
 def check_names(coordinates: Sequence[str], parameters: Mapping[str, float]) -> None:
-    """Coordinates, their velocities, t and parameters must be different names.
-
-    Raises
-    ------
-    ValueError
-        ``coordinates.<index>: ...`` or ``parameters.<name>: ...``.
-    """
+    """Coordinates, their velocities, t and parameters must be different names."""
     taken = {TIME: "the time"}
     for index, name in enumerate(coordinates):
         for given, what in (
@@ -207,7 +205,8 @@ def _recognise(
         separated = None
     if separated is None:
         return _Recognised(general=general)
-    return _Recognised(mass=mass, potential=separated[0], forcing=separated[1])
+    potential, linear, forcing = separated
+    return _Recognised(mass=mass, potential=potential, linear=linear, forcing=forcing)
 
 
 def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
@@ -221,19 +220,23 @@ def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
 
 def _separate(
     general: Lagrangian, at_rest: Mapping[str, float], *, is_smooth: bool
-) -> tuple[Potential | None, tuple[Expression, ...] | None] | None:
-    """V(q) and f(t) with V(q) - f(t) q = -L at rest; None where there are no such two."""
+) -> tuple[Potential | None, LinearPotential | None, tuple[Expression, ...] | None] | None:
+    """V(q) and f(t) with V(q) - f(t) q = -L at rest, and what of it is c - f q without t.
+
+    None where there are no such V and f.
+    """
     names, parameters = general.coordinates, general.parameters
     lagrangian, forces = bound(general.value, at_rest), bound(general.first[len(names) :], at_rest)
     origin = dict.fromkeys(names, 0.0)
     along = [{name: 1.0} for name in names]
     hessian = derivatives(forces, along)[len(names) :]
     stiffness = _matrix(hessian, parameters, (*names, TIME)) if is_smooth else None
-    if stiffness is not None:
-        # what is linear in q is a force, be it constant
-        potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
-        return potential, _forces(bound(forces, origin), parameters)
     timed, static = terms_with(lagrangian, TIME)
+    if stiffness is not None:
+        # what is linear in q acts as a force, be it constant
+        potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
+        loads = bound(forces, origin)
+        return potential, _linear(static, loads, origin, parameters), _forces(loads, parameters)
     moving = derivatives(timed, along)[1:]
     rest = constant_values(derivatives(moving, along)[len(names) :], parameters, (*names, TIME))
     if rest is None or any(rest) or kinks_of(timed) & set(names):
@@ -244,9 +247,29 @@ def _separate(
         (*names, *parameters),
         system=negative(static),
     )
-    return ExpressionPotential(
-        coordinates=names, energy_expression=energy, parameters=parameters
-    ), own
+    return (
+        ExpressionPotential(coordinates=names, energy_expression=energy, parameters=parameters),
+        None,
+        own,
+    )
+
+
+def _linear(
+    static: FormulaSystem,
+    loads: FormulaSystem,
+    origin: Mapping[str, float],
+    parameters: Mapping[str, float],
+) -> LinearPotential | None:
+    """The constant and linear terms of -L at rest without t; None where all are 0."""
+    along = [{name: 1.0} for name in origin]
+    values = constant_values(bound(derivatives(static, along), origin), parameters, (TIME,))
+    if values is None:  # pragma: no cover - neither q, v nor t is left
+        return None
+    # the forces that act, to the bit, where none of them depends on t
+    force = constant_values(loads, parameters, (TIME,)) or values[1:]
+    if not values[0] and not any(force):
+        return None
+    return LinearPotential(offset=-values[0], force=np.array(force))
 
 
 def _forces(

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
@@ -42,18 +42,11 @@ ROOTS: Final = {name: SERIES_FUNCTIONS[name] for name in ("sqrt", "cbrt")}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactSolution:
-    """The position of a scene as a function of time.
+    """The position of a scene as a function of time."""
 
-    Parameters
-    ----------
-    position
-        Times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative.
-    source
-        Where it comes from, in words, for tables.
-    """
-
+    # times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative
     position: Callable[[Array], Array]
-    source: str
+    source: str  # where it comes from, in words, for tables
 
 
 def linear_response(
@@ -67,30 +60,16 @@ def linear_response(
     derivative: Derivative = "caputo",
     laws: tuple[tuple[RelaxationKernel, float], ...] = (),
 ) -> LinearResponse:
-    r"""Exact solution of one linear equation.
+    r"""Exact solution of one linear equation, m > 0.
 
     .. math:: X(s) = \frac{m (s x_0 + v_0) + \sum_j \mu_j (s^{\gamma_j-1} x_0
               [+ s^{\gamma_j-2} v_0 \text{ if } \gamma_j > 1]) + F(s)}{P(s)}
 
-    with the terms of the sum for Caputo's derivative, and for order 1 in any case.
-
-    Parameters
-    ----------
-    mass, stiffness
-        m > 0 and k.
-    damping
-        Pairs (order, coefficient).
-    position, velocity
-        x(0) and x'(0).
-    forcing
-        Pairs (start, f): the force is f(t), a finite sum of powers, from `start` on until the
-        next; the first starts at 0. After the first, a difference of neighbours must be a
-        polynomial.
-    derivative
-        ``caputo`` or ``riemann-liouville``; the latter with a position other than 0 only for
-        orders up to 1.
-    laws
-        Kernels of relaxation laws with their sizes.
+    with the terms of the sum for Caputo's derivative, and for order 1 in any case; that of Riemann
+    and Liouville takes a position other than 0 for orders up to 1 only. `damping` has pairs (order,
+    coefficient), `laws` kernels with their sizes, `forcing` pairs (start, f): the force is f(t), a
+    finite sum of powers, from `start` on until the next; the first starts at 0. After the first, a
+    difference of neighbours must be a polynomial.
 
     Raises
     ------
@@ -113,7 +92,7 @@ def linear_response(
     inputs: list[tuple[float, Mapping[float, float]]] = []
     before = ZERO
     for begin, force in forcing:
-        jump = transform(shifted(force - before, begin))
+        jump = transform(shift_polynomial(force - before, begin))
         before = force
         if begin == 0:
             for power, coefficient in jump.items():
@@ -131,18 +110,13 @@ def linear_response(
 
 
 def match_scene(scene: Scene) -> ExactSolution | None:
-    r"""Exact solution of a scene, if it is one that is known exactly.
+    r"""Exact solution of a scene, if it is one that is known exactly; None for everything else.
 
     Known are linear scenes whose mass, stiffness, damping and law matrices are diagonal in common
     coordinates, with any number of damping terms and any initial data, under a force whose
     components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials. Of laws
     those whose transforms are quotients of powers of s: not tempered ones beside other
     fractional terms or under a force.
-
-    Returns
-    -------
-    ExactSolution | None
-        None for everything else.
     """
     if not scene.is_linear or scene.is_sparse:
         return None
@@ -222,18 +196,12 @@ def _common_modes(mass: Array, matrices: list[Array]) -> tuple[Array, list[Array
     return root @ rotation, diagonals
 
 
-def shifted(force: PowerSeries, start: float) -> PowerSeries:
-    """A polynomial in t as one in t - start, rounded once at the end.
-
-    Raises
-    ------
-    SeriesError
-        If it is no polynomial.
-    """
+def shift_polynomial(force: PowerSeries, start: float) -> PowerSeries:
+    """A polynomial in t as one in t - start, rounded once at the end."""
     if start == 0:
         return force
     if not all(e >= 0 and e == round(e) for e in force.exponents):
-        raise SeriesError(f"{force!r} is no polynomial, and no sum of powers about {start:g}")
+        raise SeriesError(f"{force!r} is neither a polynomial nor a sum of powers about {start:g}")
     sums: dict[int, Fraction] = {}
     for degree, coefficient in zip(map(int, force.exponents), force.coefficients, strict=True):
         for j in range(degree + 1):
@@ -247,13 +215,7 @@ def shifted(force: PowerSeries, start: float) -> PowerSeries:
 
 
 def transform(force: PowerSeries) -> dict[float, float]:
-    r"""Laplace transform: :math:`t^\beta` becomes :math:`\Gamma(\beta+1) s^{-\beta-1}`.
-
-    Raises
-    ------
-    SeriesError
-        If an exponent is not above -1, or too large.
-    """
+    r"""Laplace transform: :math:`t^\beta` becomes :math:`\Gamma(\beta+1) s^{-\beta-1}`."""
     if not all(-1 < exponent < 100 for exponent in force.exponents):
         raise SeriesError(f"{force!r} has no Laplace transform in range")
     terms = zip(force.exponents.tolist(), force.coefficients.tolist(), strict=True)
@@ -261,18 +223,16 @@ def transform(force: PowerSeries) -> dict[float, float]:
 
 
 def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSeries, ...]]]:
+    """The pieces of a force with their beginnings."""
     if forcing is None:
         return []
+    variables = {"t": PowerSeries.variable(math.inf)}
     starts = (0.0, *forcing.break_points)
-    return [
-        (start, _components(piece)) for start, piece in zip(starts, forcing.pieces, strict=True)
-    ]
-
-
-def _components(piece: ForcingPiece) -> tuple[PowerSeries, ...]:
-    time = PowerSeries.variable(math.inf)
     try:
-        return tuple(one.evaluate({"t": time}, ROOTS) + ZERO for one in piece.components)
+        return [
+            (start, tuple(one.evaluate(variables, ROOTS) + ZERO for one in piece.components))
+            for start, piece in zip(starts, forcing.pieces, strict=True)
+        ]
     except ExpressionError as error:
         raise SeriesError(str(error)) from error
 

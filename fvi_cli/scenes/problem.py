@@ -12,32 +12,17 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """A scene, its kind and its exact solution where one is known.
+    """A scene, its kind and its exact solution where one is known."""
 
-    Parameters
-    ----------
-    kind
-        Name of the kind, for example ``damped-oscillator``.
-    scene
-        The effects and initial data.
-    exact
-        Position at times of shape ``(n,)`` as ``(n, d)``; None when it is not known.
-    exact_source
-        Where `exact` comes from, such as ``expression``, ``closed form`` or ``unknown``.
-    equation
-        The equation of motion in plain text.
-    coordinates
-        Names of the d coordinates; empty: they have none.
-    inputs
-        What drives it by the name that expressions know it by, with one component; None: nothing.
-    """
-
-    kind: str
-    scene: Scene
+    kind: str  # name of the kind, for example ``damped-oscillator``
+    scene: Scene  # the effects and initial data
+    # position at times of shape ``(n,)`` as ``(n, d)``; None when it is not known
     exact: Callable[[Array], Array] | None = None
+    # where `exact` comes from, such as ``expression``, ``closed form`` or ``unknown``
     exact_source: str = "unknown"
-    equation: str = ""
-    coordinates: tuple[str, ...] = ()
+    equation: str = ""  # the equation of motion in plain text
+    coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have none
+    # what drives it by the name that expressions know it by, with one component; None: nothing
     inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
 
     @property
@@ -48,26 +33,13 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DerivativeProblem:
-    r"""The Caputo derivative of a known function, to measure convolution quadrature alone.
+    r"""The Caputo derivative of a known function, to measure convolution quadrature alone."""
 
-    Parameters
-    ----------
-    function
-        f at times of shape ``(n,)``; f(0) = 0 is needed for an order that is not limited to 1.
-    order
-        Order of the derivative, in (0, 2).
-    final_time
-        The derivative is taken on [0, T].
-    exact
-        The derivative at times of shape ``(n,)`` as ``(n, 1)``.
-    kind, exact_source, equation
-        As in :class:`Problem`.
-    """
-
+    # f at times of shape ``(n,)``; f(0) = 0 is needed for an order that is not limited to 1
     function: Callable[[Array], Array]
-    order: float
-    final_time: float
-    exact: Callable[[Array], Array]
+    order: float  # order of the derivative, in (0, 2)
+    final_time: float  # the derivative is taken on [0, T]
+    exact: Callable[[Array], Array]  # the derivative at times of shape ``(n,)`` as ``(n, 1)``
     kind: str = "fractional-derivative"
     exact_source: str = "closed form"
     equation: str = ""

@@ -1,26 +1,81 @@
-"""From a plain mapping (what a configuration says) to a problem."""
+"""Every kind of problem, and from a plain mapping (what a configuration says) to a problem."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.scenes.kinds import KINDS, Kind
+from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.cursor import OPTIONAL, REQUIRED
+from fvi_cli.keys.records import ByKind, Key
+from fvi_cli.keys.settings import keys_of, record_of
+from fvi_cli.scenes.data import check_arguments
+from fvi_cli.scenes.kinds.fractional_derivative import FractionalDerivative
+from fvi_cli.scenes.kinds.kind import Kind
+from fvi_cli.scenes.kinds.material import Material
+from fvi_cli.scenes.kinds.oscillators import (
+    BagleyTorvik,
+    DampedOscillator,
+    DoublePendulum,
+    Duffing,
+    Kepler,
+    LagrangianKind,
+    Pendulum,
+)
+from fvi_cli.scenes.kinds.rows import Chain, FrameKind, String
+from fvi_cli.scenes.kinds.structures import SandwichBeam, Structure
 from fvi_cli.scenes.problem import AnyProblem
+
+KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
+    {
+        one.kind: one
+        for one in (
+            DampedOscillator,
+            BagleyTorvik,
+            Pendulum,
+            Duffing,
+            Kepler,
+            Chain,
+            FrameKind,
+            Structure,
+            SandwichBeam,
+            String,
+            DoublePendulum,
+            LagrangianKind,
+            Material,
+            FractionalDerivative,
+        )
+    }
+)
+"""Every kind by its name, in the order in which they are shown."""
+
+PROBLEM: Final = ByKind(
+    name="Problem",
+    kinds={name: record_of(kind) for name, kind in KINDS.items()},
+    meant={
+        **dict.fromkeys(
+            ("oscillator", "harmonic-oscillator", "spring", "mass-spring", "sdof"),
+            "write kind: damped-oscillator",
+        ),
+        **dict.fromkeys(("building", "shear-building", "storeys"), "write kind: frame"),
+        **dict.fromkeys(("mdof", "fem", "matrices"), "write kind: structure"),
+        **dict.fromkeys(
+            ("custom", "general", "own", "henon-heiles", "spring-pendulum"),
+            "write kind: lagrangian, with coordinates and lagrangian",
+        ),
+    },
+)
+"""What may stand under ``problem``."""
 
 
 def build_problem(specification: Mapping[str, Any], *, search: bool = True) -> AnyProblem:
-    """The problem that a ``problem`` mapping describes.
+    """The problem that a ``problem`` mapping of JSON values describes; absent keys have defaults.
 
-    Parameters
-    ----------
-    specification
-        JSON values under the keys of the configuration's ``problem``; absent keys have their
-        defaults.
-    search
-        Look for the exact solution where none is given, which takes long.
+    `search`: look for the exact solution where none is given, which takes long.
 
     Raises
     ------
@@ -45,9 +100,33 @@ def _kind(specification: Mapping[str, Any]) -> type[Kind]:
     name = specification["kind"]
     if name not in KINDS:
         raise ArgumentError("kind", f"{name!r} is not one of {', '.join(KINDS)}")
+    known = [one.name for one in keys_of(KINDS[name])]
+    for key in specification:
+        if key not in known and key != "kind":
+            hint = suggestion(key, known)
+            raise ArgumentError(key, f"not known{hint} (known here: {listed(known)})")
     return KINDS[name]
 
 
 def kind_title(name: str) -> str:
     """A kind in figures; a name that is none stands for itself."""
     return (KINDS[name].title or name.replace("-", " ")) if name in KINDS else name
+
+
+def sandwich_beam(**keys: Any) -> Scene:
+    """Scene of a clamped beam with a viscoelastic core, by the keys of ``kind: sandwich-beam``."""
+    check_arguments("sandwich_beam", keys, _BEAM)
+    return build_scene({"kind": "sandwich-beam", **keys})
+
+
+def _argument(of: Key) -> inspect.Parameter:
+    default = None if of.default is OPTIONAL else of.default
+    if default is REQUIRED:
+        default = inspect.Parameter.empty
+    return inspect.Parameter(of.name, inspect.Parameter.KEYWORD_ONLY, default=default)
+
+
+_BEAM: Final = inspect.Signature(
+    [_argument(one) for one in keys_of(SandwichBeam)], return_annotation="Scene"
+)
+sandwich_beam.__signature__ = _BEAM  # type: ignore[attr-defined]

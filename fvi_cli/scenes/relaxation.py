@@ -42,23 +42,14 @@ class LinearResponse:
     r"""Solution x(t) of a linear equation with constant coefficients.
 
     .. math:: m x'' + \sum_j \mu_j D^{\gamma_j} x + \sum_i g_i k_i * x' + k x = f(t)
-
-    Parameters
-    ----------
-    characteristic
-        The left-hand side in powers of p = s + l, multiplied by the denominators of laws.
-    inputs
-        Pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added.
-    zeros
-        Its zeros.
-    decay
-        l.
     """
 
+    # the left-hand side in powers of p = s + l, multiplied by the denominators of laws
     characteristic: CharacteristicFunction | CharacteristicSum
+    # pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
-    decay: float = 0.0
+    decay: float = 0.0  # l
 
     def __call__(self, time: Array) -> Array:
         """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
@@ -86,23 +77,9 @@ def law_response(
     laws: Sequence[tuple[RelaxationKernel, float]],
     position: float,
 ) -> LinearResponse:
-    """The response of an equation with relaxation laws.
+    """The response of an equation, `plain` without its laws, which have relaxed at `position`.
 
-    Parameters
-    ----------
-    plain
-        The left-hand side without them.
-    inputs
-        Transforms of the right-hand side without them; the first begins at 0.
-    laws
-        Kernels with their sizes.
-    position
-        x(0), at which they have relaxed.
-
-    Raises
-    ------
-    ValueError
-        If the laws are no quotients of powers, or zeros of the sum cannot be separated.
+    `inputs` are transforms of the right-hand side without laws; the first begins at 0.
     """
     decay = common_decay([kernel for kernel, _ in laws])
     sizes: dict[RelaxationKernel, float] = {}
@@ -110,12 +87,12 @@ def law_response(
         sizes[kernel] = sizes.get(kernel, 0.0) + size
     fractions = {kernel: fraction_of(kernel, decay) for kernel in sizes}
     everything = product(*(one.below for one in fractions.values()))
-    rate = shifted({1.0: 1.0}, decay)
+    rate = shift_powers({1.0: 1.0}, decay)
     memory: Powers = {}
     for kernel, size in sizes.items():
         others = [one.below for other, one in fractions.items() if other != kernel]
         memory = plus(memory, product(fractions[kernel].above, *others), size)
-    total = product(shifted(dict(plain.terms), decay), everything)
+    total = product(shift_powers(dict(plain.terms), decay), everything)
     total = plus(total, product(rate, memory))
     if len(total) > MOST_TERMS:
         raise ValueError(f"laws: {len(total)} powers; zeros of up to {MOST_TERMS} are looked for")
@@ -124,7 +101,7 @@ def law_response(
     )
     changed: list[tuple[float, Mapping[float, float]]] = []
     for index, (start, numerator) in enumerate(inputs):
-        powers = product(shifted(dict(numerator), decay), everything)
+        powers = product(shift_powers(dict(numerator), decay), everything)
         if index == 0:
             powers = plus(powers, memory, position)
         changed.append((start, {power: c for power, c in powers.items() if c}))
@@ -168,14 +145,8 @@ def product(*factors: Powers) -> Powers:
     return total
 
 
-def shifted(polynomial: Powers, decay: float) -> Powers:
-    """A sum of powers of s as one of p = s + l.
-
-    Raises
-    ------
-    ValueError
-        For powers that are no integers >= 0, unless l is zero.
-    """
+def shift_powers(polynomial: Powers, decay: float) -> Powers:
+    """A sum of powers of s as one of p = s + l."""
     if decay == 0:
         return polynomial
     total: Powers = {}
@@ -187,13 +158,7 @@ def shifted(polynomial: Powers, decay: float) -> Powers:
 
 
 def fraction_of(kernel: RelaxationKernel, decay: float) -> Fraction:
-    """The quotient for a kernel.
-
-    Raises
-    ------
-    ValueError
-        Where it is none in powers of p = s + l.
-    """
+    """The quotient for a kernel."""
     if isinstance(kernel, TemperedPower) and kernel.rate == decay:
         return Fraction(above={kernel.order - 1.0: 1.0}, below={0.0: 1.0})
     if isinstance(kernel, ColeCole) and decay == 0:
@@ -211,13 +176,7 @@ def fraction_of(kernel: RelaxationKernel, decay: float) -> Fraction:
 
 
 def common_decay(kernels: Sequence[RelaxationKernel]) -> float:
-    """The rate l for which all kernels are quotients of powers of s + l.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """The rate l for which all kernels are quotients of powers of s + l."""
     shifts = {kernel.shift for kernel in kernels if kernel.ends is not None}
     if len(shifts) > 1:
         raise ValueError("laws of different least rates: no common powers")

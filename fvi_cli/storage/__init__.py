@@ -6,7 +6,7 @@ run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``ste
 ``seconds``, ``history_operations`` and ``status``; members of a sweep share a group, with an axis
 ``member`` in front. Runs of other values than those of the file's configuration lie in the same way
 below ``/<experiment>@1a2b3c4d/``, long lists of numbers of configurations below ``/@inputs/``, and
-``/@index/`` tells which run lies where. The attributes of the root say where the file comes from.
+``/@index/`` lists which run lies where. The attributes of the root say where the file comes from.
 """
 
 from fvi_cli.storage.comparison.reasons import NEW, Reasons
@@ -18,7 +18,7 @@ from fvi_cli.storage.contents import (
     list_runs,
     read_configuration,
 )
-from fvi_cli.storage.files import PARTS_SUFFIX, printable
+from fvi_cli.storage.files import PARTS_SUFFIX, escape_text
 from fvi_cli.storage.records.record import Entry, Place, place_of
 from fvi_cli.storage.store import Store, open_results, read_results
 
@@ -32,11 +32,11 @@ __all__ = [
     "StoredConfiguration",
     "StoredFile",
     "StoredRun",
+    "escape_text",
     "has_configuration",
     "list_runs",
     "open_results",
     "place_of",
-    "printable",
     "read_configuration",
     "read_results",
 ]

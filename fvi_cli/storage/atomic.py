@@ -15,7 +15,7 @@ from fvi_cli.errors import StorageError
 _logger = logging.getLogger(__name__)
 
 UNFINISHED = ".part"
-"""Ending of files that are being written; what is left of them after a crash is of no use."""
+"""Ending of files that are being written; remainders of them after a crash are of no use."""
 
 
 _SECONDS_BETWEEN_TRIES = 0.2
@@ -50,7 +50,7 @@ def _held_file(path: Path) -> tuple[int, str]:
     """A new file beside `path` that no other process takes for one that is abandoned."""
     while True:
         handle, name = _new_file(path)
-        # where there are no locks nobody can tell, and nothing is removed
+        # without locks this is unknown, and no file is removed
         with contextlib.suppress(OSError):
             _hold(handle)
         if os.fstat(handle).st_nlink:
@@ -68,14 +68,8 @@ def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
     """Descriptor of a new file beside `path` that takes its place when the block has ended.
 
     It is open for reading and writing. On any failure `path` stays as it was, and nothing is left.
-    Where `path` is a link, what it leads to is replaced.
-
-    Parameters
-    ----------
-    path
-        What is replaced.
-    is_held
-        Hold the new file, so that who removes abandoned ones of `path` leaves it.
+    Where `path` is a link, what it leads to is replaced. The new file may be held, so that who
+    removes abandoned ones of `path` leaves it.
     """
     try:
         with _replacement(followed(path), is_held=is_held) as handle:
@@ -147,14 +141,8 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
     """Hold a result file, which need not exist, for one process alone.
 
     The lock is the kernel's, on the file ``.<name>.lock`` beside it. That file stays: removing it
-    would let two processes hold locks on two files of that name.
-
-    Parameters
-    ----------
-    path
-        Of the result file.
-    waits
-        Where another process holds it, wait until that has ended.
+    would let two processes hold locks on two files of that name. Where another process holds it,
+    a process that `waits` goes on when that has ended.
     """
     from filelock import FileLock, Timeout
 

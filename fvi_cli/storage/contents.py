@@ -15,17 +15,17 @@ import fvi_cli
 from fvi_cli.errors import StorageError
 from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.storage.comparison.differences import difference_in_words
-from fvi_cli.storage.files import printable
+from fvi_cli.storage.digests import Inputs, canonical_json, restored, sha256, stowed
+from fvi_cli.storage.files import escape_text
 from fvi_cli.storage.groups.writing import WrittenGroup
-from fvi_cli.storage.identity import Inputs, canonical_json, restored, sha256, stowed
-from fvi_cli.storage.records.observed import EMPTY_SUMMARY, ObservedSummary, observed_summary
+from fvi_cli.storage.records.fields import EMPTY_SUMMARY, ObservedSummary, observed_summary
 from fvi_cli.storage.records.record import REFERENCES, RUN_KEYS
 from fvi_cli.storage.result_file import ResultFile
 from fvi_cli.studies.members import swept_in_words
 
 RESOLVED = "resolved_config_sha256"
 CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
-"""Attributes of the root that tell of the configuration."""
+"""Attributes of the root that describe the configuration."""
 
 
 class Configuration(Protocol):
@@ -46,21 +46,12 @@ class Configuration(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class StoredConfiguration:
-    """The configuration that made a file.
+    """The configuration that made a file."""
 
-    Parameters
-    ----------
-    text
-        Word for word.
-    overrides
-        Changes ``key.path=value`` that were asked for beside it.
-    resolved
-        JSON text with every default filled in and every override applied; being YAML too, it is
-        a configuration of the same experiments.
-    """
-
-    text: str
-    overrides: tuple[str, ...]
+    text: str  # word for word
+    overrides: tuple[str, ...]  # changes ``key.path=value`` that were asked for beside it
+    # JSON text with every default filled in and every override applied; being YAML too, it is a
+    # configuration of the same experiments
     resolved: str
 
 
@@ -99,23 +90,16 @@ class StoredRun:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFile:
-    """What a file holds and where it comes from.
+    """What a file holds and where it comes from."""
 
-    Parameters
-    ----------
-    provenance
-        Attributes of the root without the configuration: versions, commit, platform, time, format.
-    runs
-        In the order of the file.
-    """
-
+    # attributes of the root without the configuration: versions, commit, platform, time, format
     provenance: Mapping[str, str]
-    runs: tuple[StoredRun, ...]
+    runs: tuple[StoredRun, ...]  # in the order of the file
 
 
-def read_configuration(path: Path) -> StoredConfiguration:
-    """The configuration that made a result file."""
-    with contextlib.closing(ResultFile(path)) as file:
+def read_configuration(path: Path | str) -> StoredConfiguration:
+    """The configuration that made a result file, word for word, with its overrides."""
+    with contextlib.closing(ResultFile(Path(path))) as file:
         text, overrides, resolved, _ = (str(file.root[name]) for name in CONFIGURATION)
         values = restored(json.loads(resolved), file.read_input)
     return StoredConfiguration(
@@ -131,14 +115,14 @@ def has_configuration(path: Path, configuration: Configuration) -> bool:
     return False
 
 
-def list_runs(path: Path) -> StoredFile:
-    """Runs and provenance of a result file."""
-    with contextlib.closing(ResultFile(path)) as file:
+def list_runs(path: Path | str) -> StoredFile:
+    """What a result file holds and where it comes from, without the numbers of the runs."""
+    with contextlib.closing(ResultFile(Path(path))) as file:
         if not file.is_sealed:  # whatever another program has changed
             for entry in file.entries():
                 entry.record()
         provenance = {
-            printable(name): printable(str(value))
+            escape_text(name): escape_text(str(value))
             for name, value in file.root.items()
             if name not in CONFIGURATION[:3]
         }
@@ -153,7 +137,7 @@ def list_runs(path: Path) -> StoredFile:
 
 
 def _listed(row: dict[str, Any]) -> StoredRun:
-    words: dict[str, Any] = {k: printable(v) if isinstance(v, str) else v for k, v in row.items()}
+    words: dict[str, Any] = {k: escape_text(v) if isinstance(v, str) else v for k, v in row.items()}
     own = row.get("observed")
     if own is not None:
         extents = {name: Extent(**one) for name, one in own["extents"].items()}
@@ -181,7 +165,7 @@ def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
 
 
 def _specification(group: WrittenGroup) -> dict[str, Any]:
-    """What determines the numbers, and the norm, which tells variants apart as well."""
+    """What determines the numbers, and the norm, which distinguishes variants as well."""
     return {**json.loads(group.attributes["specification"]), "norm": group.column("norm")[0]}
 
 

@@ -95,8 +95,8 @@ def _values(dataset: h5py.Dataset) -> NDArray[Any]:
     return np.asarray(dataset[()])
 
 
-def export_file(path: Path, form: str, directory: Path) -> list[Path]:
-    """Write the runs of a result file in another format.
+def export_file(path: Path | str, form: str, directory: Path | str) -> list[Path]:
+    """Write the runs of a result file in another format, as ``fvi export`` does.
 
     Parameters
     ----------
@@ -120,6 +120,7 @@ def export_file(path: Path, form: str, directory: Path) -> list[Path]:
     """
     if form not in FORMATS:
         raise RequestError(f"--to {form}: is not one of {', '.join(FORMATS)}")
+    path, directory = Path(path), Path(directory)
     runs = stored_arrays(path)
     written = []
     for name, content in FORMATS[form](path.stem, runs):

@@ -12,7 +12,7 @@ import h5py
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import UNFINISHED, explain_os_error, followed, reason, replacement
-from fvi_cli.storage.identity import FORMAT
+from fvi_cli.storage.digests import FORMAT
 from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, append_seal
 
 CREATOR = "fvi-cli"
@@ -45,7 +45,7 @@ _WHAT_THEN = "it is left as it is: move it away, and its runs are computed again
 
 @contextlib.contextmanager
 def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
-    """Open a result file for reading after a look at who wrote it; tells whether it is sealed.
+    """Open a result file for reading after a look at who wrote it, and whether it is sealed.
 
     What is read is as it was when it was opened, also when it is replaced meanwhile.
     """
@@ -53,7 +53,7 @@ def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
         hint = "" if path.suffix else f"; result files end in .h5, such as results/{path.name}.h5"
         raise StorageError(f"{path}: no such file{hint}")
     if not path.is_file():
-        kind = "a folder" if path.is_dir() else "no ordinary file"
+        kind = "a folder" if path.is_dir() else "a device or pipe"
         raise StorageError(f"{path}: is {kind}, not a result file")
     if path.suffix in (".yaml", ".yml"):
         raise StorageError(
@@ -116,7 +116,7 @@ def _refuse_strangers(file: h5py.File, path: Path) -> None:
             "or move the file away"
         )
     if number < FORMAT:
-        version = printable(str(file.attrs.get("fvi_version", "an older version")))
+        version = escape_text(str(file.attrs.get("fvi_version", "an older version")))
         raise StorageError(
             f"{path}: has format {number}, this version of fvi reads {FORMAT}; move the file away, "
             f"and its runs are computed again, or read it with the version that wrote it "
@@ -124,7 +124,7 @@ def _refuse_strangers(file: h5py.File, path: Path) -> None:
         )
 
 
-def printable(text: str) -> str:
+def escape_text(text: str) -> str:
     """A text from a file as it may be printed: what would steer a terminal is escaped."""
     return "".join(
         c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
@@ -139,7 +139,7 @@ def explain_damage(path: Path) -> Iterator[None]:
     except DamagedBytesError as error:
         raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
     except HDF5_ERRORS as error:
-        found = printable(f"{type(error).__name__}: {error}")
+        found = escape_text(f"{type(error).__name__}: {error}")
         raise StorageError(
             f"{path}: is damaged or not a result file ({found}); {_WHAT_THEN}"
         ) from error
@@ -172,7 +172,7 @@ def refuse_old_parts(folder: Path) -> None:
 
 
 def checkpoint_paths(parts: Path) -> Sequence[Path]:
-    """The checkpoints in a folder of parts, whoever they belong to."""
+    """The checkpoints in a folder of parts, of all runs."""
     return sorted(parts.glob(f"[!.]*{CHECKPOINT_SUFFIX}"))
 
 
@@ -187,7 +187,7 @@ def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
 
 
 def remove_unfinished(path: Path) -> None:
-    """Remove what a crash has left half written; the lock says that nobody is writing it."""
+    """Remove what a crash has left half written; the lock says that no process is writing it."""
     parts, place = path.with_suffix(PARTS_SUFFIX), followed(path)
     for leftover in itertools.chain(
         place.parent.glob(f".{place.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")

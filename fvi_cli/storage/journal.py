@@ -48,15 +48,7 @@ def journal_path(path: Path) -> Path:
 
 
 class Journal:
-    """The journal beside a result file.
-
-    Parameters
-    ----------
-    path
-        Of the result file.
-    writes
-        Whether frames are appended; the file is held by a lock then.
-    """
+    """The journal beside the result file `path`, which is held by a lock where it `writes`."""
 
     def __init__(self, path: Path, *, writes: bool) -> None:
         self.path = journal_path(path)
@@ -88,7 +80,7 @@ class Journal:
         if self._end < size:
             self._refuse_damage(size)
             if self._writes:
-                _logger.warning("%s: its last entry is not whole, and is dropped", self.path)
+                _logger.warning("%s: its last entry is incomplete and is dropped", self.path)
                 file.truncate(self._end)
         return file
 
@@ -157,7 +149,7 @@ class Journal:
         return self.entries[known:]
 
     def _encoded(self, records: Sequence[StoredRecord]) -> bytes:
-        """A frame; what its records have in common is said once."""
+        """A frame; what its records have in common is stored once."""
         first = records[0].attributes
         common = {
             name: value
@@ -249,7 +241,9 @@ class Journal:
 
     def _opened(self) -> FileIO:
         if self._file is None:
-            raise StorageError(f"{self.path}: is gone")
+            raise StorageError(
+                f"{self.path}: was removed while it was in use; run the command again"
+            )
         return self._file
 
     def _bytes(self, at: int, count: int) -> bytearray:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
+from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json, digest_of
 from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
@@ -30,7 +31,7 @@ from fvi_cli.storage.groups.reading import (
     Block,
     StoredGroup,
     axes_from_words,
-    plain,
+    json_value,
     run_groups,
 )
 from fvi_cli.storage.groups.writing import (
@@ -39,7 +40,6 @@ from fvi_cli.storage.groups.writing import (
     write_convergence,
     write_group,
 )
-from fvi_cli.storage.identity import FORMAT, INPUT, canonical_json, digest_of
 from fvi_cli.storage.provenance import origin, package_versions, platform_name
 from fvi_cli.storage.records.placed import Placed
 from fvi_cli.storage.records.record import Entry, GroupKind, StoredRecord, kind_of
@@ -75,7 +75,7 @@ class ResultFile:
         self._file: h5py.File | None = file
         try:
             with explain_damage(path):
-                self.root = {name: plain(value) for name, value in file.attrs.items()}
+                self.root = {name: json_value(value) for name, value in file.attrs.items()}
                 self._index = {name: node[()] for name, node in file[INDEX].items()}
                 if _checksum(self.root, self._index) != self.root[CHECKSUM]:
                     raise ValueError("the attributes of the file are not those that were written")
@@ -96,7 +96,9 @@ class ResultFile:
         if self._file is None:
             _, self._file = self._stack.enter_context(open_stored(self.path))
             if self._file.attrs[CHECKSUM] != self.root[CHECKSUM]:
-                raise StorageError(f"{self.path}: was replaced while it was read; begin again")
+                raise StorageError(
+                    f"{self.path}: was replaced while it was read; run the command again"
+                )
             _REOPENED.append(self)
             while len(_REOPENED) > MOST_REOPENED:
                 _REOPENED.pop(0).close()
@@ -219,20 +221,9 @@ def write_file(
 ) -> None:
     """Write all runs, some in memory at a time, the summary of every case, and the index.
 
-    Parameters
-    ----------
-    path
-        Of the file.
-    layout
-        What belongs where.
-    attributes
-        What the root says of the configuration.
-    listed
-        The line of a listing for every group, by their paths.
-    lookup
-        Gives a long list of numbers by its digest.
-    done
-        Is called when everything is read, before the file is replaced.
+    `attributes` are what the root says of the configuration, `listed` gives the line of a listing
+    for every group, `lookup` a long list of numbers by its digest; `done` is called when everything
+    is read, before the file is replaced.
     """
     root = {
         "creator": CREATOR,

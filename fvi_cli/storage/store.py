@@ -20,6 +20,13 @@ from fvi_cli.storage.contents import (
     described,
     lines_of,
 )
+from fvi_cli.storage.digests import (
+    Inputs,
+    answered_by_own_code,
+    refusal_of,
+    request_of,
+    specification_of,
+)
 from fvi_cli.storage.files import (
     PARTS_SUFFIX,
     SUFFIX,
@@ -28,16 +35,8 @@ from fvi_cli.storage.files import (
     remove_checkpoints,
     remove_unfinished,
 )
-from fvi_cli.storage.identity import (
-    Inputs,
-    answered_by_own_code,
-    refusal_of,
-    request_of,
-    specification_of,
-)
 from fvi_cli.storage.journal import Journal
-from fvi_cli.storage.layout import layout_of
-from fvi_cli.storage.records.placed import Description, Placed, description_of
+from fvi_cli.storage.records.placed import Description, Placed, description_of, layout_of
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
     Entry,
@@ -53,7 +52,7 @@ from fvi_cli.storage.records.references import (
     reference_record_of,
     reference_request_of,
 )
-from fvi_cli.storage.records.runs import finished_of, record_of, run_of
+from fvi_cli.storage.records.runs import finished_of, run_of, stored_record
 from fvi_cli.storage.result_file import ResultFile, write_file
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import Reference
@@ -67,18 +66,8 @@ def open_results(
 ) -> Iterator[Store]:
     """Open ``<name>.h5`` in `directory` for reading and for new runs.
 
-    The file is held by a lock of the kernel until the block ends.
-
-    Parameters
-    ----------
-    directory
-        Folder of results; it is made when it is missing.
-    name
-        Of the configuration.
-    fresh
-        Find nothing that is stored; it is replaced by what is computed again, run by run.
-    waits
-        Where another process holds the file, wait until that has ended.
+    The file is held by a lock of the kernel until the block ends. In a `fresh` one nothing is found
+    that is stored: it is replaced by what is computed again, run by run.
     """
     path = directory / f"{name}{SUFFIX}"
     with file_lock(path, waits=waits):
@@ -91,7 +80,7 @@ def open_results(
 def read_results(
     path: Path, *, fresh: bool = False, may_be_missing: bool = False
 ) -> Iterator[Store]:
-    """Look up runs of a result file, and of the journal beside it; nothing is written.
+    """Look up runs of a result file, and of the journal beside it; writes no file.
 
     Where it `may_be_missing`, a file that is not there is one without runs.
     """
@@ -104,16 +93,8 @@ def read_results(
 class Store:
     """A result file and the journal beside it, as one command sees them.
 
-    What is read is as it was when they were opened; the journal goes before the file.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    writes
-        Whether the file is held, and runs may be added.
-    is_fresh
-        Find nothing that is stored.
+    What is read is as it was when they were opened; the journal goes before the file. Runs may be
+    added to one that `writes`; in a fresh one nothing is found that is stored.
     """
 
     def __init__(self, path: Path, *, writes: bool = False, is_fresh: bool = False) -> None:
@@ -197,7 +178,7 @@ class Store:
 
     def add(self, batch: Sequence[FinishedRun]) -> None:
         """Keep finished runs; a kill after this loses none of them."""
-        records = [record_of(finished) for finished in batch]
+        records = [stored_record(finished) for finished in batch]
         # experiments may share a run, which is then computed twice
         new = {one.identity: one for one in records if one.identity not in self._added}
         if new:
@@ -297,7 +278,7 @@ class Store:
         """
         if not self.entries() and not even_empty:
             return None
-        # nothing that is requested is finished: the file keeps the configuration that it has
+        # no requested run is finished: the file keeps the configuration that it has
         is_described = self._file is not None and not self._requested
         attributes = (
             self._root_attributes() if is_described else described(configuration, self._inputs)
@@ -311,7 +292,7 @@ class Store:
             )
             if others:
                 _logger.info(
-                    "%s: holds %d runs of other values as well; `fvi show` lists them, "
+                    "%s: also holds %d runs of other configurations; `fvi show` lists them, "
                     "`fvi forget` removes them",
                     self.path,
                     others,
@@ -367,7 +348,7 @@ class Store:
                 return source.read_input(digest)
         if self._file is not None:
             return self._file.read_input(digest)
-        raise StorageError(f"{self.path}: the numbers {digest} are nowhere; begin again")
+        raise StorageError(f"{self.path}: the input {digest} is missing; run the command again")
 
     def _write(self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]) -> None:
         with contextlib.suppress(OSError):

@@ -118,13 +118,7 @@ class _Stream(ABC):
 
 
 class SafeStream(_Stream):
-    """Random access to an open file, for :class:`h5py.File`.
-
-    Parameters
-    ----------
-    handle
-        Descriptor of a file that is open for reading and writing; it is not closed here.
-    """
+    """Random access, for :class:`h5py.File`, to a file that is open; it is not closed here."""
 
     def __init__(self, handle: int) -> None:
         self._handle = handle
@@ -182,18 +176,13 @@ class SafeStream(_Stream):
         return self._size
 
     def flush(self) -> None:
-        """Nothing is buffered here."""
+        """There is no buffer here."""
 
 
 class SealedStream(_Stream):
     """A file for the library's reader that gives it no byte that is not as it was sealed.
 
     It stays open, so that what is read is as it was, also when another file takes its name.
-
-    Parameters
-    ----------
-    path
-        A file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -41,8 +41,8 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
         "The same as a share of the largest position of the run.", default=None
     )
     mesh: MeshChoice | None = key(
-        "adaptive: steps are found on the way, with 4 to 10 stages; uniform: one of the "
-        "methods and a number of equal steps are chosen. Default: adaptive where no method "
+        "adaptive: steps are chosen during the run, with 4 to 10 stages; uniform: one of the "
+        "methods with a number of equal steps is chosen. Default: adaptive where no method "
         "is given.",
         default=None,
     )

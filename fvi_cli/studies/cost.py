@@ -2,12 +2,11 @@
 
 Everything is measured in this process, one run after the other. What the package keeps between
 runs (rules, tableaux, expansions) is forgotten before every timed run, so that set-up is that of
-a first run; only the import of modules is not in it, since every method runs once before.
+a first run; only the import of modules is not in it, since every run is computed once before.
 """
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import functools
 import gc
@@ -16,25 +15,33 @@ import statistics
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run, lookup_case
-from fvi_cli.studies.norms import Norm
+from fvi_cli.studies.norms import Norm, error_norm, point_weights
+from fvi_cli.studies.reference import Reference
 from fvi_cli.studies.study import execute, reference_of
+from fvi_cli.studies.tolerance.search import solve
 
 LONG_SECONDS = 2.0
-"""Runs that take longer are timed once."""
+"""Runs and searches that take longer are timed once."""
 
 LEAST_REPEATS = 5
 MOST_REPEATS = 25
 ENOUGH_SECONDS = 0.25
 """Shorter runs are repeated until they have taken this long together."""
+
+TOLERANCES = tuple(10.0**-k for k in range(3, 12, 2))
+"""1e-3, 1e-5, ... 1e-11: those whose searches are timed."""
+
+SEARCHES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +134,7 @@ class CostTable:
     def unexpected(self) -> list[str]:
         """One line for every run that failed although the configuration did not say so."""
         return [
-            f"{self.experiment} {case.method.case} N={row.n_steps}: {row.status}"
+            f"{self.experiment} {method_name(case.method)}, N={row.n_steps}: {row.status}"
             + (f" ({row.message})" if row.message else "")
             for case in self.cases
             if lookup_case(self.expect, case.method) is None
@@ -147,52 +154,15 @@ class CostTable:
 Store = Callable[[FinishedRun], object]
 
 
-def measure_costs(
-    experiment: Experiment,
-    store: Store | None = None,
-    failed: Callable[[Run, Exception], str] | None = None,
-) -> Iterator[CostRow]:
-    """Every run of `experiment`, measured: method by method, steps increasing.
+def measure_cost(
+    run: Run, store: Store | None = None, reference: Reference | None = None
+) -> CostRow:
+    """Time, memory and work of one run; `store` writes it, and its time is taken.
 
-    `store` writes a run, and its time is taken. `failed` says in words what an exception in the
-    midst of a run means; without it an exception ends everything.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to integrate, or more than one scene.
+    It is computed once before: imports, and pages of memory that the process has not touched
+    before, are no part of what is measured. A `reference` that is not given is found here.
     """
-    if experiment.members:
-        raise ValueError(f"{experiment.name}: costs are measured on one scene, not on a sweep")
-    if not isinstance(experiment.problem, Problem):
-        raise ValueError(f"{experiment.name}: costs are measured of scenes, not of a derivative")
-    runs = experiment.runs()
-    reference_of(runs[0])
-    for run in runs[:: len(experiment.steps)]:
-        # imports, and pages of memory that the process has not touched before; what it raises is
-        # raised once more when the run itself is measured
-        with contextlib.suppress(Exception):
-            _integrate(run)
-    for run in runs:
-        try:
-            row = measure_cost(run, store)
-        except MemoryError:
-            raise
-        except Exception as error:
-            if failed is None:
-                raise
-            row = CostRow(
-                n_steps=run.n_steps,
-                step_size=run.step_size,
-                status="failed",
-                message=failed(run, error),
-            )
-        yield row
-
-
-def measure_cost(run: Run, store: Store | None = None) -> CostRow:
-    """Time, memory and work of one run."""
-    finished = execute(run)
+    finished = execute(run, reference=reference)
     trajectory = finished.trajectory
     walls: list[float] = []
     steppings: list[float] = []
@@ -202,7 +172,7 @@ def measure_cost(run: Run, store: Store | None = None) -> CostRow:
         if not any(steppings):
             # no step could be made
             walls, steppings = [], []
-        peak = peak_bytes(lambda: _integrate(run))
+        peak = traced_peak_bytes(lambda: _integrate(run))
     setups = [wall - stepping for wall, stepping in zip(walls, steppings, strict=True)]
     return CostRow(
         n_steps=run.n_steps,
@@ -223,10 +193,55 @@ def measure_cost(run: Run, store: Store | None = None) -> CostRow:
     )
 
 
+def measure_tolerance(
+    finest: Run, tolerance: float, reference: Reference | None = None
+) -> ToleranceRow:
+    """Search for a tolerance, timed; the error is that at the points of the `finest` run.
+
+    Raises
+    ------
+    ValueError
+        If the experiment has no scene.
+    """
+    experiment, problem = finest.experiment, finest.problem
+    if not isinstance(problem, Problem):
+        raise ValueError(f"{experiment.name}: costs are measured of scenes, not of a derivative")
+    scene, seconds = problem.scene, math.inf
+    found: list[Trajectory] = []
+
+    def search() -> Trajectory:
+        found[:] = [solve(scene, tolerance=tolerance)]
+        return found[0]
+
+    for _ in range(SEARCHES):
+        seconds = min(seconds, timed_run(search)[0])
+        if seconds > LONG_SECONDS:
+            break
+    (run,) = found
+    if run.assessment is None or run.steps is None:
+        raise ValueError(f"{experiment.name}: no run was made")
+    error = math.nan
+    if run.status == "ok":
+        times = finest.times
+        exact = (reference or reference_of(finest)).values(times)
+        weights = point_weights(times, finest.step_size, 1, experiment.grading)
+        error = error_norm(run.steps(times), exact, weights, experiment.norm)
+    return ToleranceRow(
+        tolerance=tolerance,
+        outcome=run.assessment.outcome,
+        error=error,
+        estimate=run.assessment.estimate,
+        n_steps=run.n_steps,
+        degree=run.steps.tables.degree,
+        rounds=len(run.assessment.attempts),
+        seconds=seconds,
+    )
+
+
 def cost_table(
-    experiment: Experiment, rows: list[CostRow], by_tolerance: Sequence[ToleranceRow] = ()
+    experiment: Experiment, rows: Sequence[CostRow], by_tolerance: Sequence[ToleranceRow] = ()
 ) -> CostTable:
-    """The rows of :func:`measure_costs` by method, and those that a tolerance came to."""
+    """The rows of all runs by method, steps increasing, and those that a tolerance came to."""
     problem = experiment.problem
     orders: tuple[float, ...] = ()
     if isinstance(problem, Problem):
@@ -251,7 +266,7 @@ def cost_table(
 
 def timed_run(action: Callable[[], Trajectory]) -> tuple[float, float]:
     """Wall time of `action` from a cold start, and the stepping time that its result states."""
-    forget()
+    clear_caches()
     # what the last run left is young; a whole collection takes longer than many a run
     gc.collect(1)
     was_enabled = gc.isenabled()
@@ -309,9 +324,9 @@ def _spread(seconds: list[float]) -> float:
     return (upper - lower) / middle
 
 
-def peak_bytes(action: Callable[[], object]) -> int:
+def traced_peak_bytes(action: Callable[[], object]) -> int:
     """Traced peak memory of `action`."""
-    forget()
+    clear_caches()
     gc.collect()
     tracemalloc.start()
     try:
@@ -324,7 +339,7 @@ def peak_bytes(action: Callable[[], object]) -> int:
 _FORGETFUL = ("fvi_cli.mathematics.", "fvi_cli.effects.", "fvi_cli.integrator.")
 
 
-def forget() -> None:
+def clear_caches() -> None:
     """Empty every cache of the floors that integrate: the next run begins cold."""
     for name, module in list(sys.modules.items()):
         if name.startswith(_FORGETFUL):

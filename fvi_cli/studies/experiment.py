@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem, Problem
@@ -48,7 +49,7 @@ UNITS = ("time", "length", "velocity", "acceleration", "momentum", "energy")
 NEEDS_LADDER = (
     "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"
 )
-"""What is said where a tolerance does not do."""
+"""Advice where a tolerance is not possible."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,15 +87,15 @@ class Experiment:
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS
     """What is computed and stored beside every trajectory."""
     observations: Observations = field(default_factory=Observations)
-    """Times, quantities and events that are asked of every run."""
+    """Times, quantities and events requested of every run."""
     accuracy: Accuracy | None = None
     """A tolerance in place of `steps`, which are empty until a method and a number of steps are
     chosen; then these are the only ones."""
     fit: FitSettings | None = None
-    """What is fitted to which measurements; None: nothing is."""
+    """What is fitted to which measurements; None: no fit."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Names of units for figures and tables, of what :data:`UNITS` names, coordinates and
-    quantities; nothing is converted."""
+    quantities; labels without conversion."""
 
     def __repr__(self) -> str:
         """Name, methods and steps; the scene is too long for a line."""
@@ -197,7 +198,7 @@ class Run:
 
     @property
     def observations(self) -> Observations:
-        """What is asked of the motion, with the parameters of this run."""
+        """Requested outputs of the motion, with the parameters of this run."""
         observations, problem = self.experiment.observations, self.problem
         if observations.is_empty or self.member is None or not isinstance(problem, Problem):
             return observations
@@ -207,7 +208,7 @@ class Run:
     @property
     def title(self) -> str:
         """The run in one line."""
-        title = f"{self.experiment.name} {self.method.case} N={self.n_steps}"
+        title = f"{self.experiment.name} {method_name(self.method)}, N={self.n_steps}"
         return title if self.member is None else f"{title} ({self.member.label})"
 
     def specification(self) -> dict[str, Any]:
@@ -236,7 +237,7 @@ class Run:
 
 
 def _diagnostics_settings(diagnostics: DiagnosticsRequest) -> dict[str, Any]:
-    """The diagnostics as JSON values; nothing where none are asked for."""
+    """The diagnostics as JSON values; empty without a request."""
     if diagnostics.is_empty:
         return {}
     symmetries = [
@@ -247,7 +248,7 @@ def _diagnostics_settings(diagnostics: DiagnosticsRequest) -> dict[str, Any]:
 
 
 def _wanted(experiment: Experiment) -> dict[str, Any]:
-    """The tolerance and its norm as JSON values; nothing where numbers of steps are given."""
+    """The tolerance and its norm as JSON values; empty where numbers of steps are given."""
     if experiment.accuracy is None:
         return {}
     return {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}

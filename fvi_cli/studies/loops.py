@@ -28,6 +28,12 @@ SAMPLES = 4000
 """Points of the closed polygon whose area is the work of a loop: it errs by (2 pi / n)^2 / 6."""
 LEAST_AMPLITUDE = 1e-3
 """Part of the largest range below which a loop is of the decay behind a test, not of the test."""
+LEAST_POINTS = 20
+"""Stored points of a loop: of 20, the stiffness of a viscous damper errs by 0.002 of its size."""
+MOST_DIFFERENCE = 0.05
+"""Between a loop and what every other point says of it; its own error is about an eighth."""
+LEAST_STIFFNESS = 1e-6
+"""Part of the size of the force below which it is the error of the run that is seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +46,12 @@ class DamperLoop:
     work: float
     begin: float
     end: float
+
+    @classmethod
+    def unknown(cls, begin: float, end: float) -> DamperLoop:
+        """A loop of which the points do not say enough."""
+        nan = math.nan
+        return cls(amplitude=nan, stiffness=nan, loss_factor=nan, work=nan, begin=begin, end=end)
 
 
 def forces_of(experiment: Experiment) -> tuple[str, ...]:
@@ -56,9 +68,9 @@ def forces_of(experiment: Experiment) -> tuple[str, ...]:
 
 def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
     """Deformation and force of the damper of a quantity, at the stored times, ``(n,)`` each."""
-    experiment, trajectory = item.run.experiment, item.trajectory
-    problem, observed = experiment.problem, trajectory.observed
-    quantities = experiment.observations.quantities or {}
+    # what a damper acts on may differ between members
+    problem, trajectory = item.run.problem, item.trajectory
+    observed, quantities = trajectory.observed, item.run.experiment.observations.quantities or {}
     if not isinstance(problem, Problem) or observed is None:
         raise ValueError(f"{name}: the run has no forces of dampers")
     value = damper_values(problem.scene)[quantities[name].text.strip()]
@@ -71,31 +83,48 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
     """The loop between the last two rises of the deformation through the middle of its range.
 
     Between the points both are cubic polynomials. Loops of less than a thousandth of the range,
-    such as those that round-off makes of rest, do not count; None where there is no other.
+    such as those that round-off makes of rest, do not count; None where there is no other. Of too
+    few points its numbers are nan. A stiffness that is not known from 0 is 0, its loss factor inf.
     """
     finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
     t, y, f = time[finite], deformation[finite], force[finite]
     if t.size < 4:
         return None
     least = LEAST_AMPLITUDE * np.ptp(y)
-    above = y - 0.5 * (y.max() + y.min()) > 0
+    middle = 0.5 * (y.max() + y.min())
+    above = y - middle > 0
     rises = np.flatnonzero(~above[:-1] & above[1:])
     for first, last in zip(rises[-2::-1], rises[:0:-1], strict=False):
         if np.ptp(y[first : last + 1]) <= least:
             continue
-        middle = 0.5 * (y.max() + y.min())
-        begin, end = (_crossing(t, y, int(one), middle) for one in (first, last))
-        at = np.linspace(begin, end, SAMPLES, endpoint=False)
-        around, force = _cubic(t, y, at), _cubic(t, f, at)
-        work = 0.5 * float(force @ (np.roll(around, -1) - np.roll(around, 1)))
-        high, low = int(around.argmax()), int(around.argmin())
-        amplitude = 0.5 * float(around[high] - around[low])
-        stiffness = 0.5 * float(force[high] - force[low]) / amplitude
-        peak = 0.5 * stiffness * amplitude**2
+        if last - first < LEAST_POINTS:
+            return DamperLoop.unknown(float(t[first]), float(t[last]))
+        # a few points more on both sides, for the slopes
+        near = slice(max(first - 4, 0), last + 6)
+        t, y, f = t[near], y[near], f[near]
+        begin, end = (_rise(t, y, middle, place - near.start) for place in (first, last))
+        amplitude, stiffness, work = _around(t, y, f, begin, end)
+        size = float(np.ptp(f) / np.ptp(y))
+        noise = LEAST_STIFFNESS * size
+        # what every other point says of the same loop differs by more than it errs
+        for skipped in (0, 1):
+            kept = np.ones(t.size, dtype=bool)
+            kept[1 + skipped : -1 : 2] = False
+            _, other, its_work = _around(t[kept], y[kept], f[kept], begin, end)
+            noise = max(noise, abs(other - stiffness))
+            if not abs(its_work - work) <= MOST_DIFFERENCE * np.ptp(f) * np.ptp(y):
+                return DamperLoop.unknown(begin, end)
+        if not noise <= MOST_DIFFERENCE * size:
+            return DamperLoop.unknown(begin, end)
+        if abs(stiffness) <= noise:
+            stiffness = 0.0
+        lost = work / (math.pi * amplitude**2)
+        # a damper whose force is zero has no loss factor
+        without = math.inf if f.any() else math.nan
         return DamperLoop(
             amplitude=amplitude,
             stiffness=stiffness,
-            loss_factor=work / (2.0 * math.pi * peak) if peak > 0 else math.inf,
+            loss_factor=lost / stiffness if stiffness else without,
             work=work,
             begin=begin,
             end=end,
@@ -103,27 +132,33 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
     return None
 
 
-def _crossing(t: Array, y: Array, index: int, level: float) -> float:
-    """Where a rise between two points meets a level, by bisection of the cubic."""
-    low, high = float(t[index]), float(t[index + 1])
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if _cubic(t, y, np.array([middle]))[0] > level:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
+def _rise(t: Array, y: Array, middle: float, place: int) -> float:
+    """Where the deformation rises through the middle behind a point, to round-off."""
+    # most commands find no loops, and need not wait for these imports
+    from scipy.interpolate import CubicHermiteSpline
+    from scipy.optimize import brentq
+
+    moved = CubicHermiteSpline(t, y - middle, np.gradient(y, t))
+    return float(brentq(lambda at: float(moved(at)), t[place], t[place + 1], xtol=1e-300))
 
 
-def _cubic(t: Array, values: Array, at: Array) -> Array:
-    """Piecewise cubics through points, with the slopes of parabolas through three of them."""
-    slopes = np.gradient(values, t)
-    index = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
-    h = t[index + 1] - t[index]
-    s = (at - t[index]) / h
-    begin, end = values[index], values[index + 1]
-    return np.asarray(
-        (1 + 2 * s) * (1 - s) ** 2 * begin
-        + s**2 * (3 - 2 * s) * end
-        + h * s * (1 - s) * ((1 - s) * slopes[index] - s * slopes[index + 1])
-    )
+def _around(t: Array, y: Array, f: Array, begin: float, end: float) -> tuple[float, float, float]:
+    """Amplitude, stiffness and work of the loop between two times."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    # with the slopes of parabolas through three points
+    moved, forced = (CubicHermiteSpline(t, one, np.gradient(one, t)) for one in (y, f))
+    # the largest of many values is beside the peak, where the force of a viscous damper is not 0
+    turns = moved.derivative().roots(extrapolate=False)
+    turns = turns[(turns >= begin) & (turns <= end)]
+    if not turns.size:
+        return math.nan, math.nan, math.nan
+    reached = moved(turns)
+    high, low = int(reached.argmax()), int(reached.argmin())
+    amplitude = 0.5 * float(reached[high] - reached[low])
+    at = np.linspace(begin, end, SAMPLES, endpoint=False)
+    around, force = moved(at), forced(at)
+    work = 0.5 * float(force @ (np.roll(around, -1) - np.roll(around, 1)))
+    if not amplitude > 0:
+        return math.nan, math.nan, math.nan
+    return amplitude, 0.5 * float(forced(turns[high]) - forced(turns[low])) / amplitude, work

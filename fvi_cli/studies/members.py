@@ -1,4 +1,4 @@
-"""Members of a sweep: one problem each, told apart by the values of a few keys."""
+"""Members of a sweep: one problem each, distinguished by the values of a few keys."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DOUBLES_PER_STEP = 60
 
 
 MOST_VALUES = 6
-"""Values of a swept key that are told one by one."""
+"""Values of a swept key that are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
@@ -75,6 +75,11 @@ class Member:
             self.name,
             self.named,
         )
+
+
+def label_of(member: Member | None) -> str:
+    """The name and the values of a member, empty where there is none."""
+    return "" if member is None else member.label
 
 
 @functools.lru_cache(maxsize=4096)

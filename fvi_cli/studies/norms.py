@@ -16,26 +16,14 @@ NORMS: Final[tuple[Norm, ...]] = ("max", "final", "l2")
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """How far a run is from its reference, in every norm; its points need not be kept for that.
-
-    Parameters
-    ----------
-    max, final, l2
-        The error in that norm.
-    largest
-        Largest position of the reference, or of the run where there is no reference.
-    round_off
-        Error by round-off, relative to that.
-    reference
-        Error of the reference in the maximum norm; nan: there is none.
-    """
+    """How far a run is from its reference, in every norm; its points need not be kept for that."""
 
     max: float
     final: float
     l2: float
-    largest: float
-    round_off: float
-    reference: float
+    largest: float  # position of the reference, or of the run where there is no reference
+    round_off: float  # error by round-off, relative to that
+    reference: float  # error of the reference in the maximum norm; nan: there is none
 
     def unit(self, norm: Norm, final_time: float) -> float:
         """What an error of one everywhere comes to: in l2 it grows with the length of the run."""

@@ -133,7 +133,7 @@ class OrderTable:
         return f"{self.experiment} ({self.member.label})" if self.member else self.experiment
 
 
-def order_tables(experiment: Experiment, finished: Iterable[FinishedRun]) -> list[OrderTable]:
+def tables_of_members(experiment: Experiment, finished: Iterable[FinishedRun]) -> list[OrderTable]:
     """The table of `experiment`; of a sweep, one for every member that has finished runs."""
     if not experiment.members:
         return [order_table(experiment, finished)]
@@ -176,7 +176,7 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
 def damping_orders(source: Experiment | Member) -> str:
     """Orders of the damping terms, joined by ``;``."""
     if isinstance(source, Member):
-        # most sweeps are over values that change no order: one scene tells for all members
+        # most sweeps are over values that change no order: one scene stands for all members
         values = {k: v for k, v in source.values.items() if not k.endswith(WITHOUT_ORDERS)}
         return _orders_of_member(source.template, json.dumps(values))
     if isinstance(source.problem, DerivativeProblem):

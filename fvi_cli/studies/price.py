@@ -172,7 +172,7 @@ TIE = 1.1
 
 
 def cheapest_bands(curves: Sequence[CostCurve]) -> list[Band]:
-    """Who is cheapest from an error of 1 down to 1e-13; gaps where nobody comes.
+    """Who is cheapest from an error of 1 down to 1e-13; gaps that no method reaches.
 
     A method stays in its band until another one is quicker by a tenth: less is within what times
     scatter. Methods that are exact by chance are not asked.
@@ -208,7 +208,7 @@ def cheapest_bands(curves: Sequence[CostCurve]) -> list[Band]:
 
 
 def cheapest_at(bands: Sequence[Band], error: float) -> CostCurve | None:
-    """The method of the band that holds an error; None where nobody reaches it."""
+    """The method of the band that holds an error; None where no method reaches it."""
     return next((band.curve for band in bands if band.coarse > error >= band.fine), None)
 
 

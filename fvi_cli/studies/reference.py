@@ -12,18 +12,19 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.pulses import pulses_that_move
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.studies.members import members_at_a_time
+from fvi_cli.studies.tolerance.rounds import likely_amplitude
 from fvi_cli.studies.tolerance.runs import AdaptiveRuns, knots_of
-from fvi_cli.studies.tolerance.scales import likely_amplitude
 
 REFERENCE_METHOD = Method(cq="gauss", degree=4, start="graded")
 LEAST_STEPS = 256
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
 ROUGH = 1e-4
-"""Local tolerance of the runs that tell how large the motion is, relative to a guess."""
+"""Local tolerance of the runs that measure how large the motion is, relative to a guess."""
 TOLERANCES = (1e-13, 1e-11, 1e-9)
 """Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
 
@@ -42,7 +43,7 @@ class Reference:
     error: float
     """Estimated error of the values in the maximum norm; 0 for an exact solution, nan where nothing
     is known."""
-    source: str  # what the reader of a table is told
+    source: str  # as the reader of a table sees it
 
     @property
     def is_known(self) -> bool:
@@ -182,7 +183,7 @@ def _no_reference(scene: Scene, failure: str) -> Reference:
 
 
 def unknown_reference(scene: Scene, source: str) -> Reference:
-    """Nothing to compare with, and why."""
+    """No reference, and why."""
     dimension = scene.dimension
     return Reference(
         values=lambda times: np.full((times.size, dimension), np.nan),
@@ -199,7 +200,7 @@ def _on_grid(scene: Scene, refined: _Refined, common: int) -> Reference:
         return np.asarray(kept[np.rint(times / scene.final_time * common).astype(int)])
 
     words = _in_words(refined.error, float(np.abs(refined.values).max(initial=0.0)))
-    source = f"refined run ({REFERENCE_METHOD.case}, {words})"
+    source = f"refined run ({method_name(REFERENCE_METHOD)}, {words})"
     return Reference(values=values, error=refined.error, source=source)
 
 

@@ -74,4 +74,4 @@ class StabilitySettings(Setting):
 
 
 USUAL = StabilitySettings.of({})
-"""What is looked at where nothing else is said."""
+"""What is examined by default."""

@@ -17,6 +17,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.run.on_mesh import path_from
 from fvi_cli.integrator.stability.limits import largest_stable_step
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
@@ -78,7 +79,7 @@ class StabilityRow:
     """For the run as it is configured."""
     largest_stable_step: float
     """Largest step of the method from which on smaller ones are stable, over the same time; nan
-    where there is none, or where nothing is predicted."""
+    where there is none, or without a prediction."""
     lasting_step: float
     """The same over a thousand times that time: up to it nothing grows, however slowly."""
     observation: ObservedStability | None = None
@@ -158,7 +159,7 @@ def _row(
         limits[key] = _limits(scene, run.method)
     observation = None
     if with_observation:
-        observation = observe(scene, run.method, run.n_steps)
+        observation = observe_growth(scene, run.method, run.n_steps)
     return StabilityRow(
         run=run,
         prediction=predict_stability(scene, run.method, run.n_steps),
@@ -183,12 +184,12 @@ def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
     longer = replace(scene, final_time=LASTING * scene.final_time)
     lasting = largest_stable_step(longer, method, fewest=LASTING) or math.nan
     if lasting >= scene.final_time:
-        # nothing that grows over the shorter time would not grow over the longer one
+        # what grows over the shorter time grows over the longer one, too
         return scene.final_time, lasting
     return largest_stable_step(scene, method) or math.nan, lasting
 
 
-def observe(scene: Scene, method: AnyMethod, n_steps: int) -> ObservedStability | None:
+def observe_growth(scene: Scene, method: AnyMethod, n_steps: int) -> ObservedStability | None:
     """What random data do in steps of T / `n_steps`.
 
     None for a scene that cannot be linearised, and where the equations of a step have no unique
@@ -262,7 +263,7 @@ def _growth_between_quarters(sizes: Array) -> float:
     return float(np.log(max(last, 1e-300)) - np.log(first)) / (0.75 * sizes.size)
 
 
-def regions(
+def stability_maps(
     experiment: Experiment, advance: Callable[[str], object] = lambda doing: None
 ) -> tuple[StabilityMap, ...]:
     """The stability regions that the experiment asks for, one for every order and method."""
@@ -275,7 +276,7 @@ def regions(
         for method in distinct_regions(experiment.methods):
             stiffness, damping = np.array(region.stiffness), np.array(region.damping)
             maps.append(stability_map(method, order, stiffness, damping))
-            advance(f"region of {method.case}")
+            advance(f"region of {method_name(method)}")
     return tuple(maps)
 
 

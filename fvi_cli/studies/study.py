@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
+from fvi_cli.integrator.break_points import interpolation_remarks
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
@@ -22,7 +24,6 @@ from fvi_cli.integrator.stability.prediction import (
     predict_stability,
     stability_along,
 )
-from fvi_cli.integrator.starts.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
@@ -52,14 +53,7 @@ UNRELIABLE = 0.01
 def study(
     experiment: Experiment, finished: Callable[[Run], FinishedRun | None] = lambda run: None
 ) -> Iterator[FinishedRun]:
-    """Every run of `experiment`, method by method, steps increasing.
-
-    Parameters
-    ----------
-    experiment
-        What to do.
-    finished
-        Gives back a run that was computed before, or None.
+    """Every run of `experiment`, method by method, steps increasing, or what `finished` has of it.
 
     Raises
     ------
@@ -89,7 +83,20 @@ def execute(
     elif not run.observations.is_empty:
         return _observed_and_assessed(run, problem, prediction, checkpoints, reference)
     else:
-        trajectory = _integrated(problem, run, checkpoints)
+        request, is_ours = run.experiment.diagnostics, isinstance(run.method, Method)
+        trajectory = with_remark_on_thinning(
+            integrate(
+                problem.scene,
+                run.method,
+                run.steps,
+                every=thinning_of(run),
+                diagnostics=request if is_ours else NO_DIAGNOSTICS,
+                checkpoints=checkpoints,
+            )
+        )
+        if not (request.is_empty or is_ours):
+            remark = "no diagnostics: the method keeps no increments of its steps"
+            trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
     return assessed(run, trajectory, prediction, reference)
 
 
@@ -201,8 +208,8 @@ def _resolved(run: Run, problem: Problem) -> tuple[str, ...]:
 def stability_remarks(
     run: Run, trajectory: Trajectory, prediction: StabilityPrediction
 ) -> tuple[str, ...]:
-    """A warning where a nonlinear scene is unstable when it is linearised, now or later."""
-    if prediction.linearised_verdict == "unstable":
+    """A warning of growth that is let through, or of a nonlinear scene that is linearised."""
+    if prediction.is_noticed(run.n_steps) or prediction.linearised_verdict == "unstable":
         return (f"stability: {prediction.reason}",)
     problem = run.problem
     if not isinstance(problem, Problem) or problem.scene.is_linear:
@@ -212,28 +219,6 @@ def stability_remarks(
         return ()
     time, there = worst
     return (f"stability: nonlinear; linearised on the path at t = {time:.6g}: {there.reason}",)
-
-
-def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Trajectory:
-    """The whole trajectory, or the points that are stored where the method needs no others."""
-    every = thinning_of(run)
-    request = run.experiment.diagnostics
-    if request.is_empty or isinstance(run.method, Method):
-        trajectory = integrate(
-            problem.scene,
-            run.method,
-            run.steps,
-            every=every,
-            diagnostics=request,
-            checkpoints=checkpoints,
-        )
-    else:
-        trajectory = integrate(
-            problem.scene, run.method, run.steps, every=every, checkpoints=checkpoints
-        )
-        remark = "no diagnostics: the method keeps no increments of its steps"
-        trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
-    return with_remark_on_thinning(trajectory)
 
 
 def thinning_of(run: Run) -> int:

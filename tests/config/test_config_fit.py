@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-import pytest
 from command_line import fvi
 
 from fvi_cli.config import load_config, parse_config
-from fvi_cli.errors import ConfigError
 
 HEAD = """\
 name: decay
@@ -87,49 +85,6 @@ def test_runs_do_not_depend_on_measurements(folder):
     assert "fit" not in read(folder, GOOD).resolved["experiments"][0]
 
 
-WRONG = {
-    "data: {file: decay.csv, columns: {x: y}}": "11:16: fit.data.file: decay.csv:1: no column is "
-    "called 'y'",
-    "data: {file: decay.csv, columns: {z: x}}": "11:37: fit.data.columns.z: not known",
-    "data: {file: decay.csv, columns: {}}": "no columns; name what was measured",
-    "data: {file: none.csv, columns: {x: x}}": "none.csv: cannot be read",
-    "data: {file: late.csv, columns: {x: x}}": "late.csv:4: t = 6 is outside of the run, which "
-    "goes from 0 to final_time = 5",
-    "data: {file: short.csv, columns: {x: x}}": "1 measured values are too few for 1 parameters",
-    "noise: 0": "fit.noise: 0 is not allowed; it must be a finite number greater than 0",
-    "noise: {y: 1}": "fit.noise.y: no column of the data",
-    "parameters: {problem.stiffnes: {}}": "12:16: fit.parameters.problem.stiffnes: no number of "
-    "the problem stands there; did you mean 'problem.stiffness'?",
-    "parameters: {problem.stiffness: {from: 5, to: 9}}": "4 lies outside of the bounds, 5 to 9",
-    "parameters: {problem.stiffness: {from: 5, to: 3}}": "from = 5 is not below to = 3",
-    "parameters: {problem.stiffness: {min: 5}}": "not a key: write from",
-    "parameters: {problem.stiffness: {tied: problem.mass}}": "'problem.mass' is no parameter that "
-    "is fitted",
-    "parameters: {problem.stiffness: {fixed: 5}}": "leave at least one to be fitted",
-    "parameters: {problem.mass: {start: -1}}": "there is no such problem",
-    "models: {other: {set: {problem.damping: 5}}}": "problem.damping: 5 is not allowed",
-    "data: [{file: decay.csv, columns: {x: x}}, {file: decay.csv, columns: {x: x}}]": "'decay' is "
-    "the name of another motion",
-    "data: {file: decay.csv, columns: {x: x}, set: {problem.m: 2}}": "fit.data.set.problem.m: no "
-    "number of the problem stands there",
-}
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_refused(folder, wrong):
-    key = wrong.partition(":")[0]
-    entries = {
-        "data": "data: {file: decay.csv, columns: {x: x}}",
-        "parameters": "parameters: {problem.stiffness: {}}",
-    }
-    entries[key] = wrong
-    text = "fit:\n" + "".join(f"  {entry}\n" for entry in entries.values())
-    with pytest.raises(ConfigError) as refused:
-        read(folder, text)
-    assert WRONG[wrong] in str(refused.value)
-    assert str(folder / "decay.yaml") in str(refused.value)
-
-
 def test_a_parameter_without_influence_is_told_at_its_line(folder):
     path = folder / "decay.yaml"
     path.write_text(
@@ -147,4 +102,4 @@ def test_a_parameter_without_influence_is_told_at_its_line(folder):
 
 def test_a_configuration_without_fit_is_told(folder):
     done = fvi("fit", "damped-oscillator", "-o", str(folder / "out"), code=2)
-    assert "there is no fit: write one with data and parameters" in done.stderr
+    assert "fit: missing; write it with data and parameters" in done.stderr

@@ -7,8 +7,7 @@ import yaml
 from fvi_cli.config import json_schema, parse_config
 from fvi_cli.effects.laws.cole_cole import ColeCole
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import ConfigError
-from fvi_cli.storage.identity import identity_of
+from fvi_cli.storage.digests import identity_of
 
 CONFIG = """\
 name: laws
@@ -41,12 +40,6 @@ def text_of(
 def scene_of(term: str, **others: str) -> Scene:
     (experiment,) = parse_config(text_of(term, **others), "laws.yaml").experiments
     return experiment.problem.scene
-
-
-def complaint(term: str, **others: str) -> str:
-    with pytest.raises(ConfigError) as caught:
-        parse_config(text_of(term, **others), "laws.yaml")
-    return str(caught.value)
 
 
 def test_a_zener_law_is_read_with_its_stiffness():
@@ -118,23 +111,6 @@ def test_a_springpot_may_be_called_so():
         )
     ]
     assert identity_of(runs[0]) == identity_of(runs[1])
-
-
-def test_matrices_of_laws_must_fit_the_coordinates():
-    said = complaint(f"{ZENER[:-1]}, matrix: [[1, 0], [0, 1]]}}", position="[1.0, 0.0, 0.0]")
-    assert "problem.damping.0.matrix: is for 2 coordinates" in said
-
-
-@pytest.mark.parametrize("method", ["{bdf: 2}", "{baseline: implicit-euler}"])
-def test_methods_without_laws_are_refused_at_their_line(method):
-    said = complaint(ZENER, method=method)
-    assert "laws.yaml:10:9: method: " in said
-    assert "is not made for relaxation laws" in said
-
-
-def test_riemann_liouville_is_refused_beside_a_position():
-    said = complaint(ZENER, more="  derivative: riemann-liouville")
-    assert "derivative: riemann-liouville is not for relaxation laws" in said
 
 
 def test_a_law_with_another_number_is_another_run():

@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ConfigError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.structures.matrix_text import matrix_as_text, matrix_from_text, rows_of_text
+from fvi_cli.scenes.structures.matrix_keys import matrix_as_text, matrix_from_text, rows_of_text
 
 N = 40
 CONFIG = """\
@@ -141,7 +141,7 @@ def broken(folder: Path) -> dict[str, str]:
         "problem.stiffness.file=no.mtx": "not a readable .mtx file",
         "problem.stiffness.file=file.docx": "the ending must be one of .mtx",
         "problem.stiffness.file=none.mtx": "cannot be read",
-        "problem.stiffness.file=both.mat": "it holds K, M; say which one under variable",
+        "problem.stiffness.file=both.mat": "it holds K, M; name one of them under variable",
         "problem.stiffness={file: both.mat, variable: k}": "did you mean 'K'",
         "problem.stiffness={file: K.mtx, variable: K}": "leave out variable",
         "problem.forcing={at: {x99: 1}}": "'x99' is not a coordinate",

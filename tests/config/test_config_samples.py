@@ -10,7 +10,7 @@ import pytest
 
 from fvi_cli.config import find_config, load_config, parse_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.scenes.records.samples import samples_as_text, samples_from_text
+from fvi_cli.scenes.records.data_files import samples_as_text, samples_from_text
 from fvi_cli.scenes.registry import build_problem
 
 CSV = "t,a,b\n0,0,1\n0.5,1,2\n1.0,-1e-1,3\n2,4,4\n"
@@ -122,73 +122,6 @@ def test_text_of_samples_is_without_loss():
 def test_text_that_holds_no_samples(text):
     with pytest.raises(ValueError, match="samples"):
         samples_from_text(text)
-
-
-MISTAKES = [
-    # what is replaced in the CSV file, by what, line, what is said
-    ("0.5,1,2", "0.5,,2", 3, "column 'a' is empty"),
-    ("0.5,1,2", "0.5", 3, "column 'a' is empty"),
-    ("0.5,1,2", "0.5,nan,2", 3, "column 'a' holds 'nan'; it must be a finite number"),
-    ("0.5,1,2", "0.5,x,2", 3, "holds 'x'"),
-    ("0.5,1,2", '0.5,"1,5",2', 3, "holds '1,5'; it must be a finite number; write 1.5"),
-    ("0.5,1,2", "0,1,2", 3, "t = 0 is not after 0 in line 2; times must increase"),
-    ("1.0,-1e-1", "0.25,-1e-1", 4, "t = 0.25 is not after 0.5 in line 3"),
-    ("t,a,b", "t,A,b", 1, "no column is called 'a'; did you mean 'A'? (columns: t, A, b)"),
-    ("t,a,b", "time,a,b", 1, "no column is called 't'"),
-    ("t,a,b", "t,a,a", 1, "2 columns are called 'a'"),
-    (CSV, "", 1, "no column is called 't'"),
-    (CSV, "t,a\n", 1, "no samples"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "line", "says"), MISTAKES)
-def test_mistakes_in_the_file_name_its_lines(folder, old, new, line, says):
-    assert old in CSV
-    (folder / "quake.csv").write_text(CSV.replace(old, new))
-    with pytest.raises(ConfigError) as caught:
-        load(folder)
-    (complaint,) = caught.value.complaints
-    begins = f"{folder / 'shaken.yaml'}:5:19: problem.forcing.file: quake.csv:{line}: "
-    assert complaint.startswith(begins)
-    assert says in complaint
-
-
-OTHERS = [
-    # what is replaced in the configuration, by what, what is said
-    ("quake.csv", "none.csv", "problem.forcing.file: none.csv: cannot be read: No such file"),
-    ("quake.csv", ".", "problem.forcing.file: .: not a file"),
-    ("final_time: 2.0", "final_time: 3.0", "problem.forcing: quake.csv: its samples reach from"),
-    ("column: a", "colunm: a", "problem.forcing.colunm: not known; did you mean 'column'?"),
-    ("column: a", "time: b", "problem.forcing.column: missing"),
-    ("column: a}", "column: a, interpolation: spline}", "it must be linear or cubic"),
-    ("column: a}", "column: a, sha256: abc}", "quake.csv has changed: its sha256 is"),
-    ("column: a}", "column: a, content: abc}", "problem.forcing: not samples as text"),
-    ("column: a}", "column: a, scale: .inf}", "problem.forcing.scale"),
-    ("{file: quake.csv, column: a}", "{column: a}", "problem.forcing.file: missing"),
-    ("{file: quake.csv, column: a}", "{fil: quake.csv}", "for example {pieces:"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "says"), OTHERS)
-def test_mistakes_in_the_configuration(folder, old, new, says):
-    assert old in CONFIG
-    with pytest.raises(ConfigError) as caught:
-        load(folder, CONFIG.replace(old, new))
-    assert any(says in complaint for complaint in caught.value.complaints)
-
-
-def test_samples_that_begin_late(folder):
-    (folder / "quake.csv").write_text("t,a\n0.1,0\n3,1\n")
-    with pytest.raises(ConfigError, match=r"reach from t = 0.1 to 3; they must reach from 0 to"):
-        load(folder)
-
-
-def test_many_mistakes_are_told_once_and_counted(folder):
-    (folder / "quake.csv").write_text("t,a\n" + "x,y\n" * 40)
-    with pytest.raises(ConfigError) as caught:
-        load(folder)
-    assert len(caught.value.complaints) == 6
-    assert "and 75 more mistakes" in caught.value.complaints[-1]
 
 
 def test_huge_files_are_refused(folder):

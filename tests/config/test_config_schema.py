@@ -9,7 +9,7 @@ from fvi_cli.config import find_config, json_schema, shipped_configs, starter_co
 from fvi_cli.config.text.document import read_document
 from fvi_cli.keys.complaints import Complaints, SourcePosition
 from fvi_cli.keys.nodes import plain as values_of
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.registry import KINDS
 
 SCHEMA = json_schema()
 CHECK = jsonschema.Draft202012Validator(SCHEMA)

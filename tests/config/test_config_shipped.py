@@ -13,8 +13,8 @@ from fvi_cli.config import parse_config as parse
 from fvi_cli.config.memory import bytes_at_most
 from fvi_cli.errors import RequestError
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import PROBLEM
 
 PROJECT = Path(__file__).parents[2]
 NAMES = shipped_configs()

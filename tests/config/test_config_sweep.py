@@ -6,7 +6,7 @@ import pytest
 
 from fvi_cli.config import parse_config, starter_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.scenes.kinds import PROBLEM
+from fvi_cli.scenes.registry import PROBLEM
 
 BASE = """\
 name: many
@@ -104,40 +104,6 @@ def test_overrides_reach_into_a_sweep():
     assert experiment(listed, "sweep.1.problem.mass=5").members[1].values == {"problem.mass": 5.0}
 
 
-def test_all_mistakes_of_a_sweep_are_told_at_once():
-    found = complaints(
-        "sweep: {problem.damping.0.order: [2.5], problem.mass: [-1], problem.x: [1], ladder: [1]}"
-    )
-    assert len(found) == 4
-
-
-def test_a_member_that_cannot_be_is_told_with_its_values():
-    base = BASE.replace("  damping: [{order: 0.5, coefficient: 0.3}]\n", "").replace(
-        "initial: {position: 1.0}", "forcing: {pieces: [{until: 1.0, value: 1}, {value: 0}]}"
-    )
-    # the end of a piece must lie on the grid of every number of steps: 8/16 apart
-    found = complaints("sweep: {problem.forcing.pieces.0.until: [1.0, 1.3, 2.0]}", base=base)
-    assert len(found) == 2
-    assert all("(member 1: forcing.pieces.0.until = 1.3)" in one for one in found)
-    assert found[0].startswith("many.yaml:6:18: ladder.steps.0: 16 steps put the break point")
-
-
-def test_members_must_have_the_same_number_of_coordinates():
-    (told,) = complaints("sweep: {problem.initial.position: [1.0, [1.0, 2.0]]}")
-    assert told.startswith("many.yaml:3:3")
-    assert "has 2 degrees of freedom, the first member 1" in told
-    assert "(member 1: initial.position = [1, 2])" in told
-
-
-def test_too_many_members_are_refused_before_they_are_made():
-    (told,) = complaints(
-        "sweep: {problem.stiffness: {from: 1, to: 2, number: 50000}, "
-        "problem.mass: {from: 1, to: 2, number: 50000}}"
-    )
-    assert "2500000000 members are too many; at most 100000 are allowed" in told
-    assert "10000 GB" in told or "1e+04 GB" in told
-
-
 def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
     monkeypatch.setattr("fvi_cli.config.members.machine_bytes", lambda: 10**6)
     sweep = "sweep: {problem.stiffness: {from: 1, to: 2, number: 300}}"
@@ -145,15 +111,6 @@ def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
     assert told.startswith("many.yaml:8:8: sweep: 300 members need about 0.00")
     monkeypatch.setattr("fvi_cli.config.members.machine_bytes", lambda: 10**8)
     assert len(experiment(sweep).members) == 300
-
-
-def test_mistakes_of_many_members_are_told_of_a_few(monkeypatch):
-    base = BASE.replace("  initial: {position: 1.0}\n", "  derivative: riemann-liouville\n")
-    base += "method: {baseline: explicit-euler}\n"
-    sweep = "sweep: {problem.initial.position: {from: 0, to: 2, number: 101}}"
-    found = complaints(sweep, base=base)
-    assert len([one for one in found if "(member " in one]) == 10
-    assert any("only the first 10 are reported" in one for one in found)
 
 
 @pytest.mark.parametrize("kind", PROBLEM.kinds)

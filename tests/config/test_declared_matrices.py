@@ -16,7 +16,7 @@ from fvi_cli.scenes.records.data_files import DataFileError
 from fvi_cli.scenes.structures import archives
 from fvi_cli.scenes.structures.declared import MOST_DENSE_ROWS, MOST_ROWS
 from fvi_cli.scenes.structures.matrix_files import read_matrix
-from fvi_cli.scenes.structures.matrix_text import matrix_from_text
+from fvi_cli.scenes.structures.matrix_keys import matrix_from_text
 
 N = 40
 FULL = np.diag(np.full(N, 2.0)) - np.diag(np.ones(N - 1), 1) - np.diag(np.ones(N - 1), -1)
@@ -136,7 +136,7 @@ def test_what_is_no_matrix_of_numbers_is_never_made(tmp_path):
         with pytest.raises(DataFileError, match=f"K is {kind}; it must be a matrix of real num"):
             read_matrix(path, "K")
     savemat(path, {})
-    with pytest.raises(DataFileError, match="there is no matrix in it"):
+    with pytest.raises(DataFileError, match="it contains no matrix"):
         read_matrix(path, "K")
 
 

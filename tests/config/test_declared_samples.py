@@ -10,11 +10,9 @@ from scipy.sparse import coo_array, eye_array
 
 from fvi_cli.config import load_config
 from fvi_cli.scenes import forces
-from fvi_cli.scenes.records import at2_samples, data_files
-from fvi_cli.scenes.records.at2_samples import read_at2_samples
-from fvi_cli.scenes.records.csv_samples import read_csv_samples
-from fvi_cli.scenes.records.data_files import DataFileError
-from fvi_cli.scenes.records.samples import samples_from_text
+from fvi_cli.scenes.records import csv_samples, data_files
+from fvi_cli.scenes.records.csv_samples import read_at2_samples, read_csv_samples
+from fvi_cli.scenes.records.data_files import DataFileError, samples_from_text
 from fvi_cli.scenes.structures import matrix_keys
 
 AT2 = "A\nB\nC\n{}\n 1.0 2.0\n 3.0 4.0\n"
@@ -166,9 +164,9 @@ def test_no_number_of_a_header_is_cut_off(tmp_path):
     path = tmp_path / "f.at2"
     for behind in range(12):
         named = "NPTS= 4, DT= .0123"
-        line = named.rjust(at2_samples.LONGEST_LINE + behind)
+        line = named.rjust(csv_samples.LONGEST_LINE + behind)
         if behind:
-            assert "no NPTS=" in refused(read_at2_samples, path, AT2.format(line))
+            assert "NPTS= and DT= are missing" in refused(read_at2_samples, path, AT2.format(line))
         else:
             path.write_text(AT2.format(line))
             assert read_at2_samples(path, "f").time[1] == 0.0123

@@ -1,7 +1,8 @@
 """Mistakes in configurations, with all that is said of each, word by word and with its place.
 
 ``tests/mistakes/*.yaml`` holds them: a text, or a valid one (`text` of the file) in which `write`
-stands `in place of` something else, changes by ``--set``, and what is told. Where the words change
+stands `in place of` something else, changes by ``--set``, and what is told; `files` of all or of
+one stand beside it. Where the words change
 on purpose, ``pytest --renew tests/config/test_mistakes.py`` writes what is told now; read the
 difference.
 """
@@ -9,6 +10,7 @@ difference.
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -34,10 +36,14 @@ def text_of(mistake: dict[str, Any], valid: str) -> str:
     return valid.replace(mistake["in place of"], mistake["write"])
 
 
-def told_of(text: str, overrides: list[str]) -> list[str]:
-    """What is said of a text."""
-    with pytest.raises(ConfigError) as caught:
-        parse_config(text, NAME.removesuffix(":"), overrides=overrides)
+def told_of(mistake: dict[str, Any], content: dict[str, Any]) -> list[str]:
+    """What is said of it."""
+    text, overrides = text_of(mistake, content.get("text", "")), mistake.get("set", [])
+    with TemporaryDirectory() as folder:
+        for name, written in (content.get("files", {}) | mistake.get("files", {})).items():
+            (Path(folder) / name).write_text(written, encoding="utf-8")
+        with pytest.raises(ConfigError) as caught:
+            parse_config(text, NAME.removesuffix(":"), overrides=overrides, base=Path(folder))
     return [line.removeprefix(NAME) for line in caught.value.complaints]
 
 
@@ -61,15 +67,14 @@ def test_what_is_told_of_a_mistake(file, number, monkeypatch):
     monkeypatch.setattr(experiment, "machine_bytes", lambda: 8 * 10**9)
     content = content_of(file)
     mistake = content["mistakes"][number]
-    text = text_of(mistake, content.get("text", ""))
-    assert told_of(text, mistake.get("set", [])) == mistake["told"]
+    assert told_of(mistake, content) == mistake["told"]
 
 
 def test_there_are_mistakes_in_every_file_and_the_texts_around_them_are_others():
     assert len(FILES) > 10
     for file in FILES:
         found = [
-            (text_of(one, content_of(file).get("text", "")), str(one.get("set")))
+            (text_of(one, content_of(file).get("text", "")), f"{one.get('set')}{one.get('files')}")
             for one in content_of(file)["mistakes"]
         ]
         assert len(set(found)) == len(found) > 4, file
@@ -90,7 +95,7 @@ def renew() -> None:
     for file in FILES:
         content = content_of(file)
         for one in content["mistakes"]:
-            one["told"] = told_of(text_of(one, content.get("text", "")), one.get("set", []))
+            one["told"] = told_of(one, content)
         written = yaml.dump(
             content, Dumper=Readable, sort_keys=False, allow_unicode=True, width=999
         )

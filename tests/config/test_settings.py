@@ -5,7 +5,7 @@ import pytest
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ArgumentError, ConfigError
 from fvi_cli.keys.settings import Positive, Setting, as_plain, key
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.stability_settings import Region, StabilitySettings
 

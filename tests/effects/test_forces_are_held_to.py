@@ -9,7 +9,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.intervals.singularities import pole_inside
-from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.data import linear_oscillator
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])

@@ -13,7 +13,6 @@ from spread import spread
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import RequestError
 from fvi_cli.integrator.baselines import peers, schemes
 from fvi_cli.integrator.baselines.schemes import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
@@ -218,19 +217,6 @@ class TestConfigured:
             "dop853-1e-09",
         ]
         assert experiment.methods[-1].label == "DOP853 1e-09"
-
-    @pytest.mark.parametrize(
-        ("old", "new", "message"),
-        [
-            ("order: 1.0", "order: 0.5", r"compared.yaml:9:5: method.1: dop853-1e-06 knows no mem"),
-            ("1e-6,", "1e-20,", r"compared.yaml:9:36: method.1.tolerance.0: 1e-20 is not allowed"),
-            ("baseline: dop853", "bdf: 2", r"compared.yaml:9:14: method.1.tolerance: only baseli"),
-            ("baseline: dop853", "baseline: explicit-euler", r"method.1.tolerance.0: explicit-eul"),
-        ],
-    )
-    def test_mistakes_are_pointed_at(self, old, new, message):
-        with pytest.raises(RequestError, match=message):
-            parse_config(CONFIG.replace(old, new), "compared.yaml")
 
 
 class TestPeers:

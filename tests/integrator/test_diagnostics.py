@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
 from spread import spread
-from written_out import integrate_written_out, left_operator_rk
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
@@ -17,8 +16,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run import scenes_run
-from fvi_cli.mathematics.runge_kutta import tableau
-from fvi_cli.scenes.records.samples import samples_as_text
+from fvi_cli.scenes.records.data_files import samples_as_text
 from fvi_cli.scenes.registry import build_problem
 
 GAUSS2 = Method(cq="gauss", degree=2, start="none")
@@ -293,19 +291,6 @@ def test_methods_without_increments_are_refused():
     asked = DiagnosticsRequest(energy_balance=True)
     with pytest.raises(ValueError, match="keeps no increments"):
         integrate(oscillator(0.5), Baseline(name="implicit-euler"), 16, diagnostics=asked)
-
-
-def test_states_for_the_past_have_the_works_of_sums_over_it():
-    asked = DiagnosticsRequest(energy_balance=True)
-    scene, method, n_steps = oscillator(0.5), Method(cq="gauss", degree=2), 64
-    free = integrate(scene, method, n_steps, diagnostics=asked).diagnostics
-    velocity = integrate_written_out(scene, method, n_steps).velocity
-    h, rule = scene.final_time / n_steps, tableau("gauss", 2)
-    force = left_operator_rk(rule, -0.5, h, velocity) @ scene.damping[0].coefficient
-    work = np.cumsum(h * np.einsum("i,kid,kid->k", rule.b, velocity, force))
-    assert np.abs(free.dissipated_work[1:] - work).max() < 1e-13
-    assert work[-1] > 1e-2
-    assert np.abs(free.energy_defect).max() < 1e-13
 
 
 @pytest.mark.parametrize(

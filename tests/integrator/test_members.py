@@ -21,7 +21,7 @@ from fvi_cli.integrator.members import companions, integrate_batch, integrate_me
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.scenes.nonlinear import duffing
+from fvi_cli.scenes.data import duffing
 
 BDF2 = Method(cq="bdf2", degree=1)
 NODES = Method(cq="bdf2", sampling="nodes", degree=1)

@@ -1,5 +1,6 @@
 """The plan of a run: what it says beforehand against what the run then does."""
 
+import itertools
 import tracemalloc
 from unittest.mock import patch
 
@@ -17,7 +18,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.scenes.lagrangian import double_pendulum
+from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 
 NODES = Method(cq="bdf2", degree=1, sampling="nodes")
 
@@ -197,6 +198,26 @@ def test_peak_memory_within_a_quarter_of_what_is_traced(scene, method, n_steps):
     assert planned == pytest.approx(traced, rel=0.25)
 
 
+@pytest.mark.parametrize(("masses", "n_steps"), [(3, 512), (8, 64), (8, 512)])
+def test_tables_of_nonlinear_blocks_are_planned_to_a_tenth(masses, n_steps):
+    names = [f"x{k}" for k in range(masses)]
+    springs = [f"({a} - {b})**4/4" for a, b in itertools.pairwise(names)]
+    energy = " - ".join([f"{name}**2/2" for name in names] + springs)
+    scene = lagrangian_scene(
+        final_time=2.0,
+        coordinates=names,
+        lagrangian=f"{' + '.join(f'v{name}**2/2' for name in names)} - {energy}",
+        initial_position=[0.1] * masses,
+    )
+    integrate(scene, gauss(), 8)
+    planned = plan_run(scene, gauss(), n_steps).memory_bytes
+    tracemalloc.start()
+    integrate(scene, gauss(), n_steps)
+    _, traced = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert planned == pytest.approx(traced, rel=0.1)
+
+
 class TestWords:
     def test_what_is_not_there_is_not_taken(self):
         plan = plan_run(oscillators(orders=()), gauss(2, "graded"), 1000)
@@ -223,7 +244,7 @@ class TestWords:
     def test_the_start(self):
         plan = plan_run(oscillators(), gauss(3, "graded"), 1000)
         assert plan.start.startswith("steps behind singular points are halved again and again")
-        assert plan_run(oscillators(), gauss(3), 1000).start == "the start is not treated"
+        assert plan_run(oscillators(), gauss(3), 1000).start == "no correction"
 
     def test_every_line_is_there(self):
         lines = plan_run(pendulum_of(), gauss(2, "graded"), 1000).lines()

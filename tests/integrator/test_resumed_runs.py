@@ -18,8 +18,7 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import observations
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
-from fvi_cli.scenes.nonlinear import duffing
-from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
+from fvi_cli.scenes.data import duffing
 from fvi_cli.studies.tolerance.search import solve
 
 N = 400
@@ -175,24 +174,6 @@ WALLS = {
 }
 
 
-@pytest.mark.parametrize("stops", [(1, 1), (5, 8)])
-def test_a_motion_with_impacts_goes_on_in_the_same_bits(stops):
-    asked = observations(("x",), impacts=WALLS, quantities={"force": "dx", "speed": "abs(vx)"})
-    straight = integrate_observed(BALL, NONE, FEW, asked)
-    assert sum(one.time.size for one in straight[1].observed.events.values()) > 5
-    resumed = stopped_twice(
-        BALL, NONE, asked, run=integrate_observed, steps=FEW, stops=stops, pause=9
-    )
-    for one, other in zip(resumed, straight, strict=True):
-        assert_same(one, other)
-        assert one.remarks == other.remarks
-    found, expected = resumed[1].observed, straight[1].observed
-    for name, event in expected.events.items():
-        assert np.array_equal(found.events[name].time, event.time)
-    for name, values in expected.quantities.items():
-        assert np.array_equal(found.quantities[name], values)
-
-
 def test_a_motion_that_comes_to_rest_does_so_behind_a_checkpoint():
     asked = observations(("x",), impacts={"floor": {"when": "x", "restitution": 0.5}})
     straight = integrate_observed(BALL, NONE, FEW, asked)
@@ -242,29 +223,6 @@ def test_a_search_for_a_tolerance_computes_no_run_again(monkeypatch, stop):
     assert_same(resumed, straight)
     assert asdict(resumed.assessment) == asdict(straight.assessment)
     assert sum(solved) == total
-
-
-def test_a_search_on_equal_steps_computes_no_run_again():
-    methods = (GRADED, fvi.Method(cq="gauss", degree=3, start="graded"))
-    lines, again = [], []
-    chosen, straight = solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, log=lines.append)
-    kept = Kept(stops=(10**6,))
-    solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
-    kept.stops = [len(kept.saves) - 5]
-    kept.contents.clear()
-    kept.saves.clear()
-    kept.taken_up.clear()
-    with pytest.raises(InterruptedRunError):
-        solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
-    found = solve_on_equal_steps(
-        PENDULUM, methods, tolerance=1e-8, checkpoints=kept, log=again.append
-    )
-    assert found[0] == chosen
-    assert_same(found[1], straight)
-    assert asdict(found[1].assessment) == asdict(straight.assessment)
-    assert again == lines
-    # of every run before the stop nothing is done again
-    assert len(kept.taken_up) > 4
 
 
 def test_a_run_that_diverges_behind_a_checkpoint_says_the_same():

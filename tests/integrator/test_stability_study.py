@@ -21,7 +21,12 @@ from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
-from fvi_cli.studies.stability_study import distinct_regions, observe, regions, stability_rows
+from fvi_cli.studies.stability_study import (
+    distinct_regions,
+    observe_growth,
+    stability_maps,
+    stability_rows,
+)
 from fvi_cli.studies.study import execute
 
 GAUSS = Method(cq="gauss", degree=2)
@@ -71,8 +76,6 @@ def test_zeros_of_many_functions_are_counted_together():
     ]
     counts = count_zeros(Polynomials(pairs), 0.9)
     assert counts.tolist() == [2, 0, 1, 2, 0, 1, UNDECIDED]
-    with pytest.raises(ValueError, match="must lie in"):
-        count_zeros(Polynomials(pairs), 1.0)
 
 
 PLANE_METHODS = (
@@ -184,7 +187,7 @@ def test_large_scenes_without_modes_are_decided_where_that_is_proved():
     for method in (NODES, Method(cq="bdf3", degree=1), Method(cq="bdf2", degree=2)):
         unknown = predict_stability(scene, method, 100)
         assert unknown.verdict == "unknown"
-        assert "do not fall apart into modes" in unknown.reason
+        assert "cannot be decoupled" in unknown.reason
     (term,) = scene.damping
     fed = dataclasses.replace(
         scene, damping=(FractionalDamping(order=term.order, coefficient=-term.coefficient),)
@@ -288,7 +291,7 @@ def test_what_is_predicted_over_a_ladder_is_observed():
         assert measured == pytest.approx(row.prediction.growth_per_step, rel=1e-2)
     assert rows[0].lasting_step == pytest.approx(0.25, rel=0.01)
     assert rows[2].lasting_step < rows[2].largest_stable_step < 1 / 256
-    maps = regions(experiment)
+    maps = stability_maps(experiment)
     assert [(one.method.case.split("-")[0], one.order) for one in maps] == [
         ("bdf2", 0.5),
         ("bdf6", 0.5),
@@ -303,7 +306,7 @@ def test_a_wrong_prediction_would_be_seen():
     scene = oscillator(1.0, stiffness=0.1, damping=((1.5, 0.5),))
     n_steps = 140
     other = Method(cq="bdf5", degree=1, sampling="nodes")
-    six, five = observe(scene, NODES, n_steps), observe(scene, other, n_steps)
+    six, five = observe_growth(scene, NODES, n_steps), observe_growth(scene, other, n_steps)
     assert (six.verdict, six.agrees) == ("unstable", True)
     assert dataclasses.replace(six, predicted="stable").agrees is False
     assert five.agrees is True
@@ -312,7 +315,7 @@ def test_a_wrong_prediction_would_be_seen():
 
 def test_true_growth_is_observed_as_stable():
     scene = oscillator(20.0, damping=((1.0, -0.5),))
-    seen = observe(scene, GAUSS, 200)
+    seen = observe_growth(scene, GAUSS, 200)
     assert (seen.verdict, seen.agrees) == ("stable", True)
     assert seen.growth_per_step == pytest.approx(0.025, rel=0.02)
 
@@ -342,7 +345,7 @@ def test_steps_without_a_solution_cannot_be_observed(method):
     """Singular with steps of 2 (midpoint rule) and 1 (implicit Euler) on x'' = x."""
     scene = oscillator(2.0, stiffness=-1.0, damping=())
     singular = 1 if isinstance(method, Method) else 2
-    assert observe(scene, method, singular) is None
+    assert observe_growth(scene, method, singular) is None
     assert predict_stability(scene, method, singular).verdict == "unstable"
-    seen = observe(scene, method, 8)
+    seen = observe_growth(scene, method, 8)
     assert seen.agrees

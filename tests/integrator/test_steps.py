@@ -5,17 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from letters import in_pieces, spring, swing
+from letters import in_pieces, spring
 from spread import spread
 
-from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting, steps_at_break_points
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.step_tables import step_tables
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 
@@ -114,49 +112,6 @@ def test_euler_with_classical_damping_is_the_textbook_scheme():
     implicit = integrate(scene, Baseline(name="implicit-euler"), 8)
     assert explicit.position[-1, 0] == pytest.approx(x, abs=1e-14)
     assert implicit.position[-1, 0] == pytest.approx(y, abs=1e-14)
-
-
-def test_implicit_euler_on_the_pendulum():
-    scene = swing((0.5, 0.3), T=2.0, x=1.0)
-    trajectory = integrate(scene, Baseline(name="implicit-euler"), 400)
-    fine = integrate(scene, Method(cq="gauss", degree=3, start="graded"), 64)
-    assert trajectory.position[-1, 0] == pytest.approx(fine.position[-1, 0], abs=5e-3)
-    assert trajectory.newton.iterations > 400
-
-
-def test_newton_converges_quadratically_and_keeps_its_history():
-    scene = swing(T=4.0, x=2.5, v=0.5)
-    method = Method(cq="bdf1", degree=2, sampling="nodes", history="direct")
-    record = integrate(scene, method, 8).newton
-    assert record.iterations >= 16
-    assert record.largest == len(record.worst_residuals)
-    residuals = [r for r in record.worst_residuals if r > 1e-15]
-    assert residuals[1] < residuals[0] ** 1.5
-
-
-def test_a_step_without_solution_fails_with_evidence():
-    """V = -exp(x) pulls so hard that no long step exists."""
-    names = ("x",)
-    runaway = ExpressionPotential(
-        coordinates=names,
-        energy_expression=Expression.parse("-exp(x)", variables=names),
-        gradient_expressions=(Expression.parse("-exp(x)", variables=names),),
-        hessian_expressions=((Expression.parse("-exp(x)", variables=names),),),
-    )
-    base = swing(T=20.0, x=1.0)
-    scene = Scene(
-        inertia=base.inertia,
-        potential=runaway,
-        initial_position=base.initial_position,
-        initial_velocity=base.initial_velocity,
-        final_time=20.0,
-    )
-    trajectory = integrate(scene, Method(cq="bdf1", degree=1, sampling="nodes"), 10)
-    assert trajectory.status in ("failed", "diverged")
-    assert "step" in trajectory.message
-    assert "t = " in trajectory.message
-    assert trajectory.position.shape[0] == trajectory.time.size <= 10
-    assert np.isfinite(trajectory.position[:-1]).all()
 
 
 @pytest.mark.parametrize("n_steps", [0, -3, 2.0, True, "8"])

@@ -78,14 +78,5 @@ def test_number_of_zeros_holds_over_many_functions():
                 assert residual(function(stiffness, *damping), zero) < ROUND_OFF
 
 
-@pytest.mark.parametrize(
-    ("mass", "stiffness", "damping"),
-    [(0.0, 1.0, ()), (1.0, np.inf, ()), (1.0, 1.0, ((2.0, 1.0),)), (1.0, 1.0, ((0.5, np.nan),))],
-)
-def test_refused(mass, stiffness, damping):
-    with pytest.raises(ValueError, match="not allowed"):
-        CharacteristicFunction(mass=mass, stiffness=stiffness, damping=damping)
-
-
 def test_terms_of_one_order_are_added():
     assert function(1.0, (0.5, 2.0), (0.5, -2.0)).terms == ((2.0, 1.0), (0.0, 1.0))

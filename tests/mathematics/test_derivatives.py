@@ -6,9 +6,8 @@ import pytest
 
 from fvi_cli.mathematics.algebra import builder
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
-from fvi_cli.mathematics.algebra.builder import Builder, join
+from fvi_cli.mathematics.algebra.builder import Builder, derivatives, join
 from fvi_cli.mathematics.algebra.dependence import constant_values
-from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, PowerSeries
@@ -76,6 +75,12 @@ def test_equal_parts_are_computed_once():
     assert both.outputs[0] == both.outputs[1]
 
 
+def test_nothing_is_added_to_what_is_zero():
+    program = derivatives(system("x*y + sin(y) - cos(y)"), [{"x": 1.0}])
+    assert [str(kind) for kind, *_ in program.instructions].count("+") == 1
+    assert [str(kind) for kind, *_ in program.instructions].count("-") == 1
+
+
 def test_programs_work_on_power_series():
     t = PowerSeries.variable(6.0)
     (_, slope) = derivatives(system("sin(x)/(1 + y**2)"), [{"x": 1.0}]).evaluate(
@@ -116,7 +121,7 @@ def test_only_nodes_of_the_list_become_source():
     x = own.variable("x")
     for kind in ("__import__", "eval", "x); import os; (", "lambda", "globals"):
         crafted = FormulaSystem((("variable", "x"), (kind, 0)), (1,))
-        with pytest.raises(ExpressionError, match="no node of a formula"):
+        with pytest.raises(ExpressionError, match="not a node of a formula"):
             crafted.evaluate({"x": 1.0}, NUMPY_FUNCTIONS)
     # names of variables are places in a list of arguments, whatever they look like
     odd = FormulaSystem((("variable", "__import__('os')"), ("sin", 0)), (1,))

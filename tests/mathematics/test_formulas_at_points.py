@@ -9,7 +9,7 @@ import pytest
 
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.algebra.at_points import PointFormulas
+from fvi_cli.mathematics.algebra.formulas import PointFormulas
 from fvi_cli.mathematics.expressions import Expression
 
 FORMULAS = (

@@ -5,8 +5,7 @@ import pytest
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
 
 FORMULAS = [
     "x**3 - 2*x + 1/3", "-5*exp(-((x-2)/0.03)**2)", "sin(7*x)*cos(x) - tan(x/9)",

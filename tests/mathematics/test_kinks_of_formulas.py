@@ -13,12 +13,11 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES
 from fvi_cli.mathematics.expressions import Expression, slopes_of
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
 from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator
 
 
 def value(text: str, at: float) -> float:

@@ -41,8 +41,3 @@ def test_work_of_a_spring():
     work = work_along(np.stack([np.sin(t), t], 1), np.stack([np.cos(t), t**2], 1), 0.01)
     np.testing.assert_allclose(work, np.sin(t) ** 2 / 2 + t**4 / 4, atol=1e-12)
     assert np.abs(work - np.sin(t) ** 2 / 2).max() > 1.0
-
-
-def test_an_order_that_is_not_positive_is_refused():
-    with pytest.raises(ValueError, match="order"):
-        fractional_integral(0.0, 0.1, np.ones((8, 1)))

@@ -17,8 +17,7 @@ from fvi_cli.mathematics.series.power_series import (
     SeriesError,
     expand,
 )
-from fvi_cli.mathematics.series.taylor import TAYLOR
-from fvi_cli.mathematics.series.terms import merged_terms
+from fvi_cli.mathematics.series.taylor import TAYLOR, merged_terms
 
 
 def series(terms: dict[float, float], cutoff: float) -> PowerSeries:

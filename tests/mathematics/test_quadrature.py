@@ -5,7 +5,6 @@ import functools
 import mpmath as mp
 import numpy as np
 import pytest
-from spread import spread
 
 from fvi_cli.mathematics.quadrature import gauss_rule, lobatto_rule, radau_right_rule
 
@@ -146,12 +145,3 @@ def test_rules_are_made_once_and_cannot_be_changed():
         rule.nodes[0] = 0.0
     with pytest.raises(ValueError, match="read-only"):
         rule.weights[0] = 0.0
-
-
-@spread(name=sorted(RULES), n=[-1, 0, 1, 65])
-def test_numbers_of_points_out_of_range(name, n):
-    if n == 1 and name != "lobatto":
-        assert RULES[name](n).n_points == 1
-        return
-    with pytest.raises(ValueError, match=rf"{name}: {n} points; permitted are {LEAST[name]} to 64"):
-        RULES[name](n)

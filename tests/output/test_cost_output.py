@@ -27,7 +27,6 @@ from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
 from fvi_cli.studies.price import cheapest_bands, cost_curves
-from fvi_cli.studies.tolerance import price
 
 # as the design of the command promises them
 PROMISED = (
@@ -200,7 +199,7 @@ class TestCommand:
     @pytest.fixture(autouse=True)
     def _quick(self, monkeypatch, tmp_path):
         monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
-        monkeypatch.setattr(price, "REPEATS", 1)
+        monkeypatch.setattr(cost, "SEARCHES", 1)
         monkeypatch.setattr(cost_runner, "TOLERANCES", (1e-3,))
         monkeypatch.chdir(tmp_path)
         (tmp_path / "small.yaml").write_text(TEXT)
@@ -234,7 +233,7 @@ class TestCommand:
     def test_dry_run_writes_nothing(self, tmp_path):
         result = self.run("small.yaml", "--dry-run")
         assert result.exit_code == 0
-        assert "product-integration" in result.stdout
+        assert Baseline(name="product-integration").label in result.stdout
         assert not (tmp_path / "results").exists()
 
     def test_a_failure_that_nobody_expected(self, tmp_path):
@@ -262,14 +261,19 @@ class TestCommand:
         )
         result = self.run("small.yaml", "--peers", "--dry-run")
         assert result.exit_code == 0
-        assert result.stdout.count("pycaputo-pece") == 3
+        assert result.stdout.count(Baseline(name="pycaputo-pece").label) == 3
 
     def test_what_has_no_price_is_told_at_once(self, tmp_path):
         swept = TEXT.replace("small", "swept") + "sweep: {problem.stiffness: [1.0, 2.0]}\n"
         (tmp_path / "swept.yaml").write_text(swept)
-        result = self.run("small.yaml", "swept.yaml")
+        derivative = (
+            "name: derivative\nmethod: {bdf: 2}\nladder: {steps: [4]}\nproblem: "
+            "{kind: fractional-derivative, order: 0.5, function: t**2, final_time: 1.0}\n"
+        )
+        (tmp_path / "derivative.yaml").write_text(derivative)
+        result = self.run("small.yaml", "swept.yaml", "derivative.yaml")
         assert result.exit_code == 2
-        assert "swept: a sweep has no one price" in result.stderr
+        assert "swept: costs are measured for one scene" in result.stderr
         assert not (tmp_path / "results").exists()
 
     def test_the_page_shows_every_configuration(self, tmp_path):

@@ -18,12 +18,10 @@ from matplotlib.lines import Line2D
 
 from fvi_cli import plotting
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.plotting.ladders.saturation import leading_exponent
-from fvi_cli.plotting.looks import common_features, method_labels, method_looks
-from fvi_cli.plotting.motions.time_series import exact_energy
+from fvi_cli.plotting.looks import method_labels, method_looks
 from fvi_cli.render.figures import compare_figures, write_figures
-from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -191,9 +189,10 @@ def test_convergence_draws_every_error_of_every_method():
 
 
 @pytest.mark.parametrize("studies", [[], [(experiment(), [])]])
-def test_without_runs_there_is_nothing_to_draw(studies):
-    with pytest.raises(ValueError, match="none were given"):
-        plotting.convergence_figure(studies)
+@pytest.mark.parametrize("draw", [plotting.convergence_figure, plotting.saturation_figure])
+def test_without_runs_there_is_nothing_to_draw(draw, studies):
+    with pytest.raises(ValueError):
+        draw(studies)
 
 
 def test_a_panel_has_its_height_beside_a_legend():
@@ -201,14 +200,6 @@ def test_a_panel_has_its_height_beside_a_legend():
     figure.draw_without_rendering()
     (axes,) = figure.axes
     assert axes.get_position().height * figure.get_figheight() > 1.5
-
-
-def test_what_methods_have_in_common_is_said_of_those_alone():
-    plain, gauss = NODES[1], Method(cq="gauss", degree=3)
-    own = "degree 1, 1 Gauss point, damping sampled at the nodes"
-    assert common_features([plain]) == own
-    assert common_features([gauss, plain]) == f"BDF2: {own}"
-    assert common_features([gauss]) == ""
 
 
 def test_reference_slopes_have_the_slope_that_their_label_says():
@@ -479,11 +470,6 @@ def test_curves_that_the_eye_cannot_tell_apart_are_one():
     ]
 
 
-def test_exact_energy_needs_no_velocity():
-    found = exact_energy(experiment())
-    np.testing.assert_allclose(found[1], 0.5, atol=1e-5)
-
-
 def test_a_solution_that_runs_away_does_not_press_the_others_flat():
     one = experiment(methods=NODES[:2], steps=[64])
     finished = finish(one, error=lambda run: 1e6 if run.method == NODES[1] else 1e-3)
@@ -503,12 +489,7 @@ def test_a_picture_of_motions_takes_the_finest_step_at_which_they_differ():
     assert "h = 0.03125$" in plotting.trajectory_figure(one, close).axes[0].get_xlabel()
 
 
-def test_choice_of_a_step_of_the_ladder():
-    one = experiment(methods=NODES[:1])
-    finished = finish(one, error=lambda run: 1e-3)
-    finest = plotting.trajectory_figure(one, finished)
-    assert "h = 0.03125$" in finest.axes[0].get_xlabel()
-    # with several methods the finest step that all have reached
+def test_of_several_methods_the_finest_step_that_all_have_reached_is_drawn():
     two = experiment(methods=NODES[:2])
 
     def status(run: Run) -> str:
@@ -559,12 +540,6 @@ def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm():
     np.testing.assert_allclose(lines(figure)[3].get_ydata(), last[::-1], rtol=1e-12)
 
 
-def test_leading_exponent_is_read_off_the_function():
-    for b in (1, 3, 4, 5):
-        problem = derivative_study(b)[0].problem
-        assert leading_exponent(problem) == b
-
-
 def test_saturation_refuses_other_problems():
     one = experiment()
     with pytest.raises(ValueError, match="bagley-torvik"):
@@ -607,7 +582,7 @@ def test_a_figure_that_is_named_and_cannot_be_drawn_is_told_with_its_reason():
     one = experiment(problem=oscillator(exact=False), figures=("trajectory", "error"))
     lost = finish(one, error=lambda run: float("nan"))
     (line,) = plotting.left_out([(one, lost)])
-    assert line.startswith("made-up: no error figure, since there is no error: the reference is")
+    assert line.startswith("made-up: no error figure, since no error is known: the reference is")
     assert plotting.left_out([(one, finish(one))]) == []
     assert plotting.left_out([(experiment(), lost)]) == []  # nothing was named
     named = experiment(figures=("energy",), methods=NODES[:1])
@@ -819,26 +794,6 @@ def test_the_command_takes_formats_and_a_style(tmp_path):
     assert "line 1: 'font.sise' is not a setting of matplotlib" in refused.stderr
 
 
-def test_commands_of_tables_draw_in_a_format_and_a_style_too(tmp_path):
-    config = tmp_path / "two.yaml"
-    config.write_text(
-        "name: two\nproblem: {kind: chain, masses: 2, final_time: 1.0, exact: none}\n"
-        "method: {rk: gauss, degree: 2}\nladder: {steps: [8]}\n"
-    )
-    style = tmp_path / "mine.mplstyle"
-    style.write_text("figure.figsize: 5, 5\n")
-    asked = ["modes", str(config), "-q", "--output", str(tmp_path), "--format", "svg"]
-    fvi(*asked, code=0)
-    picture = tmp_path / "figures" / "two-modes.svg"
-    assert not picture.with_suffix(".pdf").exists()
-    plain = picture.read_text(encoding="utf-8")
-    fvi(*asked, "--style", str(style), code=0)
-    assert 'width="360pt"' in picture.read_text(encoding="utf-8")
-    assert 'width="360pt"' not in plain
-    fvi(*asked, "--style", str(style), "--check", code=0)
-    assert "not one of pdf, png, svg" in fvi(*asked, "--format", "gif", code=2).stderr
-
-
 def test_drawn_data_survives_its_file(tmp_path):
     figure = usual()
     (path,) = plotting.save_figure(figure, tmp_path, "made-up", ("json",))
@@ -881,13 +836,6 @@ def test_comparison_names_what_went_missing():
     assert plotting.compare_drawn(
         old, plotting.drawn_data(plotting.convergence_figure([(long, diverged)]))
     )
-
-
-def test_an_empty_request_is_refused():
-    with pytest.raises(ValueError, match="at least one"):
-        plotting.convergence_figure([])
-    with pytest.raises(ValueError, match="at least one"):
-        plotting.saturation_figure([])
 
 
 def test_nothing_is_written_too_small_to_read():

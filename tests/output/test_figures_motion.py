@@ -8,10 +8,13 @@ import pytest
 from command_line import configuration
 from matplotlib.figure import Figure
 
+import fvi_cli as fvi
 from fvi_cli import plotting
 from fvi_cli.config import parse_config
+from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.motions.paths import path_figure, phase_figure, waterfall_figure
 from fvi_cli.plotting.motions.time_series import balance_figure, momenta_figure
+from fvi_cli.plotting.panels import over_time, plane
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import study
 
@@ -227,3 +230,85 @@ def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator):
         balance_figure(experiment, [f for f in finished if f.run.n_steps == 32])
     )
     assert plotting.compare_drawn(old, coarse)
+
+
+def test_the_factor_of_numbers_does_not_stand_on_the_label():
+    problem = (
+        "kind: frame, masses: [1, 1], stiffnesses: [10, 10], dampers: [{order: 0.5, "
+        "coefficient: 0.5}], ground_acceleration: 0.01*sin(2*t), final_time: 8, exact: none"
+    )
+    text = (
+        f"name: two\nproblem: {{{problem}}}\nmethod: gauss3\nladder: {{steps: [100]}}\n"
+        "quantities: {lower: force_1_1, upper: force_1_2}\nfigures: [hysteresis]\n"
+        "units: {length: m, lower: kN, upper: kN}\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "two"))
+    figure = outcome.plot("hysteresis")
+    figure.draw_without_rendering()
+    labels = [axes.get_xlabel() for axes in figure.axes]
+    assert any("10^{" in one and one.endswith(" m)") for one in labels)
+    for axis in (axes.xaxis for axes in figure.axes):
+        factor = axis.get_offset_text()
+        shown = factor.get_visible() and factor.get_text()
+        assert not (shown and axis.label.get_window_extent().overlaps(factor.get_window_extent()))
+
+
+@pytest.mark.parametrize("most_ticks", [0, 3])
+@pytest.mark.parametrize("scale", [1e-9, 1e-5, 1e-3, 1.0, 1e3, 1e4, 1e8])
+def test_numbers_of_an_axis_times_its_factor_are_where_they_stand(scale, most_ticks):
+    x = scale * np.linspace(0.9, 1.2, 9)
+    curves = (Curve(x=x, y=x / scale, label="one"),)
+    panel = Panel(curves=curves, x="what is long enough to\nmeet a factor", y="ratio")
+    figure = plane([panel, panel], columns=2, most_ticks=most_ticks)
+    figure.draw_without_rendering()
+    for axis in (axes.xaxis for axes in figure.axes):
+        factor = axis.get_offset_text()
+        words = axis.label.get_text() + (factor.get_text() if factor.get_visible() else "")
+        powers = [float(one.replace("−", "-")) for one in re.findall(r"10\^\{(.*?)\}", words)]
+        assert len(powers) <= 1
+        for text in axis.get_ticklabels():
+            (number,) = re.findall(r"[0-9.]+", text.get_text())
+            assert float(number) * 10 ** sum(powers) == pytest.approx(text.get_position()[0])
+
+
+def test_bands_hold_all_members_where_their_times_differ_by_round_off():
+    rng = np.random.default_rng(3)
+    t, scales = np.linspace(0.0, 7.3, 60), np.linspace(1.0, 2.0, 12)
+    times = [t * (1 + 2.3e-16 * rng.integers(-2, 3, t.size)) for _ in scales]
+    curves = [
+        Curve(x=x, y=scale * np.cos(t), label=f"{scale}")
+        for x, scale in zip(times, scales, strict=True)
+    ]
+    figure = over_time([Panel(curves=tuple(curves), y="x", is_ensemble=True)], x="t")
+    (median,) = [one for one in figure.axes[0].lines if one.get_label() == "median"]
+    assert len(median.get_xdata()) == t.size
+    assert np.allclose(median.get_ydata(), 1.5 * np.cos(t))
+
+
+@pytest.mark.parametrize(
+    ("numbers", "scale"),
+    [
+        (np.linspace(0.1, 1.9, 19), "linear"),
+        (np.geomspace(0.1, 1.9, 19), "log"),
+        (np.geomspace(0.1, 0.9, 19), "linear"),
+        (np.array([1.0, 100.0]), "linear"),
+    ],
+)
+def test_colours_follow_the_spacing_of_what_is_swept(numbers, scale):
+    t = np.linspace(0.0, 1.0, 5)
+    curves = tuple(Curve(x=t, y=n * t, label=f"{n}", by=n) for n in numbers.tolist())
+    figure = over_time([Panel(curves=curves, y="x")], x="t", bar="order")
+    assert figure.axes[-1].get_xscale() == scale
+
+
+def test_the_damper_that_a_design_lacks_does_not_hide_the_others():
+    text = (
+        "name: two\nproblem: {kind: damped-oscillator, stiffness: 9, final_time: 4, exact: none, "
+        "initial: {position: 1}, damping: [{order: 0.5, coefficient: 1}]}\nmethod: gauss3\n"
+        "designs: {bare: {problem.damping.0.coefficient: 0}, damped: {}}\n"
+        "ladder: {steps: [40]}\nquantities: {damper: force_1}\nfigures: [quantities]\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "two"))
+    peak = max(one.trajectory.observed.extents["damper"].peak for one in outcome.finished)
+    (axes,) = outcome.plot("quantities").axes
+    assert np.abs(axes.get_ylim()).max() >= peak > 0.5

@@ -21,7 +21,7 @@ from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.table import alike
 from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.reports.writers.latex import PACKAGES, to_latex
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.cost import CostCase
 from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, with_orders
 from fvi_cli.studies.stability_study import StabilityTable, stability_rows

@@ -11,16 +11,17 @@ import pytest
 from command_line import MANY
 
 from fvi_cli.config import parse_config
+from fvi_cli.integrator.method_names import method_names
 from fvi_cli.plotting import drawn_data, figures_for, left_out
 from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
-from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.executors.batches import batches_of
-from fvi_cli.runner.executors.execute import execute_batch
+from fvi_cli.runner.executors.execute import execute_job
+from fvi_cli.runner.executors.jobs import Job
 from fvi_cli.runner.outcome import Outcome
-from fvi_cli.studies.order import order_tables
+from fvi_cli.studies.order import tables_of_members
 
 TEXT = (
     MANY
@@ -35,7 +36,9 @@ TWO_KEYS = ONE_KEY.replace("}", ", problem.stiffness: [0.5, 1, 2]}")
 
 def study_of(text):
     experiment = parse_config(text, "many.yaml").experiments[0]
-    finished = [one for batch in batches_of(experiment.runs()) for one in execute_batch(batch)]
+    finished = [
+        one for batch in batches_of(experiment.runs()) for one in execute_job(Job(runs=batch))
+    ]
     return experiment, finished
 
 
@@ -61,7 +64,7 @@ def misses(tables):
 
 def test_every_member_has_the_order_of_its_method(two_keys):
     experiment, finished = two_keys
-    tables = order_tables(experiment, finished)
+    tables = tables_of_members(experiment, finished)
     assert len(tables) == 12
     assert all(len(table.cases) == 2 and len(table.cases[0].rows) == 4 for table in tables)
     assert misses(tables) == []
@@ -72,17 +75,17 @@ def test_every_member_has_the_order_of_its_method(two_keys):
         else one
         for one in finished
     ]
-    assert misses(order_tables(experiment, spoilt)) == [
+    assert misses(tables_of_members(experiment, spoilt)) == [
         (tables[7].title, case.method.case) for case in tables[7].cases
     ]
 
 
 def test_a_member_has_the_table_of_an_experiment_with_that_problem(two_keys):
     experiment, finished = two_keys
-    member = order_tables(experiment, finished)[4]
+    member = tables_of_members(experiment, finished)[4]
     text = TEXT.replace("order: 0.5", f"order: {member.swept['problem.damping.0.order']}")
     text = text.replace("  final", f"  stiffness: {member.swept['problem.stiffness']}\n  final")
-    (alone,) = order_tables(*study_of(text))
+    (alone,) = tables_of_members(*study_of(text))
     assert alone.swept == {}
     assert (member.gamma, member.equation, member.reference) == (
         alone.gamma,
@@ -95,7 +98,7 @@ def test_a_member_has_the_table_of_an_experiment_with_that_problem(two_keys):
 
 
 def test_the_csv_file_has_the_swept_values_behind_the_columns_of_the_contract(two_keys):
-    tables = order_tables(*two_keys)
+    tables = tables_of_members(*two_keys)
     rows = list(csv.reader(io.StringIO(rendered(order_report("many", tables))["many.csv"])))
     names = [column.name for column in COLUMNS]
     assert rows[0] == [*names, "problem.damping.0.order", "problem.stiffness"]
@@ -107,11 +110,11 @@ def test_the_csv_file_has_the_swept_values_behind_the_columns_of_the_contract(tw
 
 
 def test_tables_of_members_are_read_back_and_checked(two_keys, tmp_path):
-    tables = order_tables(*two_keys)
+    tables = tables_of_members(*two_keys)
     write(tmp_path, order_report("many", tables))
     assert compare(tmp_path, order_report("many", tables)) == []
     missing = compare(tmp_path, order_report("many", tables[1:]))
-    assert sum("stored, but not there now" in line for line in missing) == 2 * 8 + 1
+    assert sum("stored, but not computed now" in line for line in missing) == 2 * 8 + 1
     path = tmp_path / "many.json"
     content = json.loads(path.read_text())
     content["sheets"]["runs"]["rows"][3]["error"] *= 1.01
@@ -124,7 +127,7 @@ def test_tables_of_members_are_read_back_and_checked(two_keys, tmp_path):
 
 
 def test_one_key_gives_a_row_for_every_value(one_key):
-    tables = order_tables(*one_key)
+    tables = tables_of_members(*one_key)
     text = to_text(order_report("many", tables).summary)
     rows = [line.split() for line in text.splitlines() if line[:3] in ("0.3", "0.5", "1  ", "1.5")]
     assert [row[0] for row in rows] == ["0.3", "0.5", "1", "1.5"]
@@ -134,7 +137,7 @@ def test_one_key_gives_a_row_for_every_value(one_key):
 
 
 def test_several_keys_are_summed_up(two_keys):
-    tables = order_tables(*two_keys)
+    tables = tables_of_members(*two_keys)
     text = rendered(order_report("many", tables))["many.md"]
     assert "12 members" in text
     assert len(text.splitlines()) < 60
@@ -176,7 +179,7 @@ def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, 
     figures = figures_for([(experiment, finished)], name="many")
     assert list(figures) == ["many-convergence", "many-trajectory"]
     assert left_out([(experiment, finished)]) == [
-        "many: no energy figure, since of a sweep there are convergence, trajectory, quantities, "
+        "many: no energy figure, since a sweep has convergence, trajectory, quantities, "
         "section, hysteresis and spectrum"
     ]
     drawn = drawn_data(figures["many-convergence"])

@@ -57,7 +57,7 @@ BEFORE = [
     (lagrangian("vx**2/2 + 1/x + t*vx*x", position="0.0"),
      "bad.yaml:5:15: problem.lagrangian: it or a derivative of it is not finite",
      "initial position"),
-    (lagrangian("-x**2"), "bad.yaml:5:15: problem.lagrangian: no velocity occurs in it (vx)", ""),
+    (lagrangian("-x**2"), "bad.yaml:5:15: problem.lagrangian: it contains no velocity (vx)", ""),
     (lagrangian("vx**2/2 - k*x"), "bad.yaml:5:15: problem.lagrangian: column 11: unknown", "'k'"),
     (lagrangian("vx**2/2 - x", position="[1.0, 2.0]"),
      "bad.yaml:6:23: problem.initial.position: is for 2 coordinates", "for 1"),

@@ -145,7 +145,7 @@ def test_what_cannot_be_believed_is_ignored_with_a_line(monkeypatch, spoil, reas
     assert "resume" not in fvi("run", "long.yaml", "--dry-run").stdout
     told = run().stderr.splitlines()
     (line,) = [line for line in told if "is ignored" in line]
-    assert line.startswith(f"long gauss-s2-none N={N}: checkpoint {path} is ignored: {reason}")
+    assert line.startswith(f"long Gauss2, N={N}: checkpoint {path} is ignored: {reason}")
     assert digests() == digests(Path("straight/long.h5"))
     assert not PARTS.exists()
 

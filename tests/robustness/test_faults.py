@@ -1,6 +1,5 @@
 """What happens to a command from outside: results that are finished survive it."""
 
-import contextlib
 import errno
 import os
 import random
@@ -8,9 +7,7 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from command_line import fvi as here
@@ -29,7 +26,6 @@ from commands import (
 from spread import SEED, spread
 
 from benchmarks.robustness import ATTACKS
-from fvi_cli.cli import app as app_module
 from fvi_cli.config import load_config
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.runner.executors.execute import execute_job
@@ -219,30 +215,6 @@ def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder)
     assert len(complete_runs(folder / "after.h5")) == N_RUNS
 
 
-@contextlib.contextmanager
-def largest_file(limit):
-    """No file of this process may grow beyond so many bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@pytest.mark.parametrize("limit", [0, 5_000, 250_000])
-def test_where_files_may_not_grow_it_says_so(folder, limit):
-    with largest_file(limit):
-        done = here("run", "quick.yaml")
-    assert done.exit_code == 2, done.stderr
-    assert "cannot be written: File too large" in done.stderr
-    assert not (folder / "results" / "quick.h5").exists()
-    # runs that were added are whole, and taken the next time
-    found = complete_runs(folder / "results" / "quick.h5")
-    assert (len(found) == N_RUNS) == (limit == 250_000)
-    assert f"{N_RUNS} runs, {len(found)} of them stored" in here("run", "quick.yaml").stderr
-
-
 READ_ONLY = """
 mount --bind there there
 mount -o remount,bind,ro there
@@ -307,12 +279,6 @@ def test_what_a_killed_process_left_of_a_table_goes_with_the_next_one(folder):
         assert not abandoned.exists()
         assert alive.exists()
     assert (folder / "a.md").read_bytes() == b"whole"
-
-
-def test_an_interrupt_that_falls_into_a_callback_is_not_lost():
-    app_module._not_ignored(SimpleNamespace(exc_type=KeyboardInterrupt))
-    with pytest.raises(KeyboardInterrupt):
-        any(time.sleep(0.01) for _ in range(1000))
 
 
 # --- two at a time --------------------------------------------------------------------------------

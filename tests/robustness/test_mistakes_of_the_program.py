@@ -37,7 +37,7 @@ def test_in_the_midst_of_costs(monkeypatch):
     monkeypatch.setattr("fvi_cli.runner.cost.TOLERANCES", (1e-3,))
     result = fvi("cost", "small.yaml", code=1)
     (line,) = [line for line in result.stderr.splitlines() if "unexpected Zero" in line]
-    assert line.startswith("small gauss-s2-none N=4: failed (unexpected ZeroDivisionError")
+    assert line.startswith("small Gauss2, N=4: failed (unexpected ZeroDivisionError")
     assert "nobody thought of that; this is a mistake of the program, please report it" in line
     (table,) = Path("results").rglob("small-cost.csv")
     assert [row.count("failed") for row in table.read_text().splitlines()[1:]] == [0, 0, 1, 0]
@@ -50,6 +50,6 @@ def test_in_the_midst_of_stability(monkeypatch):
     monkeypatch.setattr(stability_study, "predict_stability", breaking(real, at))
     result = fvi("stability", "--no-observe", "small.yaml", code=1)
     (line,) = [line for line in result.stderr.splitlines() if "unexpected Zero" in line]
-    assert line.startswith("small gauss-s2-none N=4: unexpected ZeroDivisionError")
+    assert line.startswith("small Gauss2, N=4: unexpected ZeroDivisionError")
     assert "this is a mistake of the program, please report it" in line
     assert result.stdout.startswith("Stability: small")

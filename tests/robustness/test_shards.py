@@ -157,7 +157,7 @@ def test_files_that_do_not_belong_together_are_refused(results, tmp_path):
     assert code == 2
     assert f"{other}: is of another configuration than {own}" in told
     assert not (tmp_path / "new").exists()
-    for what, said in ((tmp_path / "none.h5", "no such file"), ("all.yaml", "result files are")):
+    for what, said in ((tmp_path / "none.h5", "no such file"), ("all.yaml", "not a result file")):
         code, told = fvi("merge", what, "-o", tmp_path / "new")
         assert code == 2
         assert said in told

@@ -9,9 +9,9 @@ from command_line import MANY, configuration
 
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors.batches import batches_of
-from fvi_cli.runner.executors.execute import execute_batch, execute_job
+from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.executor import InProcess
-from fvi_cli.runner.executors.jobs import JobQueue, jobs_of
+from fvi_cli.runner.executors.jobs import Job, JobQueue, jobs_of
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
@@ -41,7 +41,7 @@ def experiment(text, *overrides):
 @pytest.mark.parametrize("text", [OSCILLATORS, PENDULUMS])
 def test_a_batch_gives_what_every_run_gives_alone(text):
     (first, *_) = batches_of(experiment(text).runs())
-    together = execute_batch(first)
+    together = execute_job(Job(runs=first))
     assert [one.run for one in together] == list(first)
     for run, one in zip(first, together, strict=True):
         alone = execute(run)
@@ -115,7 +115,7 @@ def test_a_member_that_blows_up_or_is_refused_leaves_the_others_alone():
         one = experiment(stiff, f"allow_unstable={str(allow).lower()}")
         runs = [run for run in one.runs() if run.method.case == paper.case]
         (batch,) = batches_of(runs)
-        assert [finished.status for finished in execute_batch(batch)] == expected
+        assert [finished.status for finished in execute_job(Job(runs=batch))] == expected
 
 
 def test_references_of_members_are_those_that_they_have_alone():

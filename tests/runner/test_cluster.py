@@ -1,9 +1,11 @@
 """Batches on a real Dask cluster are the same batches; workers that die do no harm."""
 
+import contextlib
 import dataclasses
 import functools
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -38,17 +40,54 @@ pytestmark = [
 ]
 
 
+MOST_SECONDS = 600
+
+
+@contextlib.contextmanager
+def time_limit():
+    """Fail where a lock of the cluster never opens; where there are no alarms it is waited for."""
+    if not hasattr(signal, "SIGALRM"):
+        yield
+        return
+
+    def stop(number, frame):
+        pytest.fail(f"the cluster stood still for {MOST_SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    left, _ = signal.setitimer(signal.ITIMER_REAL, MOST_SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, left)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture(autouse=True)
+def _limited():
+    with time_limit():
+        yield
+
+
+@contextlib.contextmanager
 def start_cluster(n_workers, failures):
-    # a machine with much to do starts its workers late
+    # a machine with much to do starts its workers late; those that died are given up after 15 s,
+    # unless it is told otherwise, and then nobody computes any more
     patience = {f"distributed.comm.timeouts.{name}": "180s" for name in ("connect", "tcp")}
+    patience["distributed.deploy.lost-worker-timeout"] = f"{MOST_SECONDS}s"
     with dask.config.set({"distributed.scheduler.allowed-failures": failures, **patience}):
-        return LocalCluster(
-            n_workers=n_workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",  # any free port
-            silence_logs=50,
-        )
+        with time_limit():
+            cluster = LocalCluster(
+                n_workers=n_workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",  # any free port
+                silence_logs=50,
+            )
+        try:
+            yield cluster
+        finally:
+            with time_limit():
+                cluster.close(timeout=60)
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +234,8 @@ def test_a_scheduler_that_is_killed_is_told(tmp_path):
         text=True,
         env=environment,
     )
-    with scheduler:
+    with scheduler, contextlib.ExitStack() as ended:
+        ended.callback(scheduler.kill)
         executor = DaskCluster(address=scheduler.stdout.readline().strip())
         jobs = local.singles(local.experiment().runs()[:2])
         stream = executor.compute(jobs, local.sleeps_at_four)

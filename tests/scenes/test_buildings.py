@@ -131,18 +131,3 @@ def test_rayleigh_damping_of_sparse_matrices_is_that_of_dense_ones():
     a, b = np.linalg.solve(system, [0.02, 0.03])
     expected = a * np.eye(storeys) + b * shear(stiffnesses)
     assert np.abs(dense(term.form) - expected).max() < 1e-9 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize(
-    ("keys", "wrong"),
-    [
-        ({"dampers": [{"storey": 4, "order": 0.5, "coefficient": 1.0}]}, "there are 3 storeys"),
-        ({"masses": [1.0, 1.0]}, "2 entries for 3 storeys"),
-        ({"rayleigh": {"ratios": [0.01, 0.9], "modes": [1, 2]}}, "negative factor drives"),
-        ({"rayleigh": {"ratios": [0.01, 0.02], "modes": [1, 4]}}, "there is no mode 4"),
-        ({"rayleigh": {"ratios": [0.01, 0.02], "modes": [2, 2]}}, "two different ones"),
-    ],
-)
-def test_a_building_that_cannot_be_is_refused(keys, wrong):
-    with pytest.raises(ValueError, match=wrong):
-        build_scene(frame(storeys=3, **keys))

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 from command_line import fvi as command
-from scipy.special import roots_jacobi
 from spread import spread
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes import exact_check
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
@@ -97,14 +95,6 @@ def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(change, 
         assert f":18:10: problem.exact: {told}" in result.stderr
     found = ["check", "damped-oscillator", "--set", change, "--set", "problem.exact=auto"]
     command(*found, code=0)
-
-
-@spread(power=[-0.99, -0.5, 0.0, 0.3, 1.0], points=[1, 2, 24])
-def test_the_rule_for_singular_weights_is_that_of_scipy(points, power):
-    nodes, weights = exact_check._jacobi(points, power)
-    known_nodes, known_weights = roots_jacobi(points, power, 0.0)
-    assert nodes == pytest.approx(known_nodes, abs=1e-14)
-    assert weights == pytest.approx(known_weights, rel=3e-11)
 
 
 SIN = {"forcing": "sin(t)", "initial": {"position": 0.0, "velocity": 0.0}}

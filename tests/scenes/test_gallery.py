@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fvi_cli.config import find_config, load_config, shipped_configs
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.registry import KINDS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "scenes.md").read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ from fvi_cli.scenes.linear_response import (
     ZERO,
     linear_response,
     match_scene,
-    shifted,
+    shift_polynomial,
     transform,
 )
 
@@ -419,14 +419,14 @@ def test_other_functions_are_not_there():
 
 
 def test_shift_is_exact_for_polynomials_only():
-    found = shifted(read("t**3 - 2*t"), 3.0)
+    found = shift_polynomial(read("t**3 - 2*t"), 3.0)
     assert found.exponents.tolist() == [0, 1, 2, 3]
     assert found.coefficients.tolist() == [21, 25, 9, 1]
     # (t - 1)^24 about 1 is t^24 alone, although its coefficients are large.
-    found = shifted(read("(t - 1)**24"), 1.0)
+    found = shift_polynomial(read("(t - 1)**24"), 1.0)
     assert (found.exponents.tolist(), found.coefficients.tolist()) == ([24.0], [1.0])
     with pytest.raises(SeriesError):
-        shifted(read("sqrt(t)"), 1.0)
+        shift_polynomial(read("sqrt(t)"), 1.0)
 
 
 def test_transform():

@@ -56,22 +56,6 @@ def test_a_force_that_is_zero_is_no_effect():
         assert problem.scene.forcing is None
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"kind": "wave"}, "kind: 'wave'"),
-        ({"forcing": "sin(u)"}, "forcing: "),
-        ({"forcing": ["t", "t"]}, "forcing: 2 entries for 1"),
-        ({"damping": [{"order": 2.5, "coefficient": 1}]}, "damping.0.order"),
-        ({"exact": "t +"}, "exact: "),
-        ({"forcing": {"pieces": [{"until": 1, "value": "q"}, {"value": 0}]}}, "forcing.pieces.0"),
-    ],
-)
-def test_mistakes_name_their_place(changes, message):
-    with pytest.raises(ValueError, match=message):
-        build_problem({"kind": "bagley-torvik", "final_time": 1.0, **changes})
-
-
 def derivative(function: str, **changes: object) -> dict[str, object]:
     return {
         "kind": "fractional-derivative",
@@ -88,17 +72,3 @@ def test_a_derivative_is_taken_term_by_term():
     # Gamma(3)/Gamma(5/2) t^(3/2)
     assert problem.exact(t)[:, 0] == pytest.approx(1.5045055561273502 * t**1.5, abs=1e-15)
     assert problem.function(t)[:, 0] == pytest.approx(t**2)
-
-
-@pytest.mark.parametrize(
-    ("specification", "message"),
-    [
-        (derivative("t**2", order=2.0), "order"),
-        (derivative("log(t)"), "needs an expansion"),
-        (derivative("exp(40*t)"), "does not converge"),
-        (derivative("t**0.2"), "not bounded"),
-    ],
-)
-def test_derivatives_that_cannot_be_taken(specification, message):
-    with pytest.raises(ValueError, match=message):
-        build_problem(specification)

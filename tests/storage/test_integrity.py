@@ -166,7 +166,7 @@ def test_a_pipe_in_the_place_of_a_file_does_not_hang():
     os.mkfifo(FILE)
     for reader in READERS:
         result = fvi(*reader, code=2)
-        assert "is no ordinary file" in result.stderr
+        assert "is a device or pipe" in result.stderr
 
 
 def test_an_older_format_is_told_what_to_do():

@@ -10,9 +10,7 @@ import pytest
 import xarray as xr
 
 from fvi_cli.config import parse_config
-from fvi_cli.runner.compute import compute_runs
-from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import open_results
+from fvi_cli.runner.compute import run
 
 OSCILLATOR = """
     problem:
@@ -54,10 +52,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """The file of results."""
     folder = tmp_path_factory.mktemp("interchange")
     loaded = parse_config(CONFIG, "everything.yaml")
-    settings = Settings(output=folder, show_progress=False)
-    with open_results(folder, loaded.name) as results:
-        compute_runs(loaded.experiments, settings, title="all", store=results, is_kept=True)
-        results.consolidate(loaded)
+    run(loaded, output=folder)
     return [folder / "everything.h5"]
 
 

@@ -11,8 +11,8 @@ from command_line import configuration
 
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
-from fvi_cli.storage import identity, provenance
-from fvi_cli.storage.identity import identity_of
+from fvi_cli.storage import digests, provenance
+from fvi_cli.storage.digests import identity_of
 from fvi_cli.studies.experiment import Run
 
 TEXT = configuration(
@@ -67,7 +67,7 @@ def test_identity_ignores_the_layout_of_the_text():
 @pytest.mark.parametrize("name", ["FORMAT", "SOLVER_VERSION"])
 def test_identity_changes_with_format_and_solver(monkeypatch, name):
     before = identity_of(run_of())
-    monkeypatch.setattr(identity, name, getattr(identity, name) + 1)
+    monkeypatch.setattr(digests, name, getattr(digests, name) + 1)
     assert identity_of(run_of()) != before
 
 

@@ -24,11 +24,11 @@ import pytest
 import fvi_cli
 from fvi_cli.errors import StorageError
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.diagnostics import NewtonRecord
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import (
-    identity,
+    digests,
     list_runs,
     open_results,
     read_configuration,
@@ -214,7 +214,7 @@ def test_runs_of_an_older_program_are_not_taken(path, monkeypatch, constant):
     run = experiment().runs()[0]
     with read_results(path) as results:
         assert results.finished(run) is not None
-        monkeypatch.setattr(identity, constant, getattr(identity, constant) + 1)
+        monkeypatch.setattr(digests, constant, getattr(digests, constant) + 1)
         assert results.finished(run) is None
 
 

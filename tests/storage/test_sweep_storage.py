@@ -12,12 +12,13 @@ from command_line import MANY
 from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
 from fvi_cli.runner.executors.batches import batches_of
-from fvi_cli.runner.executors.execute import execute_batch
+from fvi_cli.runner.executors.execute import execute_job
+from fvi_cli.runner.executors.jobs import Job
 from fvi_cli.storage import list_runs, open_results, read_results
+from fvi_cli.storage.digests import identity_of
 from fvi_cli.storage.groups import reading
 from fvi_cli.storage.groups.columns import Columns, add_row
-from fvi_cli.storage.identity import identity_of
-from fvi_cli.storage.records.runs import record_of
+from fvi_cli.storage.records.runs import stored_record
 
 CONFIG = (
     MANY
@@ -44,7 +45,7 @@ def keep(folder, loaded, *, most=10**6, fresh=False):
             run for e in loaded.experiments for run in e.runs() if results.finished(run) is None
         ]
         for batch in batches_of(waiting)[:most]:
-            results.add(execute_batch(batch))
+            results.add(execute_job(Job(runs=batch)))
             computed += len(batch)
         results.consolidate(loaded)
     return computed
@@ -70,7 +71,7 @@ def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_by
     monkeypatch.setattr(reading, "BLOCK_BYTES", block_bytes)
     loaded = load()
     runs = loaded.experiments[0].runs()
-    finished = [one for batch in batches_of(runs) for one in execute_batch(batch)]
+    finished = [one for batch in batches_of(runs) for one in execute_job(Job(runs=batch))]
     assert {one.status for one in finished} == {"ok", "diverged"}
     with open_results(tmp_path, "many") as results:
         results.add(finished[:6])
@@ -228,7 +229,9 @@ def test_changed_numbers_are_noticed(tmp_path):
 
 def test_what_is_said_of_members_takes_little_memory():
     (experiment,) = load().experiments
-    records = [record_of(one) for one in execute_batch(batches_of(experiment.runs())[0])]
+    records = [
+        stored_record(one) for one in execute_job(Job(runs=batches_of(experiment.runs())[0]))
+    ]
     count = 1000
     rows = [{**records[k % 6].attributes, "error": k / 7} for k in range(count)]
     tracemalloc.start()

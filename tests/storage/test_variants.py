@@ -123,8 +123,8 @@ MISTAKES = [
     ((), "say which runs: --set KEY.PATH=VALUE, --case, --others or --all"),
     (("--all", "--case", "bdf1"), "--all: means every run"),
     (("--others", *STIFF), "--set and --others: give one of them"),
-    (("--case", "bdf7"), "holds no such run"),
-    (("--set", "problem.stiffness=7"), "holds no such run"),
+    (("--case", "bdf7"), "no run matches"),
+    (("--set", "problem.stiffness=7"), "no run matches"),
     (("--set", "problem.stifness=7"), "stiffness"),
 ]
 

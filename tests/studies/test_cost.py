@@ -18,15 +18,13 @@ from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import (
+    clear_caches,
     cost_table,
-    forget,
     measure_cost,
-    measure_costs,
-    peak_bytes,
     timed_run,
+    traced_peak_bytes,
 )
 from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.tolerance import price
 
 TEXT = (
     LADDER.replace("quick", "small").partition("method")[0]
@@ -47,13 +45,13 @@ def experiment(text: str = TEXT) -> Experiment:
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
-    monkeypatch.setattr(price, "REPEATS", 1)
+    monkeypatch.setattr(cost, "SEARCHES", 1)
 
 
 def test_every_run_is_measured_and_counted():
     one = experiment()
     stored = []
-    table = cost_table(one, list(measure_costs(one, stored.append)))
+    table = cost_table(one, [measure_cost(run, stored.append) for run in one.runs()])
     assert [finished.run.n_steps for finished in stored] == [8, 16, 32, 8, 16, 32]
     assert [case.method.case for case in table.cases] == ["gauss-s2-graded", "gruenwald-letnikov"]
     assert table.gamma == "1.5"
@@ -84,7 +82,7 @@ def test_long_runs_are_timed_once(monkeypatch):
 def test_every_timed_run_begins_cold():
     gauss_rule(3)
     assert gauss_rule.cache_info().currsize > 0
-    forget()
+    clear_caches()
     assert gauss_rule.cache_info().currsize == 0
     seen = []
 
@@ -100,7 +98,7 @@ def test_every_timed_run_begins_cold():
 
 
 def test_the_peak_is_that_of_the_run():
-    assert 8e6 < peak_bytes(lambda: bytearray(8_000_000)) < 9e6
+    assert 8e6 < traced_peak_bytes(lambda: bytearray(8_000_000)) < 9e6
 
 
 def test_what_is_refused_has_a_row_without_times():
@@ -125,28 +123,10 @@ allow_unstable: true
     assert (solved.status, solved.repeats > 0) == ("ok", True)
 
 
-def test_a_sweep_has_no_one_price():
-    text = TEXT + "sweep: {problem.stiffness: [1.0, 2.0]}\n"
-    text = text.replace("  exact: t**2.5\n", "")
-    with pytest.raises(ValueError, match="not on a sweep"):
-        next(measure_costs(experiment(text)))
-
-
-def test_a_derivative_is_no_scene():
-    text = """\
-name: derivative
-problem: {kind: fractional-derivative, order: 0.5, function: t**2, final_time: 1.0}
-method: {bdf: 2}
-ladder: {steps: [4]}
-"""
-    with pytest.raises(ValueError, match="not of a derivative"):
-        next(measure_costs(experiment(text)))
-
-
 def test_what_a_tolerance_comes_to_is_measured_beside_the_ladder():
     one = experiment()
-    rows = [price.measure_tolerance(one, tolerance) for tolerance in (1e-4, 1e-9)]
-    table = cost_table(one, list(measure_costs(one)), rows)
+    rows = [cost.measure_tolerance(one.runs()[2], tolerance) for tolerance in (1e-4, 1e-9)]
+    table = cost_table(one, list(map(measure_cost, one.runs())), rows)
     assert [row.outcome for row in table.by_tolerance] == ["met", "met"]
     for row in rows:
         assert 0 <= row.error <= row.tolerance
@@ -163,7 +143,7 @@ def test_what_a_tolerance_comes_to_is_measured_beside_the_ladder():
 
 def test_ladders_alone_have_no_file_of_tolerances():
     one = experiment()
-    names = rendered(cost_report("small", [cost_table(one, list(measure_costs(one)))]))
+    names = rendered(cost_report("small", [cost_table(one, list(map(measure_cost, one.runs())))]))
     assert not [name for name in names if "tolerance" in name]
 
 
@@ -182,7 +162,7 @@ def test_a_law_has_a_memory_and_a_dashpot_has_none(damping):
         "method: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n"
     )
     one = experiment(text)
-    assert cost_table(one, list(measure_costs(one))).has_memory == (damping != "dashpot")
+    assert cost_table(one, list(map(measure_cost, one.runs()))).has_memory == (damping != "dashpot")
 
 
 def test_every_timed_run_factorises_its_matrices(monkeypatch):

@@ -14,9 +14,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.data import linear_oscillator, pendulum
 from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
@@ -30,7 +30,7 @@ def oscillator(order: float, *, coefficient: float = 0.3, **given: object) -> Sc
 
 def solved(scene: Scene, methods: object = USUAL_CANDIDATES, **asked: object) -> Trajectory:
     """A run that must be met."""
-    _, run = solve_on_equal_steps(scene, methods, **asked)
+    _, run, _ = solve_on_equal_steps(scene, methods, **asked)
     assert run.assessment.outcome == "met", run.assessment
     assert run.assessment.estimate <= run.assessment.tolerance
     assert np.ptp(np.diff(run.time)) <= 1e-9 * run.time[-1]
@@ -82,7 +82,7 @@ def test_only_the_methods_that_are_given_are_used():
         (Baseline(name="gruenwald-letnikov"), 1e-2),
     ]
     for method, tolerance in methods:
-        chosen, run = solve_on_equal_steps(scene, [method], tolerance=tolerance)
+        chosen, run, _ = solve_on_equal_steps(scene, [method], tolerance=tolerance)
         assert chosen == method
         assert true_error(scene, run) <= estimate(run) <= tolerance
 
@@ -151,10 +151,10 @@ def test_nonlinear_scenes_agree_with_far_more_steps():
 def test_what_cannot_be_reached_is_refused_with_what_was_reached():
     scene, midpoint = oscillator(0.5), Method(cq="gauss", degree=1)
     for asked, words in (
-        ({"tolerance": 1e-11, "available_bytes": 10**6}, "the memory there is: the best error"),
+        ({"tolerance": 1e-11, "available_bytes": 10**6}, "the available memory: the best error"),
         ({"tolerance": 1e-18}, "the best error reached is"),
     ):
-        _, run = solve_on_equal_steps(scene, [midpoint], **asked)
+        _, run, _ = solve_on_equal_steps(scene, [midpoint], **asked)
         assert run.assessment.outcome == "refused"
         assert words in run.assessment.reason
         assert run.assessment.estimate > 0

@@ -15,7 +15,7 @@ from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.storage.identity import identity_of
+from fvi_cli.storage.digests import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope
@@ -167,25 +167,6 @@ def test_the_norm_l2_weighs_every_point_by_its_step():
     error = np.array([[0.0], [3.0], [2.0], [1.0]])
     found = error_norm(error, np.zeros((4, 1)), np.diff(times, prepend=0.0), "l2")
     assert found == pytest.approx(math.sqrt(0.1 * 9 + 0.4 * 4 + 1.5 * 1))
-
-
-@pytest.mark.parametrize(
-    ("ladder", "method", "complaint"),
-    [
-        ({"steps": 8, "grading": 2}, {"start": "graded"}, "has a mesh of its own"),
-        ({"steps": 8, "grading": 2}, {"start": "none", "history": "fft"}, "write auto"),
-        ({"steps": 8, "grading": 2}, {"rk": "radau-iia", "degree": 2}, "use rk: gauss"),
-        ({"steps": 8, "grading": 2}, {"baseline": "implicit-euler"}, "use rk: gauss"),
-        ({"steps": 8, "grading": 21}, {}, "it must be 1 to 20"),
-        ({"steps": 1, "grading": 2}, {}, "2 parts between break points"),
-        ({"steps": [7, 2048], "grading": 6}, {}, "ladder.steps.1: .* vanishes in round-off"),
-        ({"steps": 73}, {"start": "graded", "history": "direct"}, "take auto"),
-        ({"steps": 73}, {"rk": "lobatto-iiic", "start": "graded"}, "for rk: gauss only"),
-    ],
-)
-def test_what_cannot_be_is_refused_with_what_to_do(ladder, method, complaint):
-    with pytest.raises(fvi.ConfigError, match=complaint):
-        experiment(ladder, PULSE, **method)
 
 
 def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):

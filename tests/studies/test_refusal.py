@@ -79,18 +79,6 @@ def test_a_wanted_run_is_computed_and_stops_early():
     assert abs(trajectory.position[-1, 0]) > TOLERATED_FACTOR
 
 
-@pytest.mark.parametrize("history", ["direct", "exponentials"])
-def test_both_routes_stop_at_the_same_step(history):
-    scene = experiment(final_time=16.0).problem.scene
-    method = Method(cq="bdf6", degree=1, sampling="nodes", history=history)
-    stopped = integrate(scene, method, 5000)
-    assert stopped.status == "diverged"
-    other = integrate(scene, dataclasses.replace(method, history="auto"), 5000)
-    assert stopped.position.shape == other.position.shape
-    assert np.allclose(stopped.position[:20], other.position[:20], rtol=1e-6)
-    assert stopped.momentum.shape == stopped.position.shape
-
-
 @pytest.mark.parametrize("n_steps", [600, 6000])
 def test_true_growth_is_not_stopped(n_steps):
     # exp(0.1 t) over t = 600: a factor 1e26, and the truth
@@ -143,3 +131,19 @@ def test_nonlinear_scenes_are_warned_about_and_computed():
     assert any("linearised at the start" in remark for remark in finished.trajectory.remarks)
     calm = experiment(kind="pendulum", method=Method(cq="gauss", degree=2), steps=(64,))
     assert not any("linearised" in remark for remark in execute(calm.runs()[0]).trajectory.remarks)
+
+
+def test_growth_that_is_let_through_is_warned_about():
+    # on steps that shrink: refused, let through with a warning, calm
+    seen = []
+    method = Method(cq="bdf4", degree=1, sampling="nodes")
+    for n_steps in (8, 16, 24, 32, 40, 48, 56, 64, 72, 74, 76, 78, 80, 96):
+        run = experiment(method=method, steps=(n_steps,)).runs()[0]
+        prediction = prediction_of(run)
+        factor = np.exp(prediction.growth_per_step * n_steps)
+        remarks = [one for one in execute(run).trajectory.remarks if one.startswith("stability")]
+        seen.append("refused" if prediction.verdict == "unstable" else "warned" if remarks else "")
+        assert seen[-1] == ("refused" if factor > 1e3 else "warned" if factor >= 10 else ""), factor
+        if seen[-1] == "warned":
+            assert f"over the run by {factor:.4g} more" in remarks[0]
+    assert set(seen) == {"refused", "warned", ""}

@@ -12,7 +12,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.planning.resolution import resolution_remarks
-from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.data import linear_oscillator, pendulum
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.study import _reference_of
 

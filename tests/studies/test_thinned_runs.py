@@ -5,7 +5,7 @@ import pytest
 from spread import spread
 
 from fvi_cli.config import load_config
-from fvi_cli.storage.records.runs import finished_of, record_of
+from fvi_cli.storage.records.runs import finished_of, stored_record
 from fvi_cli.studies import study
 from fvi_cli.studies.norms import point_weights
 from fvi_cli.studies.study import execute
@@ -52,12 +52,12 @@ def test_long_runs_have_the_errors_of_the_kept_points(tmp_path, norm, no_room):
     assert any("every 100th" in remark for remark in thin.trajectory.remarks)
     assert not any("every 100th" in remark for remark in whole.trajectory.remarks)
     # what is stored is thinned once, whoever did it
-    records = [record_of(finished) for finished in (whole, thin)]
+    records = [stored_record(finished) for finished in (whole, thin)]
     for record in records:
         assert record.arrays["time"].size == 4
     assert np.allclose(records[0].arrays["position"], records[1].arrays["position"], atol=1e-13)
     assert thin.run.method.case == "gauss-s1-none-exponentials"
-    again = record_of(finished_of(records[1], thin.run))
+    again = stored_record(finished_of(records[1], thin.run))
     assert np.array_equal(again.arrays["time"], records[1].arrays["time"])
 
 
@@ -67,7 +67,7 @@ def test_errors_do_not_depend_on_what_is_stored(tmp_path, norm, every, steps):
     thin = [execute(run) for run in runs_of(tmp_path, norm, every, steps)]
     assert [one.error for one in thin] == pytest.approx(whole, rel=1e-12)
     count = thin[0].run.n_steps
-    assert record_of(thin[1]).arrays["time"].size == 1 + -(-count // every)
+    assert stored_record(thin[1]).arrays["time"].size == 1 + -(-count // every)
 
 
 MEMBERS = """\

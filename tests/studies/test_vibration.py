@@ -285,7 +285,7 @@ def test_the_commands_from_three_exported_files(tmp_path):
         (("response", "ten-storeys", "--over", "frequency=1:2:5", "--at", "x11"),
          "--at: column 1: unknown name 'x11'"),
         (("response", "ten-storeys", "--over", "frequency=1:2:5", "--force", "x1=a"),
-         "must be a number"),
+         "write a number after ="),
         (("response", "damped-oscillator", "--over", "frequency=1:2:5"), "say where forces act"),
     ],
 )  # fmt: skip

@@ -92,3 +92,19 @@ def test_growing_modes_are_seen_in_the_figure(coefficients, tmp_path):
     for mode in modes:
         assert left < mode.frequency.real < right
         assert low < 100 * mode.damping_ratio < high
+
+
+def test_tables_have_the_names_of_designs(tmp_path):
+    path, output = tmp_path / "compared.yaml", tmp_path / "out"
+    designs = "\ndesigns: {soft: {problem.damping.0.coefficient: 0.1}, stiff: {}}\n"
+    path.write_text(configuration(problem(0.2), name="compared", steps="16") + designs)
+    asked = {
+        "modes": (),
+        "response": ("--over", "frequency=0.1:0.4:5", "--force", "x1"),
+        "stability": ("--no-observe",),
+    }
+    for command, further in asked.items():
+        fvi(command, path, *further, "-o", output, code=0)
+        rows = rows_of(output / "tables" / f"compared-{command}.csv")
+        found = dict.fromkeys((row["design"], row["problem.damping.0.coefficient"]) for row in rows)
+        assert list(found) == [("soft", "0.1"), ("stiff", "0.2")]

@@ -19,9 +19,9 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.data import duffing, kepler
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.nonlinear import duffing, kepler
 
 Array = np.ndarray
 Exact = Callable[[Array], Array]
@@ -238,7 +238,7 @@ def test_the_most_steps():
     assert found.status == "failed"
     assert found.n_steps == 12
     assert found.time.size == 13
-    assert "the most steps are done" in found.message
+    assert "the largest number of steps is reached" in found.message
     assert found.message.startswith("step 12, t = ")
 
 

@@ -21,11 +21,10 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.loop.checkpoint import Checkpoint
-from fvi_cli.integrator.members import integrate_batch, integrate_members, kind_of
+from fvi_cli.integrator.members import batch_kind, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
-from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
-from fvi_cli.integrator.run.parts import integrate_part
+from fvi_cli.integrator.run.on_mesh import integrate_part, integrate_scenes, mesh_for
 from fvi_cli.integrator.trajectory import Trajectory
 
 FIELDS = ("position", "momentum", "time", "energy")
@@ -171,10 +170,10 @@ def check_members(case: Case) -> None:
 
 
 def check_company(case: Case) -> None:
-    kind = kind_of(case.scene, case.method, case.n_steps)
+    kind = batch_kind(case.scene, case.method, case.n_steps)
     if kind is None:
         return
-    scenes = [one for one in case.scenes if kind_of(one, case.method, case.n_steps) == kind]
+    scenes = [one for one in case.scenes if batch_kind(one, case.method, case.n_steps) == kind]
     together = integrate_batch(scenes, case.method, case.n_steps)
     for places in ([0], [-1, 0], [*range(len(scenes))] * 2):
         packed = integrate_batch([scenes[k] for k in places], case.method, case.n_steps)
@@ -212,8 +211,12 @@ def check_parts(case: Case) -> None:
     works = [part.history_operations for part in parts]
     # a part may end inside of a block
     assert sum(works) == pytest.approx(usual.history_operations, rel=0.2)
+    count = sum(len(part.time) for part in parts)
+    if usual.status == "diverged":
+        # what a run may reach grows by the largest force of the steps that were prepared so far
+        assert abs(count - len(usual.time)) <= 1
     for name in FIELDS[: 1 if case.has_smoothed_momenta else 3]:
-        whole = getattr(usual, name)[: None if usual.status == "ok" else sound(usual)]
+        whole = getattr(usual, name)[: None if usual.status == "ok" else min(sound(usual), count)]
         joined = np.concatenate([getattr(part, name) for part in parts])[: len(whole)]
         if case.kind in STRUCTURES:
             # products with large matrices are rounded by how many rows there are
@@ -244,7 +247,7 @@ FOUND = [("few dampers", 1009), ("few dampers", 1003), ("double pendulum", 1001)
 """On which routes once disagreed, or ended."""
 CASES = [
     *FOUND,
-    *((kind, seed) for kind in KINDS for seed in range(3 if kind in SLOWER else 8)),
+    *((kind, seed) for kind in KINDS for seed in range(3 if kind in SLOWER else 5)),
     *(
         pytest.param(kind, seed, marks=pytest.mark.slow)
         for kind in KINDS

@@ -200,9 +200,10 @@ def test_step_forcing(degree, limits):
 def test_a_jump_of_the_force_on_a_pendulum(gamma, degree):
     """Full order with steps that are halved behind the jump, 4 - gamma without."""
     scene = swing((gamma, 0.5), T=8.0, x=0.5, forcing=in_pieces("2", 1.0, "0"))
-    finest = 1024
+    finest = 512
     ladder = (64, 128) if degree > 2 else (64, 128, 256)
-    fine = Method(cq="gauss", degree=4, start="graded")
+    # few steps of a high degree: more steps of a lower one leave round-off that degree 3 sees
+    fine = Method(cq="gauss", degree=5, start="graded")
     reference = integrate(scene, fine, finest).position
     errors_of = {}
     for start in ("graded", "none"):

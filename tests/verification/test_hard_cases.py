@@ -34,7 +34,7 @@ from fvi_cli.studies.hard_cases.case import (
     examine,
     examined_methods,
 )
-from fvi_cli.studies.hard_cases.judges import exact_positions, harmonic_response, judge_of
+from fvi_cli.studies.hard_cases.judges import exact_positions, judge_of, response_from_rest
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"
@@ -194,7 +194,7 @@ def test_resonance_agrees_with_talbot():
     def transform(s: mpmath.mpc, k: float = 1.0) -> mpmath.mpc:
         return s / (s**2 + mpmath.mpf(frequency) ** 2) / (s**2 + mpmath.mpf(mu) * s**order + k)
 
-    found = harmonic_response(order, mu, frequency)(np.array([time]))
+    found = response_from_rest(order, mu, frequency)(np.array([time]))
     exact = talbot_inverse(transform, (time,), largest_frequency=1.02)
     assert found == pytest.approx(exact, rel=1e-12)
     moved = talbot_inverse(lambda s: transform(s, 1 + 1e-9), (time,), largest_frequency=1.02)
@@ -345,7 +345,7 @@ def test_the_command_fails_when_gauss3_does_not_hold(tmp_path, monkeypatch):
     strict = dataclasses.replace(
         case, claims=tuple(dataclasses.replace(claim, limit=1e-20) for claim in case.claims)
     )
-    monkeypatch.setattr("fvi_cli.runner.hard_cases.hard_cases", lambda: {case.name: strict})
+    monkeypatch.setattr("fvi_cli.runner.hard_cases.named_cases", lambda: {case.name: strict})
     result = fvi("hard-cases", "--method", "Gauss3", "--output", str(tmp_path), code=3)
     assert " NO" in result.stdout
     assert list(tmp_path.iterdir()) == []

@@ -22,8 +22,8 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of
 from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.data import duffing
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.nonlinear import duffing
 
 Array = np.ndarray
 Exact = Callable[[Array], Array]

@@ -17,7 +17,7 @@ import pytest
 from letters import spring
 from numpy.typing import NDArray
 
-from benchmarks.floors import METHODS, ORDERS, floor_table, oscillator, read_rows, run_floors
+from benchmarks.floors import METHODS, ORDERS, oscillator, read_rows
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.round_off import TABLE, measured_floor, relative_round_off
@@ -136,15 +136,3 @@ class TestFloors:
         measured = measured_floor(Method(cq="gauss", degree=3), 1.98, 4096)
         assert floor(1.98, 4096) == pytest.approx(10 * measured)
         assert floor(1.98, 4096) > 10 * usual
-
-    def test_what_is_there_is_not_measured_again(self, tmp_path):
-        path = tmp_path / "floors.csv"
-        methods, exponents = METHODS[:1], (4, 5)
-        first = run_floors(3, path, methods, exponents)
-        assert [row.exponent for row in first] == [4, 4, 4]
-        again = run_floors(2, path, methods, exponents)
-        assert len(again) == 5
-        assert {row.case for row in first} < {row.case for row in again}
-        text = floor_table(again)
-        assert "Measured: 5 of 714 cases" in text
-        assert "## N = 2^4" in text

@@ -15,12 +15,12 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.starts.interpolation_limit import (
+from fvi_cli.integrator.break_points import (
     interpolation_limit,
     interpolation_remarks,
 )
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
 
 BETWEEN, ON_GRID = 6, 8

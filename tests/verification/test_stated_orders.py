@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.kinks import has_kinks
+from fvi_cli.planning.unsmooth_forces import has_kinks
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 LADDER = (256, 512, 1024)

@@ -95,21 +95,19 @@ def _motion(
                 )
                 continue
             if not formula.names - {"t", *parameters, *problem.inputs}:
-                at.under("columns").refuse_key(name, "no coordinate occurs in it")
+                at.under("columns").refuse_key(name, "it contains no coordinate")
                 continue
-        samples = _samples(given, time, column, problem, at)
-        if samples is not None:
-            found.append(
-                Series(
-                    name=name,
-                    column=column,
-                    times=samples.time,
-                    values=samples.values,
-                    component=0 if formula else coordinates.index(name[is_velocity:]),
-                    is_velocity=is_velocity and formula is None,
-                    formula=formula,
-                )
-            )
+        found += _series(
+            given,
+            time,
+            problem,
+            at,
+            name=name,
+            column=column,
+            component=0 if formula else coordinates.index(name[is_velocity:]),
+            is_velocity=is_velocity and formula is None,
+            formula=formula,
+        )
     return found
 
 
@@ -153,24 +151,17 @@ def _response(
         if not parts:
             under.refuse(f"no column; name that of {listed(PARTS)}", name)
         for part, column in parts.items():
-            samples = _samples(given, given.frequency or "", column, problem, at)
-            if samples is not None:
-                found.append(
-                    Series(
-                        name=f"{name} ({part})",
-                        column=column,
-                        times=samples.time,
-                        values=samples.values,
-                        amplitude=Amplitude(row=row, rate=max(rate, 0), part=part),
-                    )
-                )
+            own = Amplitude(row=row, rate=max(rate, 0), part=part)
+            shown = f"{name} ({part})"
+            first = given.frequency or ""
+            found += _series(given, first, problem, at, name=shown, column=column, amplitude=own)
     return forces, found
 
 
-def _samples(
-    given: Data, first: str, column: str, problem: Problem, at: Cursor
-) -> CsvSamples | None:
-    """A column of the file beside that of times or frequencies; None with complaints."""
+def _series(
+    given: Data, first: str, problem: Problem, at: Cursor, *, column: str, **own: Any
+) -> list[Series]:
+    """A column of the file beside that of times or frequencies; none with complaints."""
     path, shown = file_under(given.file, at)
     is_motion = given.frequency is None
     try:
@@ -179,23 +170,17 @@ def _samples(
             _check_times(samples, shown, problem.final_time, first)
         elif not samples.time[0] > 0:
             raise DataFileError(
-                f"{shown}:{samples.lines[0]}: {first} = {samples.time[0]:g} is no frequency of a "
-                "response; it must be positive"
+                f"{shown}:{samples.lines[0]}: {first} = {samples.time[0]:g} is not a "
+                "frequency; it must be positive"
             )
     except DataFileError as error:
         error.report_argument(at)
-        return None
-    return samples
+        return []
+    return [Series(column=column, times=samples.time, values=samples.values, **own)]
 
 
 def _check_times(samples: CsvSamples, name: str, final_time: float, column: str) -> None:
-    """Refuse times outside of the run.
-
-    Raises
-    ------
-    DataFileError
-        With the line of the first one.
-    """
+    """Refuse times outside of the run."""
     for time, line in zip(samples.time.tolist(), samples.lines, strict=True):
         if not 0 <= time <= final_time * (1 + 1e-12):
             raise DataFileError(
@@ -222,7 +207,7 @@ def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
         build_scene(specification)
     except (ValueError, KeyError, TypeError) as error:
         reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else error
-        at.refuse(f"there is no such problem: {reason}")
+        at.refuse(f"with these values the problem is not valid: {reason}")
         return False
     return True
 
@@ -250,6 +235,6 @@ def refuse_path(described: Mapping[str, Any], key: str, at: Cursor) -> None:
     known = [one for one in _numbers(described, "problem") if one != "problem.final_time"]
     at.refuse_key(
         key,
-        f"no number of the problem stands there{suggestion(key, known)} "
+        f"not a number of the problem{suggestion(key, known)} "
         f"(numbers: {listed(known[:12])}{', ...' if len(known) > 12 else ''})",
     )

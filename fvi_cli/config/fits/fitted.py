@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,27 +24,23 @@ def fitted_text(
     specification: Mapping[str, Any],
     motions: Sequence[tuple[str, Mapping[str, float]]],
 ) -> str:
-    """YAML of the experiment with fitted numbers; one experiment for every motion.
-
-    Raises
-    ------
-    RequestError
-        If it is too large to be read again.
-    """
+    """YAML of the experiment with fitted numbers; one experiment for every motion."""
     resolved = loaded.resolved["experiments"][number]
     name = f"{resolved['name']}-fitted"
     kept = {key: value for key, value in resolved.items() if key not in LEFT_OUT}
     made = []
     for motion, values in motions:
-        problem = {**with_values(specification, values), "exact": "none"}
+        problem = with_values(specification, values)
+        if "exact" in problem:
+            problem["exact"] = "none"
         label = name if len(motions) == 1 else f"{name}-{_as_name(motion)}"
         made.append({**kept, "name": label, "problem": problem})
     whole = made[0] if len(made) == 1 else {"name": name, "experiments": made}
     head = f"# {resolved['name']} with the numbers that were fitted to measurements\n"
-    text = head + _as_yaml(_with_digests(whole))
+    text = head + _as_yaml(_with_files(whole, _add_digest))
     if len(text) > LARGEST_DOCUMENT:
         # files stay where they are; their sha256 is checked when they are read again
-        text = head + _as_yaml(_by_reference(whole, loaded.path.parent))
+        text = head + _as_yaml(_with_files(whole, partial(_refer, folder=loaded.path.parent)))
     if len(text) > LARGEST_DOCUMENT:
         raise RequestError(
             f"{name}: the configuration with the fitted numbers takes {len(text)} characters, and "
@@ -58,30 +55,28 @@ def _as_yaml(whole: Mapping[str, Any]) -> str:
     return text
 
 
-def _with_digests(node: Any) -> Any:
-    """The values with the sha256 of every content that stands in place of a file."""
+def _with_files(node: Any, change: Callable[[dict[str, Any]], None]) -> Any:
+    """The values with a change of every mapping whose content stands in place of a file."""
     if isinstance(node, list | tuple):
-        return [_with_digests(one) for one in node]
+        return [_with_files(one, change) for one in node]
     if not isinstance(node, Mapping):
         return node
-    kept = {key: _with_digests(value) for key, value in node.items()}
+    kept = {key: _with_files(value, change) for key, value in node.items()}
     if {"file", "content"} <= set(node):
-        kept["content_sha256"] = hashlib.sha256(str(node["content"]).encode()).hexdigest()
+        change(kept)
     return kept
 
 
-def _by_reference(node: Any, folder: Path) -> Any:
-    """The values with files named by absolute paths in place of what they hold."""
-    if isinstance(node, list | tuple):
-        return [_by_reference(one, folder) for one in node]
-    if not isinstance(node, Mapping):
-        return node
-    kept = {key: _by_reference(value, folder) for key, value in node.items()}
-    file = (folder / str(node.get("file", ""))).resolve()
-    if {"file", "sha256", "content"} <= set(node) and file.is_file():
-        del kept["content"]
-        kept["file"] = file.as_posix()
-    return kept
+def _add_digest(found: dict[str, Any]) -> None:
+    found["content_sha256"] = hashlib.sha256(str(found["content"]).encode()).hexdigest()
+
+
+def _refer(found: dict[str, Any], folder: Path) -> None:
+    """Name a file by its absolute path in place of what it holds."""
+    file = (folder / str(found["file"])).resolve()
+    if "sha256" in found and file.is_file():
+        del found["content"]
+        found["file"] = file.as_posix()
 
 
 def _as_name(words: str) -> str:

@@ -19,8 +19,8 @@ from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import NowhereError, with_node
 from fvi_cli.keys.settings import keys_of
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.fits.settings import (
     DataSet,
     FitModel,
@@ -50,7 +50,7 @@ def fit_settings(
     """
     before = len(at.complaints)
     if not isinstance(problem, Problem):
-        at.refuse("there is no motion to be fitted: the problem is a derivative")
+        at.refuse("a fit needs a motion; the problem is a fractional derivative")
         return None
     data = read_data(fit.data, described, problem, quantities, at.under("data"))
     if not is_complete(fit):
@@ -160,7 +160,7 @@ def _parameters(
         tied = value.tied or ""
         other = given.get(tied)
         if tied and (other is None or other.tied is not None or other.fixed is not None):
-            under.refuse(f"{excerpt(tied)!r} is no parameter that is fitted", "tied")
+            under.refuse(f"{excerpt(tied)!r} is not a fitted parameter", "tied")
             continue
         is_order = key.endswith(".order")
         low = (LEAST_ORDER if is_order else -math.inf) if value.from_ is None else value.from_
@@ -199,7 +199,7 @@ def _deviations(noise: Any, data: list[DataSet], at: Cursor) -> dict[tuple[str, 
     names = list(dict.fromkeys(column for _, column in columns))
     for column in noise:
         if column not in names:
-            at.refuse_key(column, f"no column of the data{suggestion(column, names)}")
+            at.refuse_key(column, f"not a column of the data{suggestion(column, names)}")
     for column in names:
         if column not in noise:
             at.refuse(f"a standard deviation for column {excerpt(column)!r} is missing")

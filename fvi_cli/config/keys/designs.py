@@ -34,7 +34,7 @@ from fvi_cli.keys.nodes import (
 from fvi_cli.keys.records import Key
 from fvi_cli.keys.scalars import Schema, Shape
 from fvi_cli.keys.settings import keys_of
-from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.registry import KINDS
 
 DESIGNS: Final = "designs"
 _EXPECTED: Final = (
@@ -53,7 +53,7 @@ class DesignsShape(Shape):
         """Plain values; what they mean is read with the problem."""
         if not isinstance(at.node, MappingNode) or not at.node.entries:
             return at.needs(_EXPECTED)
-        # what is wrong is said where members are read
+        # the reader of members reports what is wrong
         return plain(at.node)
 
     def schema(self, defs: Schema) -> Schema:
@@ -145,7 +145,7 @@ def _read_designs(at: Cursor) -> Sweep | None:
             chosen.append(texts.index(value_text(node)))
         if tuple(chosen) in combinations:
             other = list(trees)[combinations.index(tuple(chosen))]
-            under.refuse_key(name, f"changes the same as the design {excerpt(other)!r}")
+            under.refuse_key(name, f"is the same as the design {excerpt(other)!r}")
         combinations.append(tuple(chosen))
     if len(at.complaints) > before:
         return None

@@ -22,7 +22,7 @@ from fvi_cli.config.keys.sweep import SweepShape
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.scalars import Choice, Number, Text
 from fvi_cli.keys.settings import Setting, key, record_of
-from fvi_cli.scenes.kinds import PROBLEM
+from fvi_cli.scenes.registry import PROBLEM
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import FIGURE_KINDS
 from fvi_cli.studies.figure_settings import EXAMPLE as EXAMPLE_OF_FIGURE

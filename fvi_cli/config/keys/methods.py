@@ -1,14 +1,14 @@
-"""The keys of a method, their defaults, and the combinations that a mapping stands for."""
+"""The names and keys of methods, their defaults, and the combinations that a mapping stands for."""
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
-from fvi_cli.config.keys.method_names import MethodWord
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
@@ -23,13 +23,99 @@ from fvi_cli.integrator.method import (
     Sampling,
     Start,
 )
+from fvi_cli.integrator.method_names import method_name
+from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
-from fvi_cli.keys.scalars import Choice, Integer, Number, Shape
+from fvi_cli.keys.scalars import Choice, Integer, Number, Schema, Shape
 from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
+
+EXAMPLES: Final = "gauss3, radau-iia2, bdf2, bdf2-nodes"
+_FAMILY: Final = re.compile(
+    r"bdf-?(?P<bdf>[1-6])|(?:(?P<gauss>gauss)|(?P<radau>radau(?:-?iia)?)|lobatto(?:-?iiic)?)"
+    r"(?:-?(?P<degree>\d{1,3}))?"
+)
+_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "sampling": get_args(Sampling),
+    "start": ("none", "graded"),
+    "forcing_quadrature": get_args(ForcingQuadrature),
+    "history": get_args(History),
+}
+_NUMBERED: Final = re.compile(r"(s|gauss|lobatto)(\d{1,3})")
+
+
+def keys_of_name(name: str) -> dict[str, Any]:
+    """Keys of a method, with their values, that its name stands for."""
+    words_of = re.sub(r"[\s_]+", "-", name.strip().lower())
+    if words_of in BASELINE_NAMES:
+        return {"baseline": words_of}
+    plain = re.sub(r"[\s_]", "", name.lower())
+    family = _FAMILY.match(plain)
+    words = plain[family.end() :].split("-") if family else [""]
+    if family is None or words[0]:
+        raise ValueError(_no_method(name))
+    values: dict[str, Any] = {}
+    if family["bdf"]:
+        values["bdf"] = int(family["bdf"])
+    else:
+        short = "gauss" if family["gauss"] else "radau-iia" if family["radau"] else "lobatto-iiic"
+        values["rk"] = short
+        if family["degree"]:
+            values["degree"] = int(family["degree"])
+    for word in words[1:]:
+        key, value = _entry_of(word)
+        if not key or key in values:
+            raise ValueError(_no_method(name))
+        values[key] = value
+    if not 1 <= values.get("degree", 1) <= LARGEST_DEGREE:
+        raise ValueError(f"the degree in {excerpt(name)!r} must be from 1 to {LARGEST_DEGREE}")
+    return values
+
+
+def _entry_of(word: str) -> tuple[str, Any]:
+    """Key and value that a part of a name stands for; no key where it stands for none."""
+    numbered = _NUMBERED.fullmatch(word)
+    if numbered is None:
+        return next((key for key, words in _WORDS.items() if word in words), ""), word
+    what, number = numbered[1], int(numbered[2])
+    return ("degree", number) if what == "s" else ("quadrature", {"rule": what, "points": number})
+
+
+def _no_method(name: str) -> str:
+    if re.fullmatch(r"(?i)bdf-?\d+", name.strip()):
+        return f"{excerpt(name)!r} is not the name of a method; there are bdf1 to bdf6"
+    number = re.search(r"[1-6]", name)
+    degree = number[0] if number else "3"
+    families = (f"{one}{degree}" for one in ("gauss", "radau-iia", "lobatto-iiic", "bdf"))
+    near = suggestion(name, (*BASELINE_NAMES, *families))
+    return (
+        f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
+        f"bdf2-nodes-s1-gauss1-none, {', '.join(BASELINE_NAMES)})"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodWord(Shape):
+    """The name of a method, read as its keys."""
+
+    expected: str = f"the name of a method, such as {EXAMPLES}"
+
+    def read(self, at: Cursor) -> Any:
+        """Every key with a list of one value."""
+        if not isinstance(at.scalar, str):
+            return at.needs(self.expected)
+        try:
+            return {key: [value] for key, value in keys_of_name(at.scalar).items()}
+        except ValueError as error:
+            return at.refuse(str(error))
+
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": "string", "examples": EXAMPLES.split(", ")}
+
 
 MOST_METHODS: Final = 500
 # Fields of Method under the names that a configuration has for them.
@@ -205,7 +291,7 @@ def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
     elif "tolerance" in values:
         at.refuse_key("tolerance", "only baseline: dop853 takes a tolerance")
     if "stages" in values and "degree" in values:
-        at.refuse_key("stages", "not together with degree, which it stands for")
+        at.refuse_key("stages", "not together with degree: stages sets the degree")
     if "stages" in values and "bdf" in values:
         at.refuse_key("stages", "only rk has stages; write degree")
     return len(at.complaints) == before
@@ -229,7 +315,7 @@ def make_method(
 ) -> tuple[AnyMethod, dict[str, Any]]:
     """The method with its defaults, and the keys that say it in full.
 
-    `usual_start` is what Runge-Kutta methods do where nothing is said.
+    `usual_start` is what Runge-Kutta methods do by default.
     """
     if "baseline" in values:
         baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
@@ -262,12 +348,12 @@ def make_method(
         exponents, start = tuple(start["weights"]), "weights"
         if len(set(exponents)) != len(exponents):
             raise ArgumentError("start", "every exponent must be given once")
+    rule = values.get("quadrature")
+    rule = {"rule": rule} if isinstance(rule, str) else rule
     method = Method(
         cq=cq,
         degree=degree,
-        quadrature=_rule(values["quadrature"]).specification(degree)
-        if "quadrature" in values
-        else None,
+        quadrature=None if rule is None else Rule.of(rule).specification(degree),
         sampling=sampling,
         start=start,
         start_exponents=exponents,
@@ -287,11 +373,28 @@ def make_method(
 def objection_to_grading(method: AnyMethod) -> str:
     """Why the steps of a method may not differ, and what to do; empty where they may."""
     if not isinstance(method, Method) or method.cq != "gauss":
-        return f"{method.case} needs equal steps; leave grading out, or use rk: gauss"
+        return f"{method_name(method)} needs equal steps; leave grading out, or use rk: gauss"
     if method.start == "graded":
-        return f"{method.case} has a mesh of its own; leave grading out, or give start: none"
+        return f"{method_name(method)} makes its own mesh; leave grading out, or give start: none"
     return ""
 
 
-def _rule(value: Any) -> Rule:
-    return Rule.of({"rule": value} if isinstance(value, str) else value)
+def method_named(name: str) -> AnyMethod:
+    """The method of a short name, or of the name that it has in files.
+
+    ``bdf1`` to ``bdf6``; ``gauss``, ``radau-iia`` or ``lobatto-iiic`` with the degree, as in
+    ``gauss3``; or a baseline. What is to be other than by default is joined by ``-``: ``nodes`` or
+    ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``,
+    ``galerkin``, ``exact`` or ``projected``, ``direct`` or ``exponentials``. ``bdf2-nodes``,
+    ``gauss-s3-graded`` and ``Gauss3`` are such names.
+
+    Raises
+    ------
+    ValueError
+        For a name that says no method.
+    """
+    try:
+        values = keys_of_name(name)
+    except ValueError as error:
+        raise ValueError(f"method: {error}") from None
+    return make_method(values)[0]

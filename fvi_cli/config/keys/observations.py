@@ -1,4 +1,4 @@
-"""``output``, ``events``, ``impacts``: what is asked of a motion beside its positions."""
+"""``output``, ``events``, ``impacts``: requested outputs of a motion besides its positions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
         "The times 0, step, twice step and so on.", unit="time", default=None
     )
     count: Annotated[int | None, Integer(least=2, most=MOST_TIMES)] = key(
-        "So many equally spaced times from 0 to final_time, both among them.", default=None
+        "Number of equally spaced times from 0 to final_time, both included.", default=None
     )
     times: Annotated[
         tuple[float, ...] | None,
@@ -38,13 +38,7 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
     ] = key("The times themselves, increasing.", unit="time", default=None)
 
     def instants(self, final_time: float) -> NDArray[np.float64]:
-        """The times of a run up to T.
-
-        Raises
-        ------
-        ArgumentError
-            If they are too many, too few, or none of its times.
-        """
+        """The times of a run up to T."""
         if sum(one is not None for one in vars(self).values()) != 1:
             message = f"exactly one of step, count and times is needed; it must be {EXAMPLE}"
             raise ArgumentError("", message)

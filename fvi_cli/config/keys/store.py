@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Final
 
 import numpy as np
@@ -17,7 +17,6 @@ from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Choice, Integer, Number, Text
 from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.scenes.problem import AnyProblem, Problem
-from fvi_cli.scenes.symmetries import known_symmetries
 
 ENERGY: Final = "energy-balance"
 MAPS: Final = "momentum-maps"
@@ -40,13 +39,7 @@ class GivenSymmetry(Setting):
     )
 
     def symmetry(self, scene: Scene) -> Symmetry:
-        """The symmetry of a scene.
-
-        Raises
-        ------
-        ArgumentError
-            If it is none.
-        """
+        """The symmetry of a scene."""
         d = scene.dimension
         generator = np.zeros((d, d)).tolist() if self.generator is None else self.generator
         shift = (0.0,) * d if self.shift is None else self.shift
@@ -62,7 +55,7 @@ class GivenSymmetry(Setting):
         if not defect < LARGEST_DEFECT:
             raise ArgumentError(
                 "",
-                f"{one.name} is no symmetry: the energy without damping and forcing changes "
+                f"{one.name} is not a symmetry: the energy without damping and forcing changes "
                 f"along it (relative defect {defect:.1g})",
             )
         return one
@@ -101,7 +94,7 @@ class StoreKeys(Setting):
         if not wanted:
             return NO_DIAGNOSTICS
         if not isinstance(problem, Problem):
-            at.refuse(f"not for kind {problem.kind}, which is no motion", *place)
+            at.refuse(f"not for kind {problem.kind}, which has no motion", *place)
             return NO_DIAGNOSTICS
         if at.has("sweep") or at.has("designs"):
             at.refuse(
@@ -133,3 +126,33 @@ def _given(entries: Sequence[GivenSymmetry], scene: Scene, at: Cursor) -> tuple[
     for name in sorted({name for name in names if names.count(name) > 1}):
         at.refuse(f"two symmetries are called {name}")
     return tuple(found)
+
+
+FOUND_DEFECT = 1e-9
+MOST_COORDINATES = 32
+
+
+def known_symmetries(scene: Scene, coordinates: tuple[str, ...]) -> tuple[Symmetry, ...]:
+    """Those of a few usual motions of space that change nothing of the scene but its drivers.
+
+    Tried are a turn of the plane (``angular``, two coordinates), a shift of all coordinates
+    together (``linear``), and a shift of each coordinate alone (``p_<coordinate>``; up to 32
+    coordinates).
+    """
+    return tuple(
+        one
+        for one in _candidates(scene.dimension, coordinates)
+        if symmetry_defect(scene, one) < FOUND_DEFECT
+    )
+
+
+def _candidates(d: int, coordinates: tuple[str, ...]) -> Iterator[Symmetry]:
+    still = np.zeros((d, d))
+    if d == 2:
+        turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+        yield Symmetry(name="angular", generator=turn, shift=np.zeros(2))
+    if d > 1:
+        yield Symmetry(name="linear", generator=still, shift=np.ones(d))
+    if d <= MOST_COORDINATES:
+        for name, unit in zip(coordinates, np.eye(d), strict=True):
+            yield Symmetry(name=f"p_{name}", generator=still, shift=unit)

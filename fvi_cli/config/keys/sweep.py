@@ -45,26 +45,13 @@ _NOT_SWEPT: Final = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweep:
-    """What stands under ``sweep``, as nodes.
-
-    Parameters
-    ----------
-    place
-        Where it stands.
-    key_places
-        Every swept key with its place.
-    values
-        The values of every key that occur.
-    combinations
-        For every member the index of its value, key by key.
-    names
-        For every member its name, which stands for the values of `named`; none: nothing is named.
-    """
+    """What stands under ``sweep``, as nodes."""
 
     place: SourcePosition
-    key_places: Mapping[str, SourcePosition]
-    values: Mapping[str, Sequence[Node]]
-    combinations: Sequence[tuple[int, ...]]
+    key_places: Mapping[str, SourcePosition]  # every swept key with its place
+    values: Mapping[str, Sequence[Node]]  # the values of every key that occur
+    combinations: Sequence[tuple[int, ...]]  # for every member the index of its value, key by key
+    # for every member its name, which stands for the values of `named`; none: no name is given
     names: Sequence[str] = ()
     named: tuple[str, ...] = ()
 
@@ -114,7 +101,7 @@ class SweepShape(Shape):
 
 
 def read_sweep(at: Cursor) -> Sweep | None:
-    """The members' values, as far as they can be told where there are complaints; None: not."""
+    """The members' values, as far as they are known where there are complaints; None: unknown."""
     sweep = None
     if isinstance(at.node, MappingNode) and at.node.entries:
         sweep = _every_combination(at.node, at)
@@ -132,7 +119,7 @@ def _every_combination(node: MappingNode, at: Cursor) -> Sweep | None:
         found: Sequence[Node] = [item.node for item in under.items()]
         if isinstance(under.node, ListNode):
             if not found:
-                under.refuse("no entries; there must be at least one")
+                under.refuse("empty; give at least one entry")
         elif isinstance(under.node, MappingNode):
             numbers, place = RANGE.read(under), under.node.place
             if not isinstance(numbers, list):
@@ -169,7 +156,7 @@ def _refuse_repeated(found: Sequence[Node], at: Cursor) -> None:
     for index, value in enumerate(found):
         text = value_text(value)
         if text in seen:
-            at.refuse(f"{excerpt(text)} stands in the list already", index)
+            at.refuse(f"{excerpt(text)} is given twice", index)
         seen.add(text)
 
 
@@ -216,7 +203,7 @@ def _listed_members(at: Cursor) -> Sweep | None:
                 values[key].append(value)
             chosen.append(index)
         if tuple(chosen) in combinations:
-            item.refuse("the same values stand in the list already")
+            item.refuse("these values are given twice")
         combinations[tuple(chosen)] = None
         if NAME in item.node.entries:
             names.append(str(item.under(NAME).scalar))
@@ -271,7 +258,7 @@ def swept_keys(node: MappingNode, at: Cursor) -> list[str]:
                 key, f"only keys of the problem can {can}, such as problem.stiffness{hint}"
             )
         elif len(parts) > DEEPEST:
-            at.refuse_key(key, f"leads more than {DEEPEST} deep")
+            at.refuse_key(key, f"is nested more than {DEEPEST} deep")
         elif key in _NOT_SWEPT:
             at.refuse_key(key, _NOT_SWEPT[key])
         elif inside is not None:

@@ -26,18 +26,9 @@ def read_document(
 ) -> Node | None:
     """The tree of the single document in `text`; None, with a complaint, when there is none.
 
-    Parameters
-    ----------
-    text
-        YAML.
-    origin
-        Where the text begins: line 1 and column 1 of a file; a place without a line is the place
-        of everything in the text.
-    complaints
-        Receives what is wrong: syntax, tags, repeated keys, several documents, and texts that
-        are too large, too deep or grow too large by their anchors.
-    path
-        Where the text stands.
+    The text begins at `origin`, line 1 and column 1 of a file; a place without a line is the place
+    of everything in it. Complaints are of syntax, tags, repeated keys, several documents, and texts
+    that are too large, too deep or grow too large by their anchors.
     """
     builder = _Builder(text=text, origin=origin, complaints=complaints, prefix=path)
     if len(text) > LARGEST_DOCUMENT:

@@ -27,17 +27,10 @@ _DISPLACED: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints) -> Node:
-    """The tree with every override in place, in their order.
+    """The tree with every override ``key.path=value`` in place, in their order.
 
-    Parameters
-    ----------
-    root
-        Tree of the file.
-    overrides
-        ``key.path=value``; the path is keys and list indices from 0, joined by dots, and the
-        value is YAML. Mappings that the path needs and the file lacks are made.
-    complaints
-        Receives what is wrong, at the place ``--set``.
+    The path is keys and list indices from 0, joined by dots, and the value is YAML. Mappings that
+    the path needs and the file lacks are made. Complaints stand at the place ``--set``.
     """
     for override in overrides:
         path = _path(override, root, complaints)
@@ -66,7 +59,7 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
     if "[" in written:
         return refuse(f"{excerpt(written)!r} is not allowed; write {meant}")
     if len(path) > DEEPEST_NESTING:
-        return refuse(f"{excerpt(written)!r} leads more than {DEEPEST_NESTING} deep")
+        return refuse(f"{excerpt(written)!r} is nested more than {DEEPEST_NESTING} deep")
     several = isinstance(root, MappingNode) and "experiments" in root.entries
     if several and path[0] not in ("experiments", "name"):
         return refuse(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
+from fvi_cli.effects.laws.law import Coefficient, Law, check_fraction, positive
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
@@ -33,7 +33,7 @@ class ColeCole:
     masses = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "order", fraction(self.order))
+        object.__setattr__(self, "order", check_fraction(self.order))
         object.__setattr__(self, "time", positive(self.time, "time"))
 
     @property
@@ -72,7 +72,7 @@ class ColeCole:
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`I (1 + (I/\tau)^a)^{-1}`."""
-        lasting = np.eye(len(integration)) + self.time**-self.order * power(self.order)
+        lasting = np.eye(integration.shape[-1]) + self.time**-self.order * power(self.order)
         return np.asarray(integration @ np.linalg.inv(lasting))
 
 

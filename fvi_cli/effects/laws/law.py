@@ -17,8 +17,8 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
+from fvi_cli.effects.damping import MatrixForce
 from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, scaled
-from fvi_cli.effects.matrix_force import MatrixForce
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
@@ -66,9 +66,9 @@ class RelaxationKernel(Protocol):
         r"""Laplace transform :math:`\hat k(s)`, cut along the negative axis."""
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
-        r""":math:`\hat k(I^{-1})` of the matrix I by which a method integrates over a step.
+        r""":math:`\hat k(I^{-1})` of the matrices I by which a method integrates over steps.
 
-        I is ``(m, m)``; `power` gives its powers by exponents in (-1, 1).
+        I is ``(u, m, m)``; `power` gives its powers by exponents in (-1, 1).
         """
 
 
@@ -160,7 +160,7 @@ def positive(value: float, name: str) -> float:
     return float(value)
 
 
-def fraction(value: float, name: str = "order") -> float:
+def check_fraction(value: float, name: str = "order") -> float:
     """A number that must lie between 0 and 1.
 
     Raises

@@ -14,7 +14,7 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class PronyKernel:
-    r"""The kernel :math:`k(t) = \sum_i g_i e^{-x_i t}`: point masses, and nothing to be quadrated.
+    r"""The kernel :math:`k(t) = \sum_i g_i e^{-x_i t}`: point masses; it needs no quadrature.
 
     .. math:: \hat k(s) = \sum_i \frac{g_i}{s + x_i}
 
@@ -53,7 +53,7 @@ class PronyKernel:
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`\sum_i g_i I (1 + x_i I)^{-1}`."""
-        unit = np.eye(len(integration))
+        unit = np.eye(integration.shape[-1])
         total = np.zeros_like(integration)
         for rate, weight in self.masses:
             total += weight * (integration @ np.linalg.inv(unit + rate * integration))

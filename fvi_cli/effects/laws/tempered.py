@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
+from fvi_cli.effects.laws.law import Coefficient, Law, check_fraction, positive
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.matrices.powers import matrix_power
+from fvi_cli.mathematics.runge_kutta import matrix_power
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class TemperedPower:
     peak = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "order", fraction(self.order))
+        object.__setattr__(self, "order", check_fraction(self.order))
         object.__setattr__(self, "rate", positive(self.rate, "rate"))
 
     @property
@@ -65,12 +65,16 @@ class TemperedPower:
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`(I (1 + l I)^{-1})^{1 - \gamma}`."""
         # of the size of the matrix of the method, whatever l is to the step
-        step = float(np.abs(integration).sum(axis=1).max())
-        scale = step / (1 + self.rate * step)
-        unit = np.eye(len(integration))
+        step = np.abs(integration).sum(axis=-1).max(axis=-1)
+        scales = step / (1 + self.rate * step)
+        unit = np.eye(integration.shape[-1])
         damped = integration @ np.linalg.inv(unit + self.rate * integration)
         exponent = 1 - self.order
-        return np.asarray(scale**exponent * matrix_power(damped / scale, exponent))
+        found = [
+            scale**exponent * matrix_power(one / scale, exponent)
+            for scale, one in zip(scales.tolist(), damped, strict=True)
+        ]
+        return np.array(found).reshape(integration.shape)
 
 
 def tempered(*, order: float, rate: float, coefficient: Coefficient) -> Law:

@@ -53,7 +53,7 @@ def diagnose_run(
 ) -> Diagnostics:
     """The diagnostics that are asked for, on the points of a run.
 
-    The mesh is that of the whole run, which may have ended before; `loads` are the known forces.
+    The mesh is that of the whole run, which may have ended before; `loads` are the given forces.
     """
     along, damping, stored = damping_along([scene], method, mesh, [steps]), None, None
     if along is not None:
@@ -70,6 +70,11 @@ def diagnose_run(
     if request.energy_balance:
         rates = np.einsum("vj,nvd->njd", _slopes(steps), steps.unknowns)
         dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
+        linear = scene.linear_potential
+        if linear is not None and scene.forcing is not None:
+            # what the constant force does is in the energy; round-off would look like a forcing
+            own = (steps.position - steps.position[0]) @ linear.force
+            worked = 0.0 * own if scene.forcing.is_constant(linear.force) else worked - own
         if method.sampling == "nodes" and damping is not None:
             # half of each kick is in the steps beside its point
             kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])

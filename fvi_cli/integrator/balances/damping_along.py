@@ -24,7 +24,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, DampingTables, damping_of
 from fvi_cli.integrator.engine.frame import sampling_of
-from fvi_cli.integrator.memory.exponentials import ExponentialKernels
+from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
@@ -32,7 +32,7 @@ from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
 PIECE = 64
-"""Equal steps that are worked out together."""
+"""Equal steps, or tables of unequal ones, that are worked out together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,12 +43,17 @@ class DampingAlong:
     step_sizes: Array  # (n,)
     inputs: Array  # (q, n, i, e)
     reach: Reach | None = None  # what it reaches of a large structure
+    is_prescribed: bool = False  # whether the motion, of one coordinate, is given
 
     def forces(self) -> Array:
         r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
         found: list[Array] = []
         damping, (q, n, _, e) = self.damping, self.inputs.shape
         states, column = damping.start()
+        if self.is_prescribed and isinstance(damping.memory, Exponentials):
+            is_uneven = 2 * len(pieces_of_equal_steps(self.step_sizes)) > n
+            if is_uneven and not damping.is_relative:
+                return self._forces_on_uneven(damping.memory, states)
         for first, tables in self._pieces():
             count = tables.kernels.count
             driven = self.inputs[:, first : first + count].reshape(q, -1, e)
@@ -63,6 +68,29 @@ class DampingAlong:
         zero = np.zeros((len(damping.directions), q, n, 0, e))
         whole = np.concatenate(found, axis=2) if found else zero
         return whole if self.reach is None else self.reach.spread(whole)
+
+    def _forces_on_uneven(self, memory: Exponentials, states: Array) -> Array:
+        """The same of a given displacement on steps of many sizes; none subtracts its start."""
+        combinations, n = self.damping.combinations, self.step_sizes.size
+        found = np.empty((len(combinations), *self.inputs.shape))
+        for begin in range(0, n, PIECE**2):
+            sizes, places = np.unique(self.step_sizes[begin:][: PIECE**2], return_inverse=True)
+            parts = [memory.of_steps(sizes[k : k + PIECE]) for k in range(0, sizes.size, PIECE)]
+            local, response, intake, change = map(np.concatenate, zip(*parts, strict=True))
+            own = [one.combine(local.swapaxes(0, 1)) for one in combinations]
+            for first in range(begin, min(begin + PIECE**2, n), PIECE):
+                at = places[first - begin :][:PIECE]
+                inputs = self.inputs[:, first : first + PIECE]
+                driven = np.matmul(intake[at], inputs)
+                path = np.empty_like(driven)
+                for index, place in enumerate(at.tolist()):
+                    path[:, index] = states
+                    states = change[place][:, None] * states + driven[:, index] + states
+                for force, one, blocks in zip(found, combinations, own, strict=True):
+                    past = np.matmul(response[at], one.weights[:, None, :, None] * path)
+                    past += np.matmul(blocks[:, at], inputs)
+                    force[:, first : first + PIECE] = past * one.matrices[:, None]
+        return found
 
     def stored(self) -> Array | None:
         """Energy in the memory by direction at the points, ``(k, q, n + 1)``.
@@ -108,8 +136,8 @@ def damping_along(
 ) -> DampingAlong | None:
     """The damping along runs on one mesh of scenes whose terms have the same pattern.
 
-    The mesh is that of whole runs, which may have ended before, all at the same step. None: nothing
-    damps.
+    The mesh is that of whole runs, which may have ended before, all at the same step. None: no
+    damping.
     """
     reach = find_reach(scenes[0].active_forces) if scenes[0].is_sparse else None
     damping = damping_of(
@@ -130,6 +158,7 @@ def damping_along(
         step_sizes=steps[0].step_size,
         inputs=inputs if reach is None else reach.along(inputs),
         reach=reach,
+        is_prescribed=scenes[0].prescribed is not None,
     )
 
 

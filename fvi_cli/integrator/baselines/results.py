@@ -10,7 +10,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.domain import check_domain
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.diagnostics import NewtonRecord
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 

@@ -11,8 +11,7 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, report_progress
-from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
-from fvi_cli.integrator.baselines.past import Past, without_start
+from fvi_cli.integrator.baselines.past import Past, solve_implicit, without_start
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.growth_bound import beyond, bound_at_end

@@ -22,8 +22,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.directions import Direction, directions_of
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.exponentials import Exponentials
-from fvi_cli.integrator.memory.interface import Combination, Kernels, along
-from fvi_cli.integrator.memory.lag_sequences import expand
+from fvi_cli.integrator.memory.interface import Combination, Kernels, along, toeplitz_matrix
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import Reach
 from fvi_cli.integrator.method import Method
@@ -47,7 +46,7 @@ class DampingTables:
     @cached_property
     def local(self) -> tuple[Array, ...]:
         """For every direction inputs of the block to its forces, ``(q or 1, B m, B i)``."""
-        return tuple(expand(one) for one in self.sequences)
+        return tuple(toeplitz_matrix(one) for one in self.sequences)
 
     def of(self, places: Places) -> DampingTables:
         """Those of some members."""
@@ -65,17 +64,9 @@ class DampingTables:
 class Damping:
     """All that damps the members of a batch.
 
-    Parameters
-    ----------
-    directions
-        At least one.
-    memory
-        Of all their terms.
-    velocity
-        At the start, ``(q, e)``; along the reach, where there is one.
-    jump
-        Initial position, ``(q, e)``, where the samples begin with a step from 0 to it: samples on
-        the nodes under Riemann-Liouville, as in the paper; None: they do not.
+    Velocities at the start are ``(q, e)``, along the reach where there is one. Where samples begin
+    with a step from 0 to the initial position, on the nodes under Riemann-Liouville as in the
+    paper, that is the `jump`, ``(q, e)``.
     """
 
     def __init__(
@@ -90,7 +81,7 @@ class Damping:
         self.combinations = tuple(
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
-        relative = any(one.is_relative for one in self.directions)
+        self.is_relative = relative = any(one.is_relative for one in self.directions)
         # whether or not the others remember: members of order 1 stand beside other orders
         plain = any(not one.is_relative for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
@@ -307,16 +298,9 @@ def damping_of(
 ) -> Damping | None:
     """The damping of scenes of one kind; None where nothing damps.
 
-    Parameters
-    ----------
-    scenes, method
-        What is integrated, and how.
-    shortest_step, steps
-        Of the mesh, as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
-    n_steps
-        Number of equal steps, for backward differences.
-    modes, reach
-        As for :func:`fvi_cli.integrator.damping.directions.directions_of`.
+    Steps of the mesh as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`, their number
+    `n_steps` for backward differences; modes and reach as for
+    :func:`fvi_cli.integrator.damping.directions.directions_of`.
 
     Raises
     ------
@@ -363,6 +347,3 @@ def _members(
     if modes is None:
         return np.array(values)
     return np.concatenate([mode.positions(one) for mode, one in zip(modes, values, strict=True)])
-
-
-__all__ = ["Damping", "DampingTables", "damping_of", "writes_out"]

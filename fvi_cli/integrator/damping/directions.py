@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.damping import FractionalDamping, is_same_direction
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, dense, form, is_sparse, scaled
-from fvi_cli.effects.matrix_force import is_same_direction
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
@@ -64,14 +63,8 @@ def directions_of(
 ) -> tuple[Direction, ...]:
     """Directions of scenes of one pattern.
 
-    Parameters
-    ----------
-    scenes
-        The scenes.
-    modes
-        The coordinates in which each falls apart, whose systems are members; None: in none.
-    reach
-        For one scene, what its dampers reach; None: all components.
+    Modes are the coordinates in which each falls apart, whose systems are members; `reach` is what
+    the dampers of one scene reach; None: all components.
     """
     return tuple(
         _direction([[one.active_forces[k] for k in places] for one in scenes], modes, reach, above)
@@ -123,6 +116,3 @@ def _term(force: DampingForce) -> Term:
     if isinstance(force, Law):
         return force.kernel
     return min(1.0 - force.order, LARGEST_EXPONENT)
-
-
-__all__ = ["Direction", "Pattern", "directions_of", "pattern_of"]

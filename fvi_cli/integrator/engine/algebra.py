@@ -26,17 +26,9 @@ def kronecker(a: Array, b: Array) -> Array:
 
 
 def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
-    """What solves equations with the sum of Kronecker products of small and large matrices.
+    """What solves equations with a sum of Kronecker products, ``(s d,)`` to the same.
 
-    Parameters
-    ----------
-    parts
-        Pairs of an ``(s, s)`` and a ``(d, d)`` matrix.
-
-    Returns
-    -------
-    callable
-        From right-hand sides ``(s d,)`` to solutions.
+    Parts are pairs of an ``(s, s)`` and a ``(d, d)`` matrix.
 
     Raises
     ------
@@ -62,7 +54,7 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
     from scipy.sparse import csc_array, csr_array, kron
     from scipy.sparse.linalg import splu
 
-    # the components of a step side by side: the band of the large matrices stays narrow
+    # the components of a step next to each other: the band of the large matrices stays narrow
     whole = csc_array((size, size))
     for small, large in parts:
         whole = whole + kron(cast("csr_array", large), small, format="csc")

@@ -33,12 +33,7 @@ def follow(
 ) -> Array | None:
     """U of a step of one member, ``(1, s, e)``; None where the solution ends before.
 
-    Parameters
-    ----------
-    law, damping, frame, state
-        Of the member.
-    known
-        Known loads with the sign of the left side, ``(1, (s + 1) e)``.
+    Known loads have the sign of the left side, ``(1, (s + 1) e)``.
     """
     s, points = frame.tables.degree, frame.tables.control_points[1:]
     unknowns = points[:, None] * law.velocity(state.x, state.p, state.t)[:, None]

@@ -18,8 +18,7 @@ from fvi_cli.integrator.damping.damping import Damping, damping_of
 from fvi_cli.integrator.engine.frame import Frame, longest_block, sampling_of
 from fvi_cli.integrator.engine.law import StepLaw, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
-from fvi_cli.integrator.engine.operator import Operator
-from fvi_cli.integrator.engine.operators import Operators
+from fvi_cli.integrator.engine.operator import Operator, Operators
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.engine.structures import GROUP, StructureLaw, is_structure, solve_one_by_one
 from fvi_cli.integrator.engine.tables import apply, on_steps
@@ -38,24 +37,9 @@ NEVER_SHORTER = 1 << 30
 class Engine:
     """Steps of scenes that differ in their numbers alone.
 
-    Parameters
-    ----------
-    scenes, method
-        What is integrated, and how.
-    shortest_step, steps
-        As for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
-    n_steps
-        Number of equal steps, for backward differences.
-    most
-        Steps of the longest block, for members that are one batch with others; None: as the size of
-        matrices allows.
-
-    Attributes
-    ----------
-    law, damping
-        The conservative part, and all that damps; None: nothing does.
-    q, e
-        Numbers of members and of components of each.
+    Steps of the mesh as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`, their number
+    `n_steps` for backward differences. Members that are one batch with others have blocks of at
+    most `most` steps; None: as the size of matrices allows.
     """
 
     def __init__(
@@ -188,14 +172,7 @@ class Engine:
     ) -> Steps:
         """Solve `count` steps; the state stays.
 
-        Parameters
-        ----------
-        state, h, count
-            Where they begin, their length and number.
-        loads
-            Load vectors of known forces, ``(q, count, s + 1, e)``; None: there are none.
-        most
-            Number of steps of the tables to use, at least `count`.
+        Load vectors are ``(q, count, s + 1, e)``; tables are those of `most` steps.
         """
         if isinstance(self.law, StructureLaw):
             frame = self.frame(h, count)
@@ -345,7 +322,7 @@ class Engine:
         return part
 
     def loads(self, begin: float, h: float, count: int, *, is_fresh: bool) -> Array | None:
-        """Load vectors of known forces on equal steps, ``(q, count, s + 1, e)``."""
+        """Load vectors on equal steps, ``(q, count, s + 1, e)``."""
         if not self.has_loads:
             return None
         found = [one.of_steps(begin, h, count, is_fresh=is_fresh) for one in self.loads_of]

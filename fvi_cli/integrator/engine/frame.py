@@ -3,7 +3,7 @@ r"""Tables of B equal steps: everything but the second derivatives of the scene.
 The unknowns of a step are :math:`U_\nu` with
 :math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau) U_\nu`. Those of a step depend on all steps
 before it in the same block, so that tables are lag sequences
-(:mod:`fvi_cli.integrator.memory.lag_sequences`).
+(:mod:`fvi_cli.integrator.memory.interface`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.tables import apply_to_each, on_every_component, on_steps
-from fvi_cli.integrator.memory.lag_sequences import constant_lags, expand
+from fvi_cli.integrator.memory.interface import constant_lags, toeplitz_matrix
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Places
@@ -105,7 +105,7 @@ class UnitTables:
         found = []
         for index, one in enumerate(rows):
             placed = self._among(one, index, axis=2).reshape(len(one), -1, one.shape[2])
-            found.append(expand(on_every_component(placed, self.components))[None])
+            found.append(toeplitz_matrix(on_every_component(placed, self.components))[None])
         return tuple(found)
 
     @cached_property
@@ -146,36 +146,20 @@ def unit_tables(method: Method, count: int, components: int, has_rates: bool) ->
 
 
 class Frame:
-    """Tables of B steps of length h.
-
-    Parameters
-    ----------
-    unit, damping
-        Tables of steps of length 1, and what damps; None: nothing does.
-    h, count
-        Length and number of the steps.
-
-    Attributes
-    ----------
-    to_loads, weights, test_sum
-        Damping forces to load vectors of their step, ``(s + 1, m)``, and to its momentum, ``(m,)``;
-        a force of 1 to load vectors, ``(s + 1,)``.
-    displacement, stiff
-        U to displacements, a lag sequence ``(B, r, s)``; by the stiffness within a step.
-    damping
-        Tables of the memory; None without damping.
-    damp
-        For every direction U to the equations of a step, ``(q or 1, s, s)``.
-    """
+    """Tables of B steps of length h."""
 
     def __init__(
         self, sampling: Sampling, unit: UnitTables, damping: Damping | None, h: float, count: int
     ) -> None:
         self.h, self.count, self.unit, self.tables = h, count, unit, unit.tables
         self.sampling = sampling
+        # damping forces to load vectors of their step, (s + 1, m), and to its momentum, (m,); a
+        # force of 1 to load vectors, (s + 1,)
         self.to_loads, self.test_sum = h * sampling.to_loads, h * unit.test_sum
         self.weights = self.to_loads.sum(axis=0)
+        # U to displacements, a lag sequence (B, r, s), and by the stiffness within a step
         self.displacement, self.stiff = h * unit.displacement, h * h * unit.stiff
+        # tables of the memory, and for every direction U to the equations, (q or 1, s, s)
         self.damping = None if damping is None else damping.tables(h, count)
         self.sequences = () if self.damping is None else self.damping.sequences
         test, drive = self.to_loads[:-1], sampling.to_inputs
@@ -204,15 +188,10 @@ class Frame:
         part.damp = [share * one for one in self.damp]
         return part
 
-    @property
-    def local(self) -> tuple[Array, ...]:
-        """For every direction inputs to forces, ``(q or 1, B m, B i)``."""
-        return () if self.damping is None else self.damping.local
-
     @cached_property
     def kicks(self) -> list[Array]:
         """For every direction inputs to changes of momentum, ``(q or 1, B, B i)``."""
-        return [expand(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
+        return [toeplitz_matrix(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
 
     @cached_property
     def mean(self) -> Array:

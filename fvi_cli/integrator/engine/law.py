@@ -8,7 +8,7 @@ beside these. A linear scene has no remainder. Shapes: q members, n points, e co
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -16,11 +16,15 @@ import numpy as np
 
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.potential import (
+    ExpressionPotential,
+    QuadraticPotential,
+    SuppliedPotential,
+)
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.engine.tables import apply
-from fvi_cli.mathematics.algebra.at_points import PointFormulas
+from fvi_cli.mathematics.algebra.formulas import PointFormulas
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.convergence import find_roots
 
@@ -47,7 +51,8 @@ class Linearisation(NamedTuple):
         """Members whose second derivatives are others."""
         found = np.zeros(len(self.mass), dtype=bool)
         for own, new in zip(self, other, strict=True):
-            if own is not None and new is not None:
+            # most blocks have those of the one before
+            if own is not None and new is not None and own.tobytes() != new.tobytes():
                 found |= (own != new).reshape(len(own), -1).any(axis=1)
         return np.flatnonzero(found)
 
@@ -167,14 +172,15 @@ class Linear:
 
 
 @dataclass(eq=False, kw_only=True)
-class Potential:
-    r""":math:`L = v^T M v / 2 - V(q)` with the same formulas for all members.
+class Separable:
+    r""":math:`L = v^T M v / 2 - V(q)` with the same formulas or functions for all members.
 
     The remainder is :math:`K \Delta - \nabla V(q)`.
     """
 
     mass: Array  # M, (q, e, e)
-    formulas: ExpressionPotential  # a potential, for its programs
+    # a potential, for its programs; functions of the user bring their stiffness with them
+    formulas: ExpressionPotential | SuppliedPotential
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
     # matrices whose quadratic forms V has besides, (q, e, e); None: there are none
     stiffness: Array | None = None
@@ -183,12 +189,16 @@ class Potential:
 
     def __post_init__(self) -> None:
         own = self.formulas
+        self._gradient: Callable[[Array], Array] = own.gradient
+        self._hessian: Callable[[Array], Array] = own.hessian
+        if isinstance(own, SuppliedPotential):
+            return
         self._gradient = PointFormulas(own.gradient_system, own.coordinates, self.parameters)
         self._hessian = PointFormulas(own.hessian_system, own.coordinates, self.parameters)
 
-    def of(self, places: Places) -> "Potential":
+    def of(self, places: Places) -> "Separable":
         """That of some members."""
-        return Potential(
+        return Separable(
             mass=self.mass[places],
             formulas=self.formulas,
             parameters={name: one[places] for name, one in self.parameters.items()},
@@ -273,14 +283,14 @@ class General:
         return np.where(found[:, None], v, np.nan)
 
     def _first_at(self, x: Array, v: Array, t: Array | float) -> Array:
-        """P and Q side by side, ``(q, n, 2 e)``."""
+        """P and Q in one array, ``(q, n, 2 e)``."""
         found, e = self._first(x, v, np.asarray(t)[..., None]), x.shape[-1]
         if self.stiffness is not None:
             found[..., e:] -= force_of(self.stiffness, x)
         return found
 
     def _second_at(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
-        """P and Q side by side, and the second derivatives ``(q, n, 3, e, e)``."""
+        """P and Q in one array, and the second derivatives ``(q, n, 3, e, e)``."""
         found, e = self._second(x, v, np.asarray(t)[..., None]), x.shape[-1]
         first, second = found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
         if self.stiffness is not None:
@@ -304,7 +314,7 @@ class General:
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
     ) -> Array:
-        """Remainders of momenta and of forces side by side.
+        """Remainders of momenta and of forces in one array.
 
         With second derivatives at every point this is Newton's iteration. With those for all
         points the velocities are corrected to the momenta first, since a mass that is not constant
@@ -362,12 +372,15 @@ def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepL
             stiffness=np.array(stiffness) if stiffness else None,
         )
     potentials = [one.potential for one in scenes]
+    masses = np.array([one.inertia.mass for one in scenes])
+    if isinstance(own := potentials[0], SuppliedPotential):
+        return Separable(mass=masses, formulas=own, parameters={})
     known = [one for one in potentials if isinstance(one, ExpressionPotential)]
     if len(known) != len(potentials):
-        raise ValueError("scenes: they are not of one kind")
+        raise ValueError("scenes: all must be of one kind")
     forms = [dense(one.stiffness) for one in known if one.stiffness is not None]
-    return Potential(
-        mass=np.array([one.inertia.mass for one in scenes]),
+    return Separable(
+        mass=masses,
         formulas=known[0],
         parameters=_columns([one.parameters for one in known]),
         stiffness=np.array(forms) if forms else None,

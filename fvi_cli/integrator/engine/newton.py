@@ -37,16 +37,10 @@ class Solution:
 
 
 class Newton:
-    """The iteration for one block.
+    """The iteration for one block of `count` steps.
 
-    Parameters
-    ----------
-    law, damping, op, state
-        What is solved, from where.
-    known
-        Known loads with the sign of the left side, ``(q, B, s + 1, e)``.
-    count, guess
-        Number of steps; U of a single step to begin with, ``(q, s, e)``, None for blocks.
+    Known loads, with the sign of the left side, are ``(q, B, s + 1, e)``; the guess is U of a
+    single step, ``(q, s, e)``, None for blocks.
     """
 
     def __init__(

@@ -5,29 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.diagnostics import NewtonRecord
 from fvi_cli.mathematics.arrays import Array, Integers, Places
 
 
 class Attempt(NamedTuple):
-    """The iteration for one block of steps.
+    """The iteration for one block of steps."""
 
-    Parameters
-    ----------
-    first
-        Number of its first step among those that are solved together.
-    members
-        Whose steps they are.
-    iterations
-        Of each of them, shape ``(members,)``.
-    changes
-        Largest changes of the components of each by the iterations, ``(members, components)``.
-    """
-
-    first: int
-    members: Places
+    first: int  # number of its first step among those that are solved together
+    members: Places  # whose steps they are, and the iterations of each
     iterations: Integers
-    changes: Sequence[Array]
+    changes: Sequence[Array]  # largest ones by the iterations, (members, components)
 
     def among(self, places: Places) -> "Attempt":
         """The same where the members have other numbers, `places` of theirs."""

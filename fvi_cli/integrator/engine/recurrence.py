@@ -24,14 +24,9 @@ HALVINGS = 3
 
 
 def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
-    """Whether blocks of a linear system with a state of `size` numbers are best one recurrence.
+    """Whether so many blocks of a linear system are best one recurrence.
 
-    Parameters
-    ----------
-    size, block, blocks
-        J e + 2 e, steps of a block, and blocks in a row.
-    total
-        Equal steps of their stretch.
+    With a state of `size` numbers, J e + 2 e, and `total` equal steps in their stretch.
     """
     return (
         size <= LARGEST_STATE
@@ -42,13 +37,7 @@ def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
 
 
 class Recurrence:
-    """w = (z, x, p) from block to block as one matrix, ``(n, n)``.
-
-    Parameters
-    ----------
-    engine, state, h, count
-        One linear system, where it is, and the steps of a block.
-    """
+    """w = (z, x, p) of one linear system from block to block as one matrix, ``(n, n)``."""
 
     def __init__(self, engine: Engine, state: State, h: float, count: int) -> None:
         self.engine, self.h, self.count = engine, h, count
@@ -75,7 +64,7 @@ class Recurrence:
         """States to the force of the past on a block, ``(B m e, J e)``."""
         engine, tables = self.engine, self.frame.damping
         if engine.damping is None or tables is None:
-            raise ValueError("damping: there is none")
+            raise ValueError("damping: the scene has no damping")
         units = np.eye(self._held).reshape(self._held, engine.n_states, engine.e)
         zero = np.zeros((1, engine.n_states, 1))
         force = engine.damping.at_rest().past(tables, units, zero, self.count)
@@ -151,11 +140,8 @@ class Recurrence:
     ) -> tuple[Array, Array, Array | None]:
         """Take `blocks` blocks; the state moves on.
 
-        Returns
-        -------
-        tuple
-            x and p after every step, ``(1, n, e)``, and the inputs of the memory
-            ``(blocks, B i e)`` if they are wanted.
+        To x and p after every step, ``(1, n, e)``, and the inputs of the memory
+        ``(blocks, B i e)`` if they are wanted.
         """
         e, held = self.engine.e, self._held
         known = self._known(state, blocks, loads)

@@ -18,44 +18,24 @@ Mask = NDArray[np.bool_]
 
 @dataclass(eq=False, kw_only=True)
 class State:
-    """Everything that the steps to come depend on; a checkpoint writes it.
-
-    Parameters
-    ----------
-    t
-        Time.
-    x, p, x_lost, p_lost
-        Positions and momenta, ``(q, e)``, and what Kahan's sums have lost of them.
-    z, column
-        States of the memory, ``(q, J, e)``, and those of a start velocity of 1, ``(1, J, 1)``.
-    unknowns, h, rest
-        Of the last step, for a guess: U ``(q, s, e)``, its length, its last remainder ``(q, w)``.
-    block
-        Second derivatives in use, of blocks.
-    longest, wait, excess, stale
-        Of every member: steps of the longest block that may contract; blocks until a longer one is
-        tried; iterations beyond the usual number; whether its second derivatives are to be made
-        anew.
-    live
-        Members that have not failed.
-    """
+    """Everything that the steps to come depend on; a checkpoint writes it."""
 
     t: float
-    x: Array
+    x: Array  # positions and momenta, (q, e), and what Kahan's sums have lost of them
     p: Array
     x_lost: Array
     p_lost: Array
-    z: Array
-    column: Array
-    live: Mask
-    longest: Integers
-    wait: Integers
-    excess: Integers
-    stale: Mask
-    unknowns: Array | None = None
-    h: float = 0.0
-    rest: Array | None = None
-    block: Linearisation | None = None
+    z: Array  # states of the memory, (q, J, e)
+    column: Array  # those of a start velocity of 1, (1, J, 1)
+    live: Mask  # members that have not failed
+    longest: Integers  # steps of the longest block that may contract
+    wait: Integers  # blocks until a longer one is tried
+    excess: Integers  # iterations beyond the usual number
+    stale: Mask  # whose second derivatives are to be made anew
+    unknowns: Array | None = None  # of the last step, for a guess: U (q, s, e),
+    h: float = 0.0  # its length,
+    rest: Array | None = None  # and its last remainder (q, w)
+    block: Linearisation | None = None  # second derivatives in use, of blocks
 
     def of(self, places: Places) -> State:
         """That of some members."""
@@ -100,37 +80,19 @@ class State:
 
 @dataclass(eq=False, kw_only=True)
 class Steps:
-    """What solving B steps of length h gave.
+    """What solving B steps of length h gave."""
 
-    Parameters
-    ----------
-    h, count
-        Length and number.
-    dx, dp
-        Changes of positions and momenta from the beginning of the block, ``(q, B, e)``.
-    unknowns, inputs
-        U, ``(q, B, s, e)``, and what drives the memory, ``(q, B i, e)``.
-    z
-        States of the memory behind them, ``(q, J, e)``.
-    iterations, failed
-        Of Newton's iteration, ``(q,)``: how many, and where it found no solution.
-    rest
-        Remainders at the points, ``(q, B r, w)``; None for linear scenes.
-    attempts
-        How the iterations went that solved them.
-    """
-
-    h: float
+    h: float  # length and number B
     count: int
-    dx: Array
+    dx: Array  # changes from the beginning of the block, (q, B, e)
     dp: Array
-    unknowns: Array
+    unknowns: Array  # U, (q, B, s, e), and what drives the memory, (q, B i, e)
     inputs: Array
-    z: Array
-    iterations: Integers
+    z: Array  # states of the memory behind them, (q, J, e)
+    iterations: Integers  # of Newton, and where it found no solution, (q,)
     failed: Mask
-    rest: Array | None = None
-    attempts: tuple[Attempt, ...] = ()
+    rest: Array | None = None  # remainders at the points, (q, B r, w); None for linear scenes
+    attempts: tuple[Attempt, ...] = ()  # how the iterations went that solved them
 
     @cached_property
     def has_failed(self) -> bool:

@@ -21,8 +21,7 @@ from fvi_cli.integrator.engine.algebra import solver_of
 from fvi_cli.integrator.engine.frame import Frame, Sampling
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.memory.interface import Combination
-from fvi_cli.integrator.memory.lag_sequences import expand
+from fvi_cli.integrator.memory.interface import Combination, toeplitz_matrix
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, Places
@@ -48,13 +47,7 @@ def is_structure(
 
 
 class StructureLaw:
-    """Constant mass and stiffness of one scene in any form, ``(d, d)``.
-
-    Attributes
-    ----------
-    reach
-        What dampers reach; None: all components.
-    """
+    """Constant mass and stiffness of one scene in any form, ``(d, d)``, and what dampers reach."""
 
     is_linear, has_rates = True, False
 
@@ -86,7 +79,7 @@ class StructureLaw:
         self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
     ) -> Linearisation:
         """Refused: matrices of other forms are no arrays over members."""
-        raise TypeError("structure: its matrices are no arrays over members")
+        raise TypeError("structure: its matrices are not arrays over members")
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
@@ -139,7 +132,7 @@ def solve_one_by_one(
     solve, drive = law.solver(frame, combinations), sampling.to_inputs
     (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, state.x.shape[1])
     r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
-    every = [expand(one[0]) for one in frame.sequences]
+    every = [toeplitz_matrix(one[0]) for one in frame.sequences]
     past = np.zeros((count * m, r))
     if damping is not None and frame.damping is not None:
         past = damping.past(frame.damping, state.z, state.column, count)[0]

@@ -15,8 +15,8 @@ from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components
 from fvi_cli.integrator.gradients.past import LinearisedStretch
 from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.memory.interface import toeplitz_matrix
 from fvi_cli.integrator.memory.kernel import Term
-from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
@@ -87,7 +87,7 @@ class Equations:
 
         # by loads of the first step; by those of another one it is the same later
         first = of_force(by_load[..., : (s + 1) * d]).reshape(a, count, s * d, f, m * d)
-        past = np.moveaxis(expand(np.moveaxis(first, 3, 1)), 1, 2)
+        past = np.moveaxis(toeplitz_matrix(np.moveaxis(first, 3, 1)), 1, 2)
         by_begin = np.concatenate([start, past.reshape(a, rows, f * count * m * d)], axis=2)
         ends = np.zeros((a, 2 * d, rows))
         last = ends[:, :d].reshape(a, d, count, s, d)[..., -1, :]
@@ -122,7 +122,7 @@ class Equations:
         op = Operator(frame, at, damping, is_linear=True)
         if op.singular.any():
             raise np.linalg.LinAlgError
-        path = np.tile(h * self.tables.weights, count) @ expand(frame.displacement)
+        path = np.tile(h * self.tables.weights, count) @ toeplitz_matrix(frame.displacement)
         gained = -on_components(path[None, None], at.stiffness)
         return op.start, op.by_load, gained, -h * count * at.stiffness
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.frame import sampling_of
-from fvi_cli.integrator.gradients.formula import Formula, NameResolver
+from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
-from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.gradients.variation import Variation, disturbance, loads_of
 from fvi_cli.integrator.integrate import integrate
@@ -188,14 +187,12 @@ def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
         If the equations of a step have no unique solution, or a step has too many unknowns.
     """
     tables, d = step_tables(method), scene.dimension
-    sizes = np.concatenate([np.full(one.n_steps, one.step_size) for one in mesh.stretches])
-    inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in mesh.stretches]
-    ends = [np.append(own, one.end) for own, one in zip(inside, mesh.stretches, strict=True)]
+    sizes = mesh.sizes
     zero = np.zeros((sizes.size + 1, d))
     stages = np.zeros((sizes.size, tables.points.size, d))
     rest = RunSteps(
         tables=tables,
-        time=np.concatenate([[0.0], *ends]),
+        time=mesh.times,
         position=zero,
         momentum=np.full_like(zero, np.nan),
         step_size=sizes,

@@ -17,11 +17,14 @@ import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.matrices import dense, times
-from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.potential import (
+    ExpressionPotential,
+    QuadraticPotential,
+    SuppliedPotential,
+)
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.algebra.builder import Builder, Term
-from fvi_cli.mathematics.algebra.derivatives import derivatives
+from fvi_cli.mathematics.algebra.builder import Builder, Term, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -132,6 +135,9 @@ def numbers_of(scene: Scene) -> tuple[list[object], list[Array]]:
     """
     mechanics = _mechanics(scene)
     structure: list[object] = [scene.lagrangian is None, mechanics and mechanics.shape]
+    if isinstance(scene.potential, SuppliedPotential):
+        # its numbers are not known: another object is another structure
+        structure.append(id(scene.potential.functions))
     numbers = _matrices(scene)
     numbers.append(np.zeros(0) if mechanics is None else mechanics.numbers)
     for piece, component, places in _components(scene):

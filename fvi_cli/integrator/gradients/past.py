@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.memory.interface import toeplitz_matrix
 from fvi_cli.integrator.memory.kernel import Term
-from fvi_cli.integrator.memory.lag_sequences import expand
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
 
@@ -118,7 +118,7 @@ class LinearisedMemory:
             local, response, intake, change = self.memory.of_steps(sizes)
         else:
             made = self.memory.kernels(float(sizes[0]), count)
-            local, response = expand(made.sequence)[None], made.response[None]
+            local, response = toeplitz_matrix(made.sequence)[None], made.response[None]
             intake, change = made.intake[None], made.change[None]
         weights = self.memory.weights[self._places]
         response = weights[:, None] * response[:, None]

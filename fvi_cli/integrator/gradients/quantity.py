@@ -81,7 +81,7 @@ class Quantity:
         for name in sorted(found.names.intersection(works)):
             raise ValueError(
                 f"quantity: {name} adds up from the beginning of the run, and has no derivative "
-                f"here; what stands for one time has: {', '.join(names)}"
+                f"here; differentiable here: {', '.join(names)}"
             )
         return found
 
@@ -151,7 +151,7 @@ def _coordinate(prefix: str, component: int) -> Callable[[Sequence[str]], str]:
             raise ValueError(f"component: {component} is not one of 0 to {len(coordinates) - 1}")
         found = prefix + coordinates[component]
         if prefix and found in coordinates:
-            raise ValueError(f"quantity: {found} is a coordinate of its own")
+            raise ValueError(f"quantity: {found} is itself a coordinate")
         return found
 
     return name

@@ -104,7 +104,7 @@ def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
     def by_numbers(varied: Scene, _: float) -> list[Any]:
         structure, numbers = numbers_of(varied)
         if structure != own:
-            raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
+            raise ValueError(f"{one.name}: the scene has another form near {one.value:g}")
         return of_damping(varied) + numbers
 
     def by_values(varied: Scene, _: float) -> list[Any]:
@@ -224,7 +224,7 @@ def _differences(
     for place in stencils[1]:
         varied = one.family(one.value + place * step)
         if (len(varied.damping), varied.dimension) != (len(scene.damping), scene.dimension):
-            raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
+            raise ValueError(f"{one.name}: the scene has another form near {one.value:g}")
         at.append([np.asarray(o) for o in values(varied, one.value + place * step)])
     flat = np.array([np.concatenate([own.ravel() for own in row]) for row in at])
     # what does not change has the derivative 0, without round-off of the factors

@@ -1,4 +1,4 @@
-r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of known forces."""
+r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of given forces."""
 
 from __future__ import annotations
 
@@ -30,18 +30,13 @@ class StepLoads:
     ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` and ``projected``
     integrate to round-off; what Riemann-Liouville adds is always integrated exactly, since it is
     singular at 0.
-
-    Attributes
-    ----------
-    largest_force
-        The largest mean of the forcing over a step that was met so far.
     """
 
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
         self._forcing, self._tables = scene.forcing, tables
         self._rule, self._dimension = method.forcing_quadrature, scene.dimension
         self._basis = lobatto_basis(method.degree)
-        self.largest_force = 0.0
+        self.largest_force = 0.0  # the largest mean over a step that was met so far
         # of backward differences: load vectors of the first steps, ``(n, s + 1, d)``
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
         self._jump: list[tuple[float, Array]] = []
@@ -106,7 +101,9 @@ class StepLoads:
                 step_size * np.einsum("ni,kid->knd", self._tables.test_weights, values)
             )
         exact = self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
-        return self._projected(exact) if self._rule == "projected" else exact
+        if self._rule == "projected":
+            return np.asarray(np.einsum("nm,kmd->knd", self._projection, exact))
+        return exact
 
     def of_damping(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
@@ -125,9 +122,6 @@ class StepLoads:
             added = self._added[first : first + n_steps]
             total[: len(added)] += added
         return total
-
-    def _projected(self, exact: Array) -> Array:
-        return np.asarray(np.einsum("nm,kmd->knd", self._projection, exact))
 
     def _jump_force(self, start: Array, step_size: float, offsets: Array) -> Array:
         times = start[:, None] + step_size * offsets

@@ -10,17 +10,61 @@ there, and at both ends, of the acceleration from the polynomial through the sta
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import Form, Solve, added, scaled, solver, times
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
-from fvi_cli.integrator.local_error.stiff_modes import StiffModes
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+
+KEPT = 128
+"""Step sizes whose factors are kept."""
+
+
+class StiffModes:
+    r"""What is left of errors and forces where a step resolves them.
+
+    A structure of thousands of degrees of freedom has modes whose periods are far below any step.
+    A Gauss method carries them along as they are, round-off among them, and short steps would
+    resolve what the run does not need. So what is missed of a motion is looked at through
+    :math:`(M + (h/m)^2 K)^{-1} M`, which leaves slow modes as they are and is small where
+    :math:`h \omega` is much more than the number m of stages (as stiff equations have it:
+    Shampine, Baca, *Error estimators for stiff differential equations*, 1984).
+    """
+
+    def __init__(self, mass: Form, stiffness: Form, stages: int) -> None:
+        self._mass, self._stiffness, self._stages = mass, stiffness, stages
+        self._kept: OrderedDict[float, Solve] = OrderedDict()
+
+    def resolved(self, displacements: Array, step_size: float) -> Array:
+        """Ways or velocities ``(n, d)`` as far as a step of this size resolves them."""
+        return self.accelerations(times(displacements, self._mass), step_size)
+
+    def accelerations(self, forces: Array, step_size: float) -> Array:
+        """Accelerations to forces ``(n, d)``, as far as a step of this size resolves them."""
+        found = self._kept.get(step_size)
+        if found is None:
+            softened = scaled(self._stiffness, (step_size / self._stages) ** 2)
+            found = self._kept[step_size] = solver(added(self._mass, softened))
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        return np.asarray(found(forces.T).T)
+
+
+def stiff_modes(scene: Scene, stages: int) -> StiffModes | None:
+    """Those of a scene with sparse matrices; None: small ones are resolved, or fail."""
+    if not (scene.is_sparse and isinstance(scene.potential, QuadraticPotential)):
+        return None
+    return StiffModes(scene.inertia.form, scene.potential.form, stages)
+
 
 BETWEEN_SHARE = 0.1
 """What a difference of accelerations between the stages counts, times h^2."""
@@ -72,13 +116,8 @@ def _look_tables(tables: StepTables) -> _LookTables:
 class Between:
     """Looks at a step between its stages; floating-point errors are the caller's.
 
+    At `places` in [0, 1]: ends, stages and the middles between them, by turns ``(2 m + 1,)``.
     `stiff` are the modes that steps do not resolve; None: there are none.
-
-    Attributes
-    ----------
-    places
-        All points that are looked at, in [0, 1]: ends, stages and the middles between them, by
-        turns ``(2 m + 1,)``.
     """
 
     def __init__(

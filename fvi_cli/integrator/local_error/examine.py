@@ -1,25 +1,134 @@
-"""What is known of a solved step before it is believed."""
+"""What is known of a solved step before it is believed.
+
+What no sample of a step sees are walls and pulses that are narrower than its points lie apart. The
+range of the force over the step, by interval arithmetic, is large wherever such a thing is. Parts
+of the step whose range is far beyond what was seen are halved, and sampled, until they are too
+short to matter or the thing itself is met.
+
+A step that crosses a kink (an argument of ``abs`` or ``sign`` is zero there, or both arguments of
+``min`` or ``max`` are equal) is done again so that it ends there; steps on either side see a smooth
+force and have their full order.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.local_error.defect import Between, StepPath
-from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.local_error.hidden import HiddenSearch
-from fvi_cli.integrator.local_error.kinks import (
-    AT_END,
-    BEYOND,
-    first_crossing,
-    root_between,
+from fvi_cli.integrator.local_error.defect import (
+    BETWEEN_SHARE,
+    ON_KINK,
+    Between,
+    StepPath,
+    stiff_modes,
 )
-from fvi_cli.integrator.local_error.stiff_modes import stiff_modes
+from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.intervals.functions import Interval
+from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN
+
+FIRST_PARTS = 8
+MOST_PARTS = 256
+MOST_HALVINGS = 48
+OF_LARGEST = 0.02
+"""Ranges up to this share of the largest force of the run so far are none."""
+NEGLIGIBLE = 0.01
+"""Parts whose largest effect is less than this share of the tolerance are left alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hidden:
+    """What a search in a step came to."""
+
+    error: float = 0.0  # local error by what was found, a length; 0: none was
+    unresolved_at: float | None = None  # time at which the force may be infinite; None: nowhere
+
+
+class HiddenSearch:
+    """Searches the steps of one run; the largest force so far is what counts as usual."""
+
+    def __init__(self, between: Between) -> None:
+        self._between = between
+        self.largest = 0.0
+
+    def search(self, path: StepPath, seen: PointForces, tolerance: float) -> Hidden:
+        """Look for forces between the samples of a step that matter beside the tolerance.
+
+        With the forces at the places of the step; the tolerance is a length.
+        """
+        low, high = seen.force.min(axis=0), seen.force.max(axis=0)
+        largest = float(np.abs(seen.force).max())
+        self.largest = max(self.largest, largest)
+        permitted = BEYOND_SEEN * (high - low) + OF_LARGEST * self.largest
+        # a force F on a part of length d moves F / M d h by the end of the step
+        counts = self._between.mobility_of(path) * path.size**2
+        edges = np.linspace(0.0, 1.0, FIRST_PARTS + 1)
+        begin, end = edges[:-1], edges[1:]
+        error, infinite = 0.0, None
+        with np.errstate(all="ignore"):
+            for halving in range(MOST_HALVINGS):
+                beyond = self._beyond(path, begin, end, low, high, permitted)
+                effect = counts * (end - begin) * beyond
+                suspect = np.flatnonzero(effect > NEGLIGIBLE * tolerance)
+                if suspect.size == 0:
+                    return Hidden(error=error)
+                if suspect.size > MOST_PARTS:
+                    suspect = suspect[np.argsort(effect[suspect])[-MOST_PARTS:]]
+                begin, end = begin[suspect], end[suspect]
+                middle = 0.5 * (begin + end)
+                error = max(error, self._missed(path, seen, middle))
+                if error > tolerance:
+                    return Hidden(error=error)
+                if halving == MOST_HALVINGS - 1:
+                    infinite = path.begin + path.size * float(middle[0])
+                begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        return Hidden(error=error, unresolved_at=infinite)
+
+    def _beyond(
+        self,
+        path: StepPath,
+        begin: Array,
+        end: Array,
+        low: Array,
+        high: Array,
+        permitted: Array,
+    ) -> Array:
+        """By how much the range of the force on parts of the step goes beyond what was seen."""
+        n, forces = begin.size, self._between.forces
+        boxes: list[Interval] = []
+        rates: list[Interval] = []
+        if not forces.is_of_time:
+            places = np.concatenate([begin, 0.5 * (begin + end), end])
+            position, velocity, _ = self._between.path_at(path, places)
+            boxes = [_box(column.reshape(3, n)) for column in position.T]
+            rates = [_box(column.reshape(3, n)) for column in velocity.T]
+        time = Interval(path.begin + path.size * begin, path.begin + path.size * end)
+        total = np.zeros(n)
+        for i, one in forces.enclosed(boxes, rates, time, path.middle):
+            excess = np.maximum(one.high - high[i], low[i] - one.low)
+            excess = np.where(np.isnan(excess), math.inf, excess)
+            total = np.maximum(total, np.where(excess > permitted[i], excess, 0.0))
+        return total
+
+    def _missed(self, path: StepPath, seen: PointForces, places: Array) -> float:
+        """Local error by the forces at more places."""
+        position, velocity, times = self._between.path_at(path, places)
+        force = self._between.forces.at(position, velocity, times, path.middle).force
+        missed = np.abs(force - self._between.interpolated(seen, places)).max()
+        found = BETWEEN_SHARE * path.size**2 * self._between.mobility_of(path) * float(missed)
+        return found if math.isfinite(found) else math.inf
+
+
+def _box(values: Array) -> Interval:
+    low, high = values.min(axis=0), values.max(axis=0)
+    more = MARGIN * (high - low)
+    return Interval(low - more, high + more)
+
 
 MOST_CUTS = 12
 """Times that a step is cut to end at a kink."""
@@ -143,3 +252,64 @@ class Examiner:
                         nearest = (number, before, float(place))
                     break
         return nearest
+
+
+AT_END = 1e-13
+"""Kinks as close to the end of a step as this, in steps, lie at its end."""
+MOST_ITERATIONS = 60
+ROUND_OFF = 4e-15
+BEYOND = np.array([1.02, 1.1, 1.3])
+"""Where a step that was cut too short is continued to find its kink."""
+
+
+def first_crossing(
+    arguments: Array, places: Array, *, starts_on: int | None
+) -> tuple[int, float, float] | None:
+    """The first kink that is crossed: its number and the places before and behind; None: none.
+
+    Arguments of the functions with kinks are ``(k, n)`` at places ``(n,)`` in [0, 1]; the sign of
+    the one on which the step begins says nothing.
+    """
+    found: tuple[int, float, float] | None = None
+    for number, values in enumerate(arguments):
+        largest = float(np.abs(values).max())
+        if not largest > 0 or not np.isfinite(values).all():
+            continue
+        begins_on = number == starts_on or abs(values[0]) <= ON_KINK * largest
+        signs = np.sign(values[1:] if begins_on else values)
+        at = places[1:] if begins_on else places
+        changed = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+        if changed.size == 0:
+            continue
+        place = int(changed[0])
+        if found is None or at[place] < found[1]:
+            found = (number, float(at[place]), float(at[place + 1]))
+    return found
+
+
+def root_between(function: Callable[[float], float], low: float, high: float) -> float:
+    """Root of a function that changes its sign between two places (the Illinois method).
+
+    Every third place is the middle: an exponential is far from straight.
+    """
+    at_low, at_high = function(low), function(high)
+    last, side = high, 0
+    least = ROUND_OFF * max(abs(at_low), abs(at_high))
+    for iteration in range(MOST_ITERATIONS):
+        place = 0.5 * (low + high)
+        if iteration % 3 < 2 and at_high != at_low:
+            chord = (at_low * high - at_high * low) / (at_low - at_high)
+            place = chord if low < chord < high else place
+        value = function(place)
+        if abs(value) <= least or abs(place - last) <= ROUND_OFF:
+            return place
+        if value * at_high > 0:
+            high, at_high = place, value
+            at_low *= 0.5 if side < 0 else 1.0
+            side = -1
+        else:
+            low, at_low = place, value
+            at_high *= 0.5 if side > 0 else 1.0
+            side = 1
+        last = place
+    return last

@@ -13,15 +13,14 @@ import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.matrices import diagonal
-from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.algebra.arithmetic import INNER_FUNCTIONS, KINKED, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
 
 LARGEST_DIFFERENCE: Final = 1e300
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
@@ -51,21 +50,9 @@ class PointForces:
 class SceneForces:
     """Forces of one scene, as its formulas say.
 
-    The stiffness of a linear scene hides nothing and is left out.
-
-    Attributes
-    ----------
-    is_of_time
-        Whether there is no formula but of the time.
-    needs_velocity
-        Whether forces depend on the velocity.
-    has_kinks
-        Whether any formula has a function with a kink.
-    may_hide
-        Whether any formula may be large where no sample lies: functions that rise and fall
-        steeply, quotients, high powers.
-    is_steep
-        Whether it may be of the kind that walls and pulses are made of.
+    The stiffness of a linear scene hides nothing and is left out. Where it `may_hide`, a formula
+    may be large where no sample lies: functions that rise and fall steeply, quotients, high powers;
+    where it `is_steep`, it may be of the kind that walls and pulses are made of.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -73,10 +60,12 @@ class SceneForces:
         self._lagrangian = scene.lagrangian
         potential = scene.potential
         self._potential = potential if isinstance(potential, ExpressionPotential) else None
+        self._supplied = potential if isinstance(potential, SuppliedPotential) else None
         self._dimension = scene.dimension
         self._inertia = scene.inertia
         self.needs_velocity = self._lagrangian is not None
-        self.is_of_time = self._lagrangian is None and self._potential is None
+        moving = (self._lagrangian, self._potential, self._supplied)
+        self.is_of_time = all(one is None for one in moving)
         called, hides = _character(scene)
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = hides
@@ -115,7 +104,7 @@ class SceneForces:
         return self._inertia.velocity(np.eye(self._dimension))
 
     def _inverse_mass(self, position: Array, velocity: Array, time: float) -> Array:
-        if self._lagrangian is None:  # pragma: no cover - asked of a Lagrangian only
+        if self._lagrangian is None:  # pragma: no cover - called for a Lagrangian only
             raise ValueError("mass: it is constant")
         mass = self._lagrangian.derivatives(position, velocity, time).mass
         try:
@@ -157,6 +146,8 @@ class SceneForces:
             columns = [position[:, i] for i in range(d)]
             found = self._potential.gradient_components(columns, functions)
             return -_stack(found, position), None
+        if self._supplied is not None:
+            return -self._supplied.gradient(position), None
         if self._lagrangian is None:
             return np.zeros((time.size, d)), None
         places = [position[:, i] for i in range(d)]
@@ -173,7 +164,7 @@ class SceneForces:
     ) -> list[tuple[int, Interval]]:
         """Ranges of the force over boxes of positions, velocities and times, by component.
 
-        Components with the same formula of the time are told once. The boxes are not looked at
+        Components with the same formula of the time are reported once. The boxes are not looked at
         where the force is one of the time only, :attr:`is_of_time`.
         """
         piece = self._piece(middle)
@@ -188,6 +179,18 @@ class SceneForces:
         if self._potential is not None:
             found = self._potential.gradient_components(list(position), INTERVAL_FUNCTIONS)
             total = [one - value for one, value in zip(total, found, strict=True)]
+        if self._supplied is not None:
+            low = np.stack([one.low for one in position], axis=-1)
+            high = np.stack([one.high for one in position], axis=-1)
+            middles = 0.5 * (low + high)
+            # to first order: of functions of the user no range is known
+            curvature = np.abs(self._supplied.hessian(middles))
+            reach = np.einsum("nab,nb->na", curvature, high - middles)
+            force = -self._supplied.gradient(middles)
+            total = [
+                one + Interval(force[:, i] - reach[:, i], force[:, i] + reach[:, i])
+                for i, one in enumerate(total)
+            ]
         if self._lagrangian is not None:
             _, forces = self._lagrangian.first_on(
                 list(position), list(velocity), time, INTERVAL_FUNCTIONS
@@ -266,7 +269,7 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
         for component, _ in piece.distinct:
             formula = component if isinstance(component, Expression) else component.formula
             if isinstance(component, FunctionForce):
-                # nobody knows what a program does
+                # what a program does is unknown
                 called = called | STEEP_FUNCTIONS
             if formula is not None:
                 systems.append(formula.system)

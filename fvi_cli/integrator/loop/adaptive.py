@@ -15,11 +15,11 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, StepFinding
-from fvi_cli.integrator.loop.points import why_unsolved
-from fvi_cli.integrator.loop.source import Proposal
+from fvi_cli.integrator.loop.points import Proposal, why_unsolved
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
@@ -42,7 +42,7 @@ def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepC
     if method.cq != "gauss" or method.degree < 2:
         raise ValueError(
             f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
-            f"for {method.case}"
+            f"for {method_name(method)}"
         )
     is_singular = start_power(scene, at_start=True) is not None
     return StepController(
@@ -55,18 +55,7 @@ def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepC
 
 
 class AdaptiveSource:
-    """Single steps of one scene; those whose local error is too large are rejected.
-
-    Parameters
-    ----------
-    scene, method, steps
-        What is integrated, by which Gauss method, and what the steps are chosen for.
-
-    Attributes
-    ----------
-    controller
-        Sizes of the steps, and how many were rejected.
-    """
+    """Single steps of one scene; those whose local error is too large are rejected."""
 
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self.controller = step_controller(scene, method, steps)
@@ -99,7 +88,7 @@ class AdaptiveSource:
             return None
         begin, error = controller.time, self._error
         if self._done >= self._most_steps:
-            error = StepFailedError("the most steps are done", reason="most steps")
+            error = StepFailedError("the largest number of steps is reached", reason="most steps")
         if controller.is_stuck or self._done >= self._most_steps:
             self.failure = Failure.in_step(self._done, begin, error)
             return None
@@ -140,7 +129,7 @@ class AdaptiveSource:
 
     def accept(self, count: int) -> float:
         """Every step is judged."""
-        raise ValueError("steps: those that are found on the way are taken one by one")
+        raise ValueError("steps: adaptive steps are taken one by one")
 
     def _outside(self, position: Array, unknowns: Array, h: float) -> Array | None:
         """A place of a step at which the potential energy is not finite."""

@@ -37,7 +37,7 @@ def fingerprint(*values: object) -> str:
 
 
 def _parts(value: object) -> Iterator[bytes]:
-    """What tells a value from others."""
+    """What distinguishes a value from others."""
     yield type(value).__name__.encode()
     if isinstance(value, Mesh):
         yield np.array(
@@ -69,22 +69,12 @@ def _parts(value: object) -> Iterator[bytes]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checkpoint:
-    """Everything that the steps to come depend on, and the run that they belong to.
-
-    Parameters
-    ----------
-    run
-        Which run it is.
-    done, reported
-        Finished steps and reported points of the whole run.
-    arrays
-        The state by name, as the parts of the loop have it.
-    """
+    """Everything that the steps to come depend on, and the run that they belong to."""
 
     run: RunKey
-    done: int
+    done: int  # finished steps and reported points of the whole run
     reported: int
-    arrays: Arrays
+    arrays: Arrays  # the state by name, as the parts of the loop have it
 
     @property
     def case(self) -> str:
@@ -132,7 +122,7 @@ class Checkpoint:
             return cls._of_named(_loaded(io.BytesIO(data)))
         except Exception as error:
             # damaged bytes make the library raise nearly anything
-            raise ValueError(f"checkpoint: the bytes hold none ({error})") from error
+            raise ValueError(f"checkpoint: these bytes are not a checkpoint ({error})") from error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,7 +147,7 @@ class UnfinishedRun:
             **self.checkpoint._named(),
             **{f"kept {name}": np.asarray(one) for name, one in self.kept.items()},
         }
-        np.savez(stream, digest=np.array(digest_of(arrays)), **arrays)  # type: ignore[arg-type]
+        np.savez(stream, digest=np.array(arrays_digest(arrays)), **arrays)  # type: ignore[arg-type]
 
     @classmethod
     def read(cls, stream: IO[bytes], label: str) -> UnfinishedRun:
@@ -174,7 +164,7 @@ class UnfinishedRun:
             # a damaged archive makes the library raise nearly anything
             raise ValueError(f"it is damaged ({type(error).__name__})") from error
         digest = str(arrays.pop("digest", ""))
-        if digest_of(arrays) != digest:
+        if arrays_digest(arrays) != digest:
             raise ValueError("it is damaged (its checksum is not that of its content)")
         if str(arrays.get("label")) != label:
             raise ValueError(OF_ANOTHER_RUN)
@@ -236,11 +226,6 @@ class Keeper:
 
     The run, at its start, is brought to where it was stopped. It is that of a method, a number of
     steps and their size or tolerance, and of all that determines its numbers beside these.
-
-    Attributes
-    ----------
-    earlier_seconds
-        Time of the steps before the checkpoint.
     """
 
     def __init__(
@@ -293,7 +278,7 @@ def _with_prefix(prefix: str, arrays: Arrays) -> dict[str, NDArray[Any]]:
     }
 
 
-def digest_of(arrays: Arrays) -> str:
+def arrays_digest(arrays: Arrays) -> str:
     """SHA-256 of names, types, shapes and numbers."""
     digest = hashlib.sha256()
     for name in sorted(arrays):

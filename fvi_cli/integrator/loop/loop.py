@@ -10,12 +10,11 @@ from fvi_cli.integrator.engine.blocks import advance, block_for
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.loop.points import Solved
+from fvi_cli.integrator.loop.points import Proposal, Solved, Source
 from fvi_cli.integrator.loop.recorder import Recorder
-from fvi_cli.integrator.loop.source import Proposal, Source
 
 CHUNK = 4096
-"""Steps whose known forces are computed together, at most."""
+"""Steps whose loads are computed together, at most."""
 
 LARGEST_CHUNK = 2**17
 """Numbers in the positions of these steps, at most."""

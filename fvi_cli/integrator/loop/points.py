@@ -1,6 +1,6 @@
-"""Steps that wait to be kept: their points in the coordinates of the scenes, and why they end."""
+"""Where the steps of a run come from, and those that wait to be kept, as points of scenes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -10,8 +10,90 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
-from fvi_cli.integrator.loop.source import Proposal
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.mathematics.arrays import Array
+
+
+class Proposal(NamedTuple):
+    """Equal steps to be done next."""
+
+    begin: float  # where the first of them begins, and their length
+    h: float
+    n_steps: int  # so many, of which any number may be done
+    total: int  # of the whole stretch, by which the length of blocks is chosen
+    is_fresh: bool  # whether the motion may be singular at `begin`: the start, or a break point
+    origin: float  # of the stretch, of which `first` steps are done: k ends at origin + h (first+k)
+    first: int = 0
+    reported_every: int = 1  # points at this distance from `origin` are reported; 0: none
+
+
+class Source(Protocol):
+    """Steps for the loop."""
+
+    failure: Failure | None  # why it proposes no more steps; None: all are done
+
+    def propose(self) -> Proposal | None:
+        """The next steps; None at the end."""
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The time at the end of solved steps that begin at `state`; None rejects them."""
+
+    def accept(self, count: int) -> float:
+        """The time at the end of so many steps that are not judged: many blocks at once."""
+
+    def arrays(self) -> dict[str, Array]:
+        """Where it is, for a checkpoint."""
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on from what :meth:`arrays` gave."""
+
+
+class MeshSource:
+    """The stretches of a mesh, one after the other; no step is rejected."""
+
+    failure: Failure | None = None
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._mesh = mesh
+        self._stretch = self._done = 0
+
+    def propose(self) -> Proposal | None:
+        """What is left of a stretch."""
+        if self._stretch == len(self._mesh.stretches):
+            return None
+        one = self._mesh.stretches[self._stretch]
+        return Proposal(
+            begin=one.begin + self._done * one.step_size,
+            h=one.step_size,
+            n_steps=one.n_steps - self._done,
+            total=one.n_steps,
+            is_fresh=one.is_fresh and self._done == 0,
+            origin=one.begin,
+            first=self._done,
+            reported_every=one.reported_every,
+        )
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The time at their end."""
+        return self.accept(steps.count)
+
+    def accept(self, count: int) -> float:
+        """The time at the end of the next steps, which is given where a stretch ends."""
+        one = self._mesh.stretches[self._stretch]
+        self._done += count
+        if self._done < one.n_steps:
+            return one.begin + self._done * one.step_size
+        self._stretch, self._done = self._stretch + 1, 0
+        return one.end
+
+    def arrays(self) -> dict[str, Array]:
+        """Number of the stretch, and its steps that are done."""
+        return {"place": np.array([self._stretch, self._done], dtype=float)}
+
+    def restore(self, arrays: Mapping[str, Array]) -> None:
+        """Go on there."""
+        self._stretch, self._done = (int(one) for one in arrays["place"])
+
 
 Stops = dict[int, tuple[int, Failure]]
 """For some scenes how many of successive steps are kept, and why they stop there."""
@@ -31,32 +113,21 @@ class Points:
 
 
 class Check(Protocol):
-    """What tells that runs cannot be right from some step on."""
+    """Criteria by which runs are wrong from some step on."""
 
     def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
         """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
 
 
 class Solved(NamedTuple):
-    """Equal steps of the members of an engine.
+    """Equal steps of the members of an engine."""
 
-    Parameters
-    ----------
-    proposal, end
-        Where they begin, and the time at the end of the last.
-    position, momentum
-        At their ends, shape ``(q, n, e)``.
-    inputs, unknowns
-        What drives the memory, ``(q, n, i, e)``, where polynomials are kept, and U,
-        ``(q, n, s, e)``, where scenes are not linear.
-    """
-
-    proposal: Proposal
+    proposal: Proposal  # where they begin, and the time at the end of the last
     end: float
-    position: Array
+    position: Array  # at their ends, (q, n, e)
     momentum: Array
-    inputs: Array | None
-    unknowns: Array | None = None
+    inputs: Array | None  # what drives the memory, (q, n, i, e), where polynomials are kept
+    unknowns: Array | None = None  # U, (q, n, s, e), where scenes are not linear
 
     @property
     def n_steps(self) -> int:

@@ -146,7 +146,7 @@ class Recorder:
     def _take(self, stops: Stops) -> None:
         """Keep the points of the steps that wait, of every scene up to where it stops."""
         points, reported = points_of(self._engine, self._waiting, self.done, self._last[1])
-        # a sum that is finite tells that all are
+        # a sum is finite only if all terms are
         if not np.isfinite(points.position.sum() + points.momentum.sum()):
             self._stop_at_infinity(points, stops)
         if self._check is not None:
@@ -334,7 +334,7 @@ class Recorder:
         self.done, self.reported, self._begun = done, reported, done
 
     def _join(self, name: str) -> Array:
-        """Pieces as one array, which takes their place: nothing is there twice."""
+        """Pieces as one array, which takes their place, so that no value is stored twice."""
         pieces = self._rows[name]
         if len(pieces) > 1:
             pieces[:] = [np.concatenate(pieces, axis=0 if name in "th" else 1)]

@@ -80,12 +80,8 @@ class Exponentials:
     """Powers of integration and relaxation laws as sums of exponentials.
 
     Every term occurs once. The power 0, a damper of order 1, acts on the velocity itself and needs
-    no states. Steps and times as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
-
-    Attributes
-    ----------
-    kernel
-        Rates and weights; None where no term remembers anything.
+    no states, and where no term remembers anything there is no kernel. Steps and times as for
+    :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     """
 
     n_lags = 0
@@ -123,11 +119,11 @@ class Exponentials:
         J)``, intake ``(u, J, m)`` and change ``(u, J)``.
         """
         u, j, m = sizes.size, self.n_states, self._operator.n_stages
-        local = [[self._operator.local_block(term, h) for term in self.terms] for h in sizes]
+        local = [self._operator.local_blocks(term, sizes) for term in self.terms]
         rates = np.zeros(0) if self.kernel is None else self.kernel.rates
         step = self._operator.exponentials(np.outer(sizes, rates).ravel())
         return (
-            np.array(local).reshape(u, len(self.terms), m, m),
+            np.array(local).reshape(len(self.terms), u, m, m).swapaxes(0, 1),
             step.stages.reshape(m, u, j).swapaxes(0, 1),
             step.intake.reshape(u, j, m),
             step.changes(1).reshape(u, j),
@@ -144,7 +140,9 @@ class Exponentials:
     def kernels(self, h: float, count: int) -> ExponentialKernels:
         """Tables of `count` steps of length h."""
         m = self._operator.n_stages
-        local = np.array([self._operator.local_block(term, h) for term in self.terms])
+        local = np.array(
+            [self._operator.local_blocks(term, np.array([h]))[0] for term in self.terms]
+        )
         step = _over_one_step(self._operator, self.kernel, h)
         response, intake = step.stages, step.intake
         lags = np.zeros((len(self.terms), 0, m, m))
@@ -172,6 +170,3 @@ class Exponentials:
 def _over_one_step(operator: StageOperator, kernel: Kernel | None, h: float) -> StageExponentials:
     """Exponentials over a step; runs of one scene, and of many alike, take the same sizes."""
     return operator.exponentials(h * kernel.rates if kernel is not None else np.zeros(0))
-
-
-__all__ = ["ExponentialKernels", "Exponentials"]

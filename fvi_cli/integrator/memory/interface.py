@@ -2,7 +2,9 @@
 
 Shapes: q members, e components, m samples of the force and i inputs of a step, J states, B steps,
 K terms. Inputs drive the memory: velocities at the stages of Runge-Kutta methods, the unknowns of
-a step for backward differences.
+a step for backward differences. A *lag sequence* ``(..., B, a, b)`` is the first block column of a
+lower block-triangular Toeplitz matrix ``(..., B a, B b)``; that of fewer steps is a leading slice
+of it.
 """
 
 from __future__ import annotations
@@ -13,10 +15,30 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fvi_cli.effects.matrices import Form, times
 from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.mathematics.arrays import Array, Integers, Places
+
+
+def toeplitz_matrix(lags: Array) -> Array:
+    """The whole matrix ``(..., B a, B b)`` of a lag sequence ``(..., B, a, b)``."""
+    *lead, n, a, b = lags.shape
+    if n == 1:
+        return np.asarray(lags[..., 0, :, :])
+    padded = np.zeros((*lead, 2 * n - 1, a, b))
+    padded[..., n - 1 :, :, :] = lags
+    window = sliding_window_view(padded, n, axis=-3)[..., ::-1]
+    whole = np.ascontiguousarray(np.moveaxis(window, -1, -2))
+    return np.asarray(whole.reshape(*lead, n * a, n * b))
+
+
+def constant_lags(first: Array, later: Array, count: int) -> Array:
+    """Lag sequence with one matrix on the diagonal and another one everywhere below."""
+    found = np.repeat(np.asarray(later, dtype=float)[None], count, axis=0)
+    found[0] = first
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +73,7 @@ class Combination:
         """
         if isinstance(self.matrix, np.ndarray):
             return self.matrix
-        raise TypeError("matrix: that of a large structure is kept in another form")
+        raise TypeError("matrix: a large structure has no dense matrix")
 
     def combine(self, by_term: Array) -> Array:
         """Combine what is given for every term, ``(K, ...)`` to ``(q or 1, ...)``.
@@ -126,30 +148,17 @@ class Kernels(ABC):
 
 
 class Memory(Protocol):
-    """The past of all terms as states, J of them for every component.
+    """The past of all terms as states, J of them for every component."""
 
-    Attributes
-    ----------
-    terms
-        What is remembered, each once.
-    n_states, n_lags
-        Number J, and steps of the past that are remembered one by one, in states of their own.
-    weights
-        Factors of the states in the force of every term, ``(K, J)``; ``(K, 0)`` where they are not
-        numbers.
-    column
-        Inputs by which the states of a start velocity of 1 are driven in every step, ``(i,)``:
-        what relative terms subtract; None: nothing drives them.
-    column_start
-        What these states are at the start.
-    """
-
-    terms: tuple[Term, ...]
-    n_states: int
-    n_lags: int
+    terms: tuple[Term, ...]  # what is remembered, each once
+    n_states: int  # number J
+    n_lags: int  # steps of the past that are remembered one by one, in states of their own
+    # factors of the states in the force of every term, (K, J); (K, 0) where they are no numbers
     weights: Array
+    # inputs by which the states of a start velocity of 1 are driven in every step, (i,): what
+    # relative terms subtract; None: no input
     column: Array | None
-    column_start: float
+    column_start: float  # what these states are at the start
 
     def kernels(self, h: float, count: int) -> Kernels:
         """Tables of `count` steps of length h."""
@@ -168,6 +177,3 @@ def along(values: Array, matrix: Form) -> Array:
     if matrix.shape[-1] == 1:
         return values * matrix
     return np.asarray(np.matmul(values, matrix))
-
-
-__all__ = ["Combination", "Kernels", "Memory", "along"]

@@ -52,28 +52,11 @@ class Kernel:
 
     The states are the weighted means :math:`s_j = x_j z_j`, :math:`s_j' = x_j (v - s_j)`,
     :math:`s_j(0) = 0`, of the velocity v: none is larger than v has been, all have its unit,
-    and all terms share them.
+    and all terms share them. The weights :math:`w_{kj}` with which they enter the force of term k
+    are those of quadratures of :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx` (time^theta,
+    of the sign of theta), of the derivative of this by theta for a slope, of
+    :math:`\rho(x) dx / x` for a law.
 
-    Parameters
-    ----------
-    terms
-        Exponents theta in (-1, 1), integrals where positive, derivatives where negative; slopes;
-        kernels of relaxation laws.
-    rates
-        Rates x_j > 0, ascending, 1/time, shape ``(J,)``.
-    weights
-        Factors :math:`w_{kj}` with which the states enter the force of term k, shape
-        ``(n_terms, J)``: quadrature weights of
-        :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx` (time^theta, of the sign of theta),
-        of the derivative of this by theta for a slope, of :math:`\rho(x) dx / x` for a law.
-
-    Raises
-    ------
-    ValueError
-        For shapes that do not fit, rates out of order and weights of the wrong sign.
-
-    Notes
-    -----
     Discretised by a Runge-Kutta method with matrix A and weights b,
 
     .. math:: (I^\theta V)_n = h_n^\theta A^\theta V_n + \sum_j w_j (1 + h_n x_j A)^{-1} 1 s_{n,j},
@@ -83,23 +66,11 @@ class Kernel:
     If all s and all V grow by the same constant, a derivative (theta < 0) does not change.
     """
 
-    terms: tuple[Term, ...]
-    rates: Array
-    weights: Array
+    terms: tuple[Term, ...]  # exponents, integrals where positive, derivatives where negative, ...
+    rates: Array  # x_j > 0, ascending, 1/time, shape (J,)
+    weights: Array  # shape (n_terms, J)
 
     def __post_init__(self) -> None:
-        shape = (len(self.terms), self.rates.size)
-        if self.rates.ndim != 1 or self.weights.shape != shape:
-            raise ValueError(
-                f"kernel: rates of shape {self.rates.shape} and weights of shape "
-                f"{self.weights.shape} are not allowed for {shape[0]} terms"
-            )
-        if not (np.all(np.diff(self.rates) > 0) and np.all(self.rates > 0)):
-            raise ValueError("kernel: rates must be positive and increase strictly")
-        for term, weights in zip(self.terms, self.weights, strict=True):
-            sign = np.sign(term) if isinstance(term, float) else 1.0
-            if not isinstance(term, Slope) and not np.all(weights * sign >= 0):
-                raise ValueError("kernel: weights must have the signs of their exponents")
         self.rates.setflags(write=False)
         self.weights.setflags(write=False)
 
@@ -140,11 +111,6 @@ def power_kernel(
     is room for. The accuracy, 1e-15 to 0.1, is that of the weights of the history, relative to
     their size. Kernels are shared for the powers of 2 next to the arguments.
 
-    Raises
-    ------
-    ValueError
-        For arguments out of range.
-
     Notes
     -----
     The trapezoidal rule in u with :math:`\log x = u - e^{u_0 - u} + e^{u - u_1}` (for the lower
@@ -160,20 +126,6 @@ def power_kernel(
     that distance is more than :math:`\pi / 2`. A density from a least rate l on is integrated
     over x - l.
     """
-    numbers = [theta for theta in map(_exponent, terms) if theta is not None]
-    if not terms or not all(abs(theta) < 1 for theta in numbers):
-        raise ValueError(f"exponents: {numbers}; each must lie in (-1, 1)")
-    if not 0 < shortest_step <= final_time < math.inf:
-        raise ValueError(
-            f"shortest_step: {shortest_step} is not allowed; it must be positive and at most the "
-            f"final time {final_time}"
-        )
-    if stages < 1:
-        raise ValueError(f"stages: {stages} is not allowed; it must be at least 1")
-    if not 1e-15 <= accuracy <= 0.1:
-        raise ValueError(f"accuracy: {accuracy} is not allowed; permitted are 1e-15 to 0.1")
-    if steps is not None and not steps >= 1:
-        raise ValueError(f"steps: {steps} is not allowed; it must be at least 1")
     most = final_time / shortest_step if steps is None else float(steps)
     return _kernel(
         tuple(float(term) if isinstance(term, int | float) else term for term in terms),
@@ -223,13 +175,6 @@ def _is_law(term: Term) -> TypeGuard[RelaxationKernel]:
     return not isinstance(term, float | Slope)
 
 
-def _exponent(term: Term) -> float | None:
-    """The exponent of a power or of its derivative; None for a law."""
-    if isinstance(term, Slope):
-        return term.exponent
-    return float(term) if isinstance(term, int | float) else None
-
-
 def _ends(term: Term) -> tuple[tuple[float, float], ...]:
     """Powers of a density per logarithm at both ends: of all exponents, or of a law with one."""
     if not _is_law(term):
@@ -243,15 +188,12 @@ def _shift(term: Term) -> float:
 
 def _weights(term: Term, rule: RateRule) -> Array:
     """Weights of the states in the force of a term, ``(J,)``."""
-    if _is_law(term):
+    if not isinstance(term, float | Slope):
         return rule.of_density(term.log_density)
-    theta = _exponent(term) or 0.0
+    theta = term.exponent if isinstance(term, Slope) else term
     # sin(pi theta) / pi in full relative accuracy up to -1 and 1
     sine = math.copysign(math.sin(math.pi * min(abs(theta), 1 - abs(theta))), theta) / math.pi
     factors = np.full_like(rule.logs, sine)
     if isinstance(term, Slope):
         factors = math.cos(math.pi * theta) - sine * rule.logs
     return rule.of_power(theta, factors)
-
-
-__all__ = ["LARGEST_EXPONENT", "Kernel", "Slope", "Term", "power_kernel"]

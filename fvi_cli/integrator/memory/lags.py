@@ -6,7 +6,7 @@ With the unknowns :math:`U_k` of a step (its increments over h) the sampled diff
 .. math:: F_k = \sum_{n=0}^{k} K_n U_{k-n} D, \qquad K_n = h\,(w_n E^T + w_{n-1} C^T),
 
 with the weights w on differences. Near lags are remembered one by one, and behind them the weights
-are exponentials (:mod:`fvi_cli.integrator.memory.backward_differences`), each with one state
+are exponentials (:func:`lag_exponentials`), each with one state
 for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. Where every sum is
 to be written out all lags are near. Order 1, whose weights end, is a term like the others.
 """
@@ -20,13 +20,76 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from fvi_cli.integrator.memory.backward_differences import lag_exponentials
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along
-from fvi_cli.integrator.memory.kernel import Term
+from fvi_cli.integrator.memory.kernel import Term, power_kernel
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.bdf import difference_weights
+
+NEAR_LAGS = {1: 64, 2: 64, 3: 64, 4: 64, 5: 128, 6: 256}
+"""From this lag on the weights are exponentials, by the order p: the zeros of the symbol beside
+z = 1 are at :math:`|z_j| \\geq` 3, 2.3, 1.8 (p = 2, 3, 4), 1.41 and 1.158."""
+_GONE = 45.0
+"""An exponential that has fallen by this many e-folds at that lag is left out."""
+_ACCURACY = 1e-15
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LagExponentials:
+    r"""Weights :math:`w_n = \sum_j c_j e^{-n y_j}` for lags :math:`n \geq` `near`."""
+
+    near: int  # first lag from which they hold
+    rates: Array  # y_j per step, ascending, shape (J,), the same for all orders
+    factors: Array  # c_j for every order of differentiation, shape (n_orders, J)
+
+
+def lag_exponentials(
+    bdf_order: int, orders: Sequence[float], n_steps: int, *, writes_out: bool = False
+) -> LagExponentials:
+    r"""Lags to remember one by one on N equal steps, and exponentials behind them.
+
+    The weights on differences are the coefficients of :math:`\gamma_p(z)^\gamma / (1 - z)`.
+    Cauchy's integral around the cuts of that function is one over the cut from its branch point
+    z = 1 and others from the zeros of :math:`\gamma_p(z) / (1 - z)`, whose part falls like
+    :math:`|z_j|^{-n}` with the lag n. So behind some lags
+
+    .. math:: w_n = \frac{\sin \pi\gamma}{\pi} \int_0^\infty
+              \frac{|\gamma_p(e^y)|^\gamma}{e^y - 1} e^{-n y} \, dy
+
+    to round-off. At small y the density is that of the fractional integral,
+    :math:`y^{\gamma - 1}` times an analytic function, and the rates of
+    :mod:`fvi_cli.integrator.memory.kernel` serve.
+
+    For orders in (0, 2), whole ones among them, whose weights end, N + 1 weights of steps of length
+    1, to 5e-14 of each; without rates where none lies behind the near ones, or every sum is written
+    out.
+    """
+    near = NEAR_LAGS[bdf_order]
+    fractional = [order for order in orders if order != 1.0]
+    if writes_out or not fractional or n_steps <= near:
+        # the weights of order 1 end
+        near = n_steps if fractional else min(bdf_order, n_steps)
+        return LagExponentials(near=near, rates=np.zeros(0), factors=np.zeros((len(orders), 0)))
+    kernel = power_kernel(
+        [1.0 - order for order in fractional],
+        shortest_step=1.0,
+        final_time=float(n_steps + 1),
+        stages=1,
+        steps=1.0,
+        accuracy=_ACCURACY,
+    )
+    count = int(np.searchsorted(kernel.rates, _GONE / near, side="right"))
+    rates = kernel.rates[:count]
+    beyond = np.expm1(rates)
+    symbol = -sum((-beyond) ** k / k for k in range(1, bdf_order + 1))
+    weights = iter(kernel.weights[:, :count])
+    factors = np.zeros((len(orders), count))
+    for place, order in enumerate(orders):
+        if order != 1.0:
+            # the weights of the kernel are those of y**(gamma - 2)
+            factors[place] = next(weights) * rates**2 / beyond * (symbol / rates) ** order
+    return LagExponentials(near=near, rates=rates, factors=factors)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +124,9 @@ class LagKernels(Kernels):
     def _response_of(self, one: Combination) -> Array:
         """Force of unit states on the block, ``(q or 1, B m, J)``."""
         if len(one.places) > 1:
-            raise ValueError("combinations: members of backward differences have the same orders")
+            raise ValueError(
+                "combinations: members of backward differences must have the same orders"
+            )
         if one not in self._combined:
             self._combined[one] = one.combine(self.response)
         return self._combined[one]
@@ -103,15 +168,6 @@ class Lags:
 
     Terms are exponents, 1 less the orders, each once; with `writes_out` every sum over the past is
     written out.
-
-    Attributes
-    ----------
-    n_lags
-        Number L of steps that are remembered one by one.
-    n_inputs
-        Number s of unknowns of a step.
-    n_steps, h
-        Number and length of the steps.
     """
 
     column_start = 0.0
@@ -211,6 +267,3 @@ def _decayed(lags: Integers, rates: Array, factors: Array) -> Array:
     """``sum_j exp(-n y_j) factors_j`` for lags n, ``(K, n, m, s)``."""
     decay = np.exp(-np.outer(lags, rates))
     return np.asarray(np.einsum("nj,tjms->tnms", decay, factors))
-
-
-__all__ = ["LagKernels", "Lags"]

@@ -10,8 +10,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Factored, Form, as_csr, form, touched
-from fvi_cli.effects.matrix_force import MatrixForce
+from fvi_cli.effects.damping import MatrixForce
+from fvi_cli.effects.matrices import Form, as_csr, form, touched
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -60,8 +60,10 @@ class Reach:
                 return form(term.form[np.ix_(self.components, self.components)])
             return cast(Form, as_csr(term.form)[self.components][:, self.components])
         if term.factored is None:
-            raise ValueError("damping: a term that reaches every component is not remembered so")
-        places = _places(self.rows, term.factored)
+            raise ValueError("damping: a term on every component has no rows of its own")
+        columns, kept = self._compact
+        own = term.factored.rows[:, columns]
+        places = [int(np.flatnonzero((kept == row).all(axis=1))[0]) for row in own]
         whole = np.zeros((self.count, self.count))
         np.add.at(whole, np.ix_(places, places), term.factored.inner)
         return form(whole)
@@ -83,21 +85,3 @@ def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
 
     units = as_csr(cast(Form, eye_array(reached.size, format="csr")))[components]
     return Reach(rows=cast(Form, units), components=components)
-
-
-def _places(rows: Form, factored: Factored) -> list[int]:
-    """Where the rows of a factored matrix stand among others."""
-    kept = [_entries_of(rows, index) for index in range(rows.shape[0])]
-    wanted = form(factored.rows)
-    return [kept.index(_entries_of(wanted, index)) for index in range(wanted.shape[0])]
-
-
-def _entries_of(rows: Form, index: int) -> dict[int, float]:
-    """The entries of a row that are not zero, by their column."""
-    if isinstance(rows, np.ndarray):
-        columns = np.flatnonzero(rows[index])
-        return dict(zip(columns.tolist(), rows[index, columns].tolist(), strict=True))
-    one = as_csr(rows)
-    kept = slice(int(one.indptr[index]), int(one.indptr[index + 1]))
-    pairs = zip(one.indices[kept].tolist(), one.data[kept].tolist(), strict=True)
-    return {column: value for column, value in pairs if value != 0}

@@ -11,6 +11,7 @@ and any z > 0. Eigenvectors of A lose a digit for every two stages.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -19,8 +20,7 @@ from numpy.polynomial import legendre
 
 from fvi_cli.integrator.memory.kernel import Slope, Term
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.matrices.powers import matrix_power
-from fvi_cli.mathematics.runge_kutta import ButcherTableau, tableau
+from fvi_cli.mathematics.runge_kutta import ButcherTableau, matrix_power, tableau
 
 # exp(-800) is zero in double precision, and 0 * -800 is 0 where 0 * -inf would be NaN
 _LOG_OF_ZERO = -800.0
@@ -56,18 +56,9 @@ class StageExponentials:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageOperator:
-    """Functions of integration by one Runge-Kutta method over one step.
-
-    Raises
-    ------
-    ValueError
-        For another family of tableaux.
-    """
+    """Functions of integration by one Runge-Kutta method over one step."""
 
     tableau: ButcherTableau  # gauss, Radau IIA or Lobatto IIIC, m stages
-
-    def __post_init__(self) -> None:
-        _matrix_entries(self.tableau)
 
     @cached_property
     def _entries(self) -> tuple[Array, float]:
@@ -101,8 +92,8 @@ class StageOperator:
         matrix[-1, -1] += corner
         return matrix
 
-    def local_block(self, term: Term, h: float = 1.0) -> Array:
-        r"""A term on the stages of one step of length `h`, shape ``(m, m)``.
+    def local_blocks(self, term: Term, sizes: Array) -> Array:
+        r"""A term on the stages of steps of u lengths h, shape ``(u, m, m)``.
 
         .. math:: h^\theta A^\theta, \qquad h^\theta A^\theta (\ln h + \ln A), \qquad
                   \hat k((h A)^{-1})
@@ -110,16 +101,24 @@ class StageOperator:
         for a power, its derivative by the exponent, and a law. The power 0 is the identity.
         """
         name, m = self.tableau.name, self.n_stages
+
+        def of_sizes(function: Callable[[float], float]) -> Array:
+            # number by number: a size has the same bits whatever stands beside it
+            return np.array([function(h) for h in sizes.tolist()])[:, None, None]
+
+        def scaled(theta: float, matrix: Array) -> Array:
+            return np.asarray(of_sizes(lambda h: h**theta) * matrix)
+
         if isinstance(term, float):
-            return np.asarray(h**term * _power(name, m, term))
+            return scaled(term, _power(name, m, term))
         if isinstance(term, Slope):
-            block = self.local_block(term.exponent, h)
-            return block @ _logarithm(name, m) + math.log(h) * block
+            block = self.local_blocks(term.exponent, sizes)
+            return np.asarray(block @ _logarithm(name, m) + of_sizes(math.log) * block)
 
         def power(theta: float) -> Array:
-            return np.asarray(h**theta * _power_of_coefficients(name, m, theta))
+            return scaled(theta, _power_of_coefficients(name, m, theta))
 
-        block = term.on_integration(h * self.matrix, power)
+        block = term.on_integration(sizes[:, None, None] * self.matrix, power)
         return np.asarray(self.to_values @ block @ self.to_coefficients)
 
     def exponentials(self, z: Array) -> StageExponentials:
@@ -148,7 +147,7 @@ class StageOperator:
         columns[0] = 1.0 / (rest + half)
         columns[1:] = -off[:, None] * z / tails[1:]
         columns = np.multiply.accumulate(columns, axis=0)
-        # R = (1 - q) / (1 + q): nothing cancels at either end
+        # R = (1 - q) / (1 + q): no digits cancel at either end
         q = half / rest
         with np.errstate(divide="ignore"):
             log_magnitudes = -2.0 * np.arctanh(np.minimum(q, 1.0 / q))
@@ -163,11 +162,9 @@ def _matrix_entries(method: ButcherTableau) -> tuple[Array, float]:
         return off, 0.0
     if method.name == "radau-iia":
         return off, 1.0 / (4 * m - 2)
-    if method.name == "lobatto-iiic":
-        # the rule is not exact for the square of the last polynomial
-        off[-1] *= math.sqrt((2 * m - 1) / (m - 1))
-        return off, 1.0 / (2 * m - 2)
-    raise ValueError(f"tableau: {method.name!r} is not one of gauss, radau-iia, lobatto-iiic")
+    # of Lobatto IIIC: the rule is not exact for the square of the last polynomial
+    off[-1] *= math.sqrt((2 * m - 1) / (m - 1))
+    return off, 1.0 / (2 * m - 2)
 
 
 @cache
@@ -203,6 +200,3 @@ def _logarithm(name: str, n_stages: int) -> Array:
     from scipy.linalg import logm
 
     return _in_values(name, n_stages, np.real(logm(stage_operator(name, n_stages).matrix)))
-
-
-__all__ = ["StageExponentials", "StageOperator", "stage_operator"]

@@ -33,10 +33,10 @@ class AdaptiveSteps:
     A step is accepted if its error est is at most the tolerance: what the Legendre coefficients of
     its velocity leave out, what shows between its stages
     (:mod:`~fvi_cli.integrator.local_error.defect`) and what formulas may hide between those
-    points (:mod:`~fvi_cli.integrator.local_error.hidden`). The next size is
+    points (:mod:`~fvi_cli.integrator.local_error.examine`). The next size is
     :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most eight times as long. Where an argument of
     ``abs`` or ``sign`` in a formula is zero, a step ends
-    (:mod:`~fvi_cli.integrator.local_error.kinks`).
+    (:mod:`~fvi_cli.integrator.local_error.examine`).
 
     Parameters
     ----------
@@ -73,29 +73,8 @@ class AdaptiveSteps:
 class StepController:
     """Sizes of successive steps of one run.
 
-    Parameters
-    ----------
-    steps
-        What is asked for.
-    final_time
-        T.
-    breaks
-        Break points inside (0, T); each becomes a point of the mesh.
-    stages
-        Number m of stages.
-    is_singular
-        Whether the motion begins like a fractional power of t, at 0 and after break points.
-
-    Attributes
-    ----------
-    time, is_fresh
-        Where the next step begins, and whether that is the start or a break point.
-    rejected, forced
-        Steps tried in vain, and steps of the shortest size that err by more than the tolerance.
-    forced_at
-        Where the last of these began; None: there is none.
-    is_stuck
-        Whether not even a step of the shortest size could be solved.
+    Each break point inside (0, T) becomes a point of the mesh. A motion that is singular begins
+    like a fractional power of t, at 0 and after break points.
     """
 
     def __init__(
@@ -120,12 +99,12 @@ class StepController:
         self._size = self._first
         self._cut: float | None = None
         self._intended = self._first
-        self.time = 0.0
-        self.is_fresh = True
-        self.rejected = 0
-        self.forced = 0
+        # where the next step begins, and whether that is the start or a break point
+        self.time, self.is_fresh = 0.0, True
+        # rejected steps, and steps of the shortest size that err too much, with the last of them
+        self.rejected = self.forced = 0
         self.forced_at: float | None = None
-        self.is_stuck = False
+        self.is_stuck = False  # not even a step of the shortest size could be solved
         self._reaches_end = False
 
     @property
@@ -180,14 +159,9 @@ class StepController:
     ) -> bool:
         """Whether a step with this estimate of its error is accepted; the next size follows.
 
-        Parameters
-        ----------
-        size, estimate
-            The step, and its error; infinite where it could not be solved.
-        scale
-            Size of the position; less than :data:`ROUND_OFF` of it is no error of a step.
-        ends_on_kink
-            Whether the force has a kink at its end: the motion begins anew there.
+        The estimate is infinite where it could not be solved; less than :data:`ROUND_OFF` of the
+        scale, that of the position, is none. Where the force has a kink at the end of the step, the
+        motion begins anew there.
         """
         self._cut = None
         solved = math.isfinite(estimate)

@@ -49,14 +49,13 @@ def graded_start_mesh(
     stretches: list[Stretch] = []
     for begin, end, count, size in _parts(final_time, n_steps, breaks):
         power = exponent(begin == 0.0)
-        if power is None or size < 2 * _least_step(begin):
+        if power is None or size < 2 * least_step(begin):
             stretches.append(
                 Stretch(begin=begin, end=end, n_steps=count, step_size=size, is_fresh=True)
             )
             continue
-        least = min(n_steps // WINDOW_SHARE, WINDOW_LEAST)
-        window = max(1, min(max(count // WINDOW_SHARE, least), count, WINDOW_MOST))
-        inside = _window(begin, size, window, 2 * stages, power)
+        window = window_of(count, n_steps)
+        inside = graded_window(begin, size, window, 2 * stages, power)
         stretches += inside
         if window < count:
             stretches.append(
@@ -75,17 +74,25 @@ def graded_start_mesh(
     return Mesh(stretches=tuple(stretches))
 
 
-def _least_step(begin: float) -> float:
+def window_of(count: int, n_steps: int) -> int:
+    """Steps of a part of so many, in a run of so many, that are graded."""
+    least = min(n_steps // WINDOW_SHARE, WINDOW_LEAST)
+    return max(1, min(max(count // WINDOW_SHARE, least), count, WINDOW_MOST))
+
+
+def least_step(begin: float) -> float:
     """Shortest step at this time that round-off leaves alone; zero at the start."""
     return LEAST_IN_ULPS * math.ulp(begin) if begin > 0 else 0.0
 
 
-def _window(begin: float, size: float, window: int, order: int, power: float) -> list[Stretch]:
+def graded_window(
+    begin: float, size: float, window: int, order: int, power: float
+) -> list[Stretch]:
     """Stretches of `window` steps of the grid, finest first."""
     grading = (order + EXCESS) / power
     # with tau ~ t^(1 - 1/r) that share of the steps of a level is halved once more
     share = 2.0 ** (-1.0 / (grading - 1.0)) if grading > 1.0 else 0.0
-    levels, least = [window], _least_step(begin)
+    levels, least = [window], least_step(begin)
     while levels[-1] > 1 and size * 0.5 ** (len(levels) + 1) >= least:
         levels.append(max(1, math.ceil(window * share ** len(levels) - 1e-9)))
     finest = size * 0.5 ** len(levels)
@@ -105,7 +112,7 @@ def _window(begin: float, size: float, window: int, order: int, power: float) ->
             )
         )
         done = end
-    # the finest level fills what the one above it left over; its first step is cut already
+    # the finest level fills the remainder of the one above it; its first step is cut already
     for depth in range(len(levels) - 1, -1, -1):
         step = size * 0.5 ** (depth + 1)
         first = 1 if depth == len(levels) - 1 else levels[depth + 1]

@@ -95,6 +95,20 @@ class Mesh:
             one.n_steps // one.reported_every for one in self.stretches if one.reported_every
         )
 
+    @functools.cached_property
+    def times(self) -> Array:
+        """Points of all steps, shape ``(n + 1,)``."""
+        inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in self.stretches]
+        ends = [np.append(own, one.end) for own, one in zip(inside, self.stretches, strict=True)]
+        return np.concatenate([[0.0], *ends])
+
+    @property
+    def sizes(self) -> Array:
+        """Of all steps, shape ``(n,)``."""
+        return np.repeat(
+            [one.step_size for one in self.stretches], [one.n_steps for one in self.stretches]
+        )
+
     def check_breaks(self, breaks: tuple[float, ...]) -> None:
         """Refuse a mesh with a break point inside of a step.
 

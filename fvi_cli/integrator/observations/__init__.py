@@ -1,1 +1,1 @@
-"""What is asked of a motion beside its positions: times, quantities, events, impacts."""
+"""Requested outputs of a motion besides its positions: times, quantities, events, impacts."""

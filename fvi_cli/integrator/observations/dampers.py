@@ -15,8 +15,9 @@ the energy loses; its integral over whole steps is the quadrature of the method.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal, cast
 
 import numpy as np
@@ -27,8 +28,12 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import SparseMatrix, is_sparse, times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
+from fvi_cli.integrator.observations.motion import DenseMotion, join_series, stage_series
+from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
 MOST_COMPONENTS = 1000
 """Components of a damper that have names of their own, at most."""
@@ -65,7 +70,7 @@ def deformation_of(scene: Scene, place: int, motion: Array) -> Array:
 
 
 def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
-    """By name what can be asked of dampers: ``force_1``, ``deformation_1`` and ``work_1``.
+    """Quantities of dampers by name: ``force_1``, ``deformation_1`` and ``work_1``.
 
     In place of the number stands the name of a damper that has one; behind it, where a damper has
     several components, their number: ``force_1_2``. Where the motion is given, ``force`` is that
@@ -172,10 +177,38 @@ def check_work(scene: Scene, name: str) -> None:
         )
 
 
+def rough_dampers(scene: Scene) -> tuple[int, ...]:
+    """Places of dampers whose forces at the stages keep the error of the first step."""
+    if not rate_jumps(scene):
+        return ()
+    every = enumerate(dampers_of(scene))
+    return tuple(k for k, own in every if any(getattr(one, "order", 0.0) > 1 for one in own))
+
+
+def deformation_rows(scene: Scene, place: int) -> Array:
+    """B of a damper, ``(c, d)``."""
+    return deformation_of(scene, place, np.eye(scene.dimension)).T
+
+
+@lru_cache(maxsize=8)
+def is_separable(scene: Scene) -> bool:
+    """Whether the balance of forces gives that of each rough damper: their B are independent."""
+    rough = rough_dampers(scene)
+    if scene.is_sparse or not rough:
+        return False
+    rows = np.concatenate([deformation_rows(scene, one) for one in rough])
+    return bool(np.linalg.matrix_rank(rows) == len(rows))
+
+
+def loses_by_dampers(scene: Scene, steps: RunSteps) -> bool:
+    """Whether the energy of a motion changes by the work of its dampers alone."""
+    return scene.forcing is None and scene.lagrangian is None and steps.jump is None
+
+
 def running_work(shape: RunSteps, force: Array | None, rate: Array) -> Array:
     """Chebyshev coefficients, on every step, of the work since the start, ``(r + 1, n)``.
 
-    Force and rate of deformation are those at the stages, ``(n, r, c)``; None: nothing acts.
+    Force and rate of deformation are those at the stages, ``(n, r, c)``; None: no force acts.
     """
     stages = shape.tables.points.size
     if force is None:
@@ -185,3 +218,97 @@ def running_work(shape: RunSteps, force: Array | None, rate: Array) -> Array:
     found = np.asarray(chebyshev.chebint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
     found[0, 1:] += np.cumsum(found.sum(axis=0))[:-1]
     return found
+
+
+class DampersAlong:
+    """The dampers of members along their motions; what they remember is found once."""
+
+    def __init__(self, motion: DenseMotion) -> None:
+        self._motion = motion
+        self._series: dict[tuple[str, int], Array] = {}
+
+    def __call__(self, value: DamperValue, steps: Places, tau: Array) -> Array:
+        """A force, deformation or work at places of steps, shape ``(n,)``."""
+        motion, place = self._motion, value.place
+        if place == TOGETHER:
+            count = len(dampers_of(motion.scenes[0]))
+            every = (replace(value, place=one) for one in range(count))
+            return np.asarray(sum(self(one, steps, tau) for one in every))
+        if value.kind == "work":
+            found = evaluate_series(self._works(place), steps, 2.0 * tau - 1.0)[:, 0]
+            for member, own in by_owner(motion.owner, steps, len(motion.scenes)):
+                scene = motion.scenes[member]
+                is_lost = loses_by_dampers(scene, motion.steps[member])
+                if rough_dampers(scene) == (place,) and is_lost:
+                    found[own] = self._work_by_energy(member, place, steps[own], tau[own])
+            return found
+        position, found = motion.position(steps, tau), np.zeros(steps.size)
+        is_force, time = value.kind == "force", motion.time(steps, tau)
+        if is_force:
+            series = self._remembered(place)
+            found = evaluate_series(series, steps, 2.0 * tau - 1.0)[:, value.component]
+        for member, own in by_owner(motion.owner, steps, len(motion.scenes)):
+            scene = motion.scenes[member]
+            deformation = deformation_of(scene, place, position[own])
+            if not is_force:
+                found[own] = deformation[:, value.component]
+                continue
+            if place in rough_dampers(scene) and is_separable(scene):
+                balanced = self._by_balance(scene, place, steps[own], tau[own])
+                found[own] = balanced[:, value.component]
+                continue
+            at_start = remembered_at_start(scene, place)[value.component]
+            found[own] = np.where(time[own] == 0.0, at_start, found[own])
+            found[own] += spring_force(scene, place, deformation, time[own])[:, value.component]
+        return found
+
+    def _work_by_energy(self, member: int, place: int, steps: Places, tau: Array) -> Array:
+        """The work of the one rough damper, ``(n,)``: what the others leave of the lost energy."""
+        motion, scene = self._motion, self._motion.scenes[member]
+        momentum = scene.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+        _, energy = motion.momentum_and_energy(motion.position(steps, tau), steps, tau)
+        found = scene.energy(scene.initial_position, momentum, 0.0) - energy
+        for other in range(len(dampers_of(scene))):
+            if other != place:
+                found -= self(DamperValue(kind="work", place=other), steps, tau)
+        return np.asarray(found)
+
+    def _by_balance(self, scene: Scene, place: int, steps: Places, tau: Array) -> Array:
+        """The force of a rough damper, ``(n, c)``: what the others leave of the whole damping."""
+        motion, rough = self._motion, rough_dampers(scene)
+        rest = -motion.damping(steps, tau)
+        for other in range(len(dampers_of(scene))):
+            if other in rough:
+                continue
+            for component, row in enumerate(deformation_rows(scene, other)):
+                value = DamperValue(kind="force", place=other, component=component)
+                rest -= self(value, steps, tau)[:, None] * row
+        rows = np.concatenate([deformation_rows(scene, one) for one in rough])
+        first = sum(len(deformation_rows(scene, one)) for one in rough if one < place)
+        forces = rest @ np.linalg.pinv(rows)
+        return np.asarray(forces[:, first : first + len(deformation_rows(scene, place))])
+
+    def _remembered(self, place: int) -> Array:
+        """Chebyshev coefficients of what a damper remembers, ``(K, N, c)``."""
+        if ("force", place) not in self._series:
+            every = self._at_stages(place)
+            forces = [np.zeros_like(rate) if one is None else one for one, rate, _ in every]
+            self._series["force", place] = stage_series(self._motion.shapes, forces)
+        return self._series["force", place]
+
+    def _works(self, place: int) -> Array:
+        """Chebyshev coefficients of the work on a damper, ``(K, N, 1)``."""
+        if ("work", place) not in self._series:
+            for scene in self._motion.scenes:
+                check_work(scene, f"work_{place + 1}")
+            found = [running_work(o, f, rate)[..., None] for f, rate, o in self._at_stages(place)]
+            self._series["work", place] = join_series(found)
+        return self._series["work", place]
+
+    def _at_stages(self, place: int) -> Iterator[tuple[Array | None, Array, RunSteps]]:
+        """For every member force and rate of deformation of a damper, ``(n, r, c)``."""
+        motion = self._motion
+        every = zip(motion.find_forces(place), motion.scenes, motion.shapes, strict=True)
+        for forces, scene, shape in every:
+            rate = deformation_of(scene, place, shape.velocity)
+            yield None if forces is None else forces.sum(axis=0), rate, shape

@@ -26,11 +26,10 @@ from fvi_cli.integrator.observations.pieces import (
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
 
 Variables = Callable[[Places, Array], Mapping[str, Array | float]]
-"""The variables of a formula there, by name, numbers or of shape ``(n,)``."""
+"""The variables of a formula there, by name, numbers or of the shape of the places."""
 
 DECAY = 1e-9
 """Last coefficients of a piece that is resolved, relative to the largest."""
@@ -40,7 +39,7 @@ TIGHT = 1.1
 SHRINKAGE, SHRINKS = 0.6, 3
 """Ranges that so often shrink to this share with half of the piece are overestimates only."""
 ROUND_OFF = 1e-14
-"""Relative to the largest value; narrower ranges are told from nothing."""
+"""Relative to the largest value; narrower ranges are not resolved."""
 ULPS = 4 * 2.0**-52
 """By so much of its size every variable may be off."""
 
@@ -55,11 +54,11 @@ class FormulaAlong:
     owner: Places | None = None  # member of every step, (N,), where constants are more than one
 
     def __call__(self, steps: Places, tau: Array) -> Array:
-        """Values at places of steps, ``(n,)``."""
-        return self._values(steps, self.variables(steps, tau))
+        """Values at places of steps."""
+        return self._values(steps, tau, self.variables(steps, tau))
 
-    def _values(self, steps: Places, variables: Mapping[str, Array | float]) -> Array:
-        found = np.empty(steps.size)
+    def _values(self, steps: Places, tau: Array, variables: Mapping[str, Array | float]) -> Array:
+        found = np.empty(tau.shape)
         for chosen, value in self._by_constants(steps, variables, NUMPY_FUNCTIONS):
             found[chosen] = value
         return found
@@ -80,8 +79,8 @@ class FormulaAlong:
 
         Steps are ``(n,)``, their places ``(n, POINTS)``.
         """
-        variables = self.variables(np.repeat(steps, POINTS), tau.ravel())
-        values = self._values(np.repeat(steps, POINTS), variables).reshape(tau.shape)
+        variables = self.variables(steps[:, None], tau)
+        values = self._values(steps, tau, variables)
         boxes: dict[str, Interval | float] = {}
         middles: dict[str, Array | float] = {}
         for name in self.expression.names & set(variables):
@@ -89,7 +88,7 @@ class FormulaAlong:
             if np.ndim(one) == 0:
                 boxes[name] = middles[name] = float(one)
                 continue
-            columns = np.reshape(one, tau.shape)
+            columns = np.broadcast_to(one, tau.shape)
             boxes[name], middles[name] = _box(columns), columns[:, POINTS // 2]
         return values, self._range(steps, boxes), self._noise(steps, middles)
 
@@ -103,7 +102,7 @@ class FormulaAlong:
             name: one if isinstance(one, float) else _around(np.asarray(one))
             for name, one in variables.items()
         }
-        width = width_of(self._range(steps, boxes))
+        width = interval_length(self._range(steps, boxes))
         return np.where(np.isfinite(width), width, 0.0)
 
     def _range(self, steps: Places, boxes: Mapping[str, Interval | float]) -> Interval:
@@ -128,7 +127,7 @@ def _at(one: Any, chosen: Places | slice) -> Any:
     return one[chosen] if np.ndim(one) else one
 
 
-def width_of(found: Interval) -> Array:
+def interval_length(found: Interval) -> Array:
     """Length of ranges; inf where both ends are infinite."""
     with np.errstate(invalid="ignore"):
         return np.where(np.isnan(found.width), math.inf, found.width)
@@ -155,7 +154,7 @@ class Resolved:
         self, depth: int, step: Places, tau: Array, part: Places, carried: Array
     ) -> tuple[Array, Array, Mask, Array]:
         """As :class:`~fvi_cli.integrator.observations.pieces.Criterion`."""
-        values = self._along(np.repeat(step, POINTS), tau.ravel()).reshape(tau.shape)
+        values = self._along(step[:, None], tau)
         coefficients = coefficients_of(values)
         size = np.abs(coefficients)
         rough = size[:, -2:].max(axis=1) > DECAY * size.max(axis=1)
@@ -191,7 +190,7 @@ class Isolated:
         tail = size[:, -2:].max(axis=1)
         is_resolved = (tail <= DECAY * size.max(axis=1)) | (tail <= noise)
         is_resolved &= np.isfinite(values[:, 1:-1]).all(axis=1)
-        width, (before, shrinks) = width_of(found), carried.T
+        width, (before, shrinks) = interval_length(found), carried.T
         shrinks = np.where(width <= SHRINKAGE * before, shrinks + 1.0, 0.0)
         is_known = width <= TIGHT * 2.0 * size[:, 1:].sum(axis=1)
         rough = (found.low <= 0.0) & (found.high >= 0.0)

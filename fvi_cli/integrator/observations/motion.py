@@ -24,8 +24,9 @@ equation of motion.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -34,7 +35,7 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.pieces import by_owner
+from fvi_cli.integrator.observations.pieces import AT_A_TIME, by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -63,6 +64,8 @@ class DenseMotion:
     # the damper in a place what it remembers, on its deformation; None without damping
     find_forces: Callable[[int | None], Sequence[Array | None]]
     remarks: tuple[str, ...] = ()  # of each; empty: none
+    # whether the velocities at t = 0 are those of the scenes; those of derivatives are polynomials
+    are_starts_given: bool = False
 
     # the mesh
 
@@ -103,28 +106,29 @@ class DenseMotion:
         return steps + self.firsts[member], tau
 
     def time(self, steps: Places, tau: Array) -> Array:
-        """Times of places, shape ``(n,)``; the end of a step is the point of the mesh."""
+        """Times of places; the end of a step is the point of the mesh."""
         found = self.begin[steps] + tau * self.step_size[steps]
         return np.where(tau == 1.0, self.end[steps], found)
 
-    # the motion
+    # the motion: times, positions and velocities also at k places in each of n steps, (n, 1) and
+    # (n, k)
 
     def position(self, steps: Places, tau: Array) -> Array:
         """Positions, shape ``(n, d)``."""
         increments, _ = self._polynomials
         displacement = evaluate_series(increments, steps, 2.0 * tau - 1.0)
         displacement[tau == 0.0] = 0.0
-        return np.asarray(self._begins[steps] + self.step_size[steps, None] * displacement)
+        return np.asarray(self._begins[steps] + self.step_size[steps][..., None] * displacement)
 
     def velocity(self, steps: Places, tau: Array) -> Array:
         """Velocities, shape ``(n, d)``."""
         _, rates = self._polynomials
         found = evaluate_series(rates, steps, 2.0 * tau - 1.0)
-        starts = np.flatnonzero((tau == 0.0) & (self.begin[steps] == 0.0))
-        for place, member in zip(starts.tolist(), self.owner[steps[starts]].tolist(), strict=True):
-            # derivatives of a run are those of its polynomials
-            if self.shapes[member] is not self.steps[member]:
-                found[place] = self.scenes[member].initial_velocity
+        starts = np.nonzero((tau == 0.0) & (self.begin[steps] == 0.0))
+        members = self.owner[steps[starts[0]].ravel()].tolist()
+        for *place, member in zip(*starts, members, strict=True):
+            if self.are_starts_given or self.shapes[member] is not self.steps[member]:
+                found[tuple(place)] = self.scenes[member].initial_velocity
         return found
 
     @cached_property
@@ -135,38 +139,51 @@ class DenseMotion:
     def _polynomials(self) -> tuple[Array, Array]:
         """Chebyshev coefficients of increments over h and of velocities, both ``(K, N, d)``."""
         increments, rates = [], []
-        for member, shape in enumerate(self.shapes):
-            displacement = shape.tables.increments_to_series @ _first_axis(shape.unknowns)
-            rate = stage_series(shape, shape.velocity)
-            if shape is not self.steps[member]:
-                gaps = np.stack(self._gaps(member)).reshape(3, -1)
+        are_own = [one is own for one, own in zip(self.shapes, self.steps, strict=True)]
+        kinds = list(zip(are_own, map(_has_rough_velocities, self.scenes), strict=True))
+        for members in _alike(self.shapes, kinds):
+            shapes = [self.shapes[k] for k in members]
+            unknowns, d = _unknowns(shapes), shapes[0].velocity.shape[-1]
+            displacement = shapes[0].tables.increments_to_series @ _first_axis(unknowns)
+            velocity = np.stack([one.velocity for one in shapes])
+            rate = shapes[0].tables.stages_to_series @ _first_axis(velocity)
+            if not are_own[members[0]]:
+                gaps = self._gaps(members, unknowns)
                 to_displacement, to_rate = _corrections()
-                displacement, rate = (
-                    _sum(displacement, to_displacement @ gaps),
-                    _sum(rate, to_rate @ gaps),
-                )
-            increments.append(displacement.reshape(len(displacement), shape.n_steps, -1))
-            rates.append(rate.reshape(len(rate), shape.n_steps, -1))
+                displacement = _sum(displacement, to_displacement @ gaps)
+                rate = _sum(rate, to_rate @ gaps)
+            increments.append(_one_after_the_other(displacement, d))
+            rates.append(_one_after_the_other(rate, d))
         return join_series(increments), join_series(rates)
 
-    def _gaps(self, member: int) -> tuple[Array, Array, Array]:
-        """What the shape lacks of mean velocities, and of velocities at both ends, ``(n, d)``.
+    def _gaps(self, members: Sequence[int], unknowns: Array) -> Array:
+        """What shapes lack of mean velocities, and of velocities at both ends, ``(q, 3, n d)``.
 
         Mean velocities are those of the increments, since in short steps the difference of two
         positions is round-off.
         """
-        scene, steps, shape = self.scenes[member], self.steps[member], self.shapes[member]
-        mean = steps.unknowns[:, -1] - shape.unknowns[:, -1]
-        if any(term.order > 1 for term in scene.active_damping):
-            return mean, mean, mean
-        with np.errstate(all="ignore"):
-            velocity = scene.velocity(steps.position, steps.momentum, steps.time)
-            before = velocity
-            if steps.jump is not None:
-                at_end = steps.momentum - steps.jump
-                before = scene.velocity(steps.position, at_end, steps.time)
-        left, right = np.einsum("sk,nsd->knd", _end_slopes(shape.tables.degree), shape.unknowns)
-        return mean, velocity[:-1] - left, before[1:] - right
+        steps, (q, n, s, d) = [self.steps[k] for k in members], unknowns.shape
+        mean = _unknowns(steps)[:, :, -1] - unknowns[:, :, -1]
+        left = right = mean
+        if not _has_rough_velocities(self.scenes[members[0]]):
+            ends = _end_slopes(self.shapes[members[0]].tables.degree)
+            flat = unknowns.reshape(-1, s, d)
+            begin, end = np.einsum("sk,nsd->knd", ends, flat).reshape(2, q, n, d)
+            with np.errstate(all="ignore"):
+                left, right = (
+                    np.stack(one) for one in zip(*map(self._velocities, members), strict=True)
+                )
+            left, right = left - begin, right - end
+        return np.stack([mean, left, right], axis=1).reshape(q, 3, -1)
+
+    def _velocities(self, member: int) -> tuple[Array, Array]:
+        """Velocities of a run where its steps begin and where they end, both ``(n, d)``."""
+        scene, steps = self.scenes[member], self.steps[member]
+        behind = before = scene.velocity(steps.position, steps.momentum, steps.time)
+        if steps.jump is not None:
+            at_end = steps.momentum - steps.jump
+            before = scene.velocity(steps.position, at_end, steps.time)
+        return behind[:-1], before[1:]
 
     def momentum_and_energy(
         self, position: Array, steps: Places, tau: Array
@@ -202,12 +219,11 @@ class DenseMotion:
     @cached_property
     def _force_series(self) -> Array:
         """Chebyshev coefficients of the damping force, ``(K, N, d)``."""
-        found = []
-        for forces, shape in zip(self.find_forces(None), self.shapes, strict=True):
-            own = np.zeros_like(shape.velocity) if forces is None else forces.sum(axis=0)
-            series = stage_series(shape, own)
-            found.append(series.reshape(len(series), shape.n_steps, -1))
-        return join_series(found)
+        every = zip(self.find_forces(None), self.shapes, strict=True)
+        return stage_series(
+            self.shapes,
+            [np.zeros_like(o.velocity) if one is None else one.sum(axis=0) for one, o in every],
+        )
 
     def acceleration(self, steps: Places, tau: Array) -> Array:
         """Accelerations from the equation of motion, shape ``(n, d)``.
@@ -236,12 +252,9 @@ class DenseMotion:
 
     @cached_property
     def _slope_series(self) -> Array:
-        found = []
-        for shape in self.shapes:
-            rate = stage_series(shape, shape.velocity)
-            slope = 2.0 * slopes_of_series(len(rate)).T @ rate
-            found.append(slope.reshape(len(slope), shape.n_steps, -1))
-        return join_series(found)
+        rate = stage_series(self.shapes, [one.velocity for one in self.shapes])
+        slope = 2.0 * slopes_of_series(len(rate)).T @ rate.reshape(len(rate), -1)
+        return slope.reshape(len(slope), *rate.shape[1:])
 
     def _force_by_balance(self, scene: Scene, steps: Places, tau: Array) -> Array:
         """Damping force that the equation of motion asks for, shape ``(n, d)``."""
@@ -257,21 +270,57 @@ class DenseMotion:
         return np.asarray(np.einsum("nij,nj->ni", mass, missing))
 
 
+def _alike(shapes: Sequence[RunSteps], kinds: Sequence[Hashable] = ()) -> Iterator[list[int]]:
+    """Successive members, of one kind where these are given, whose series are made at once."""
+
+    def kind(k: int) -> Hashable:
+        return id(shapes[k].tables), shapes[k].n_steps, kinds and kinds[k]
+
+    for _, members in itertools.groupby(range(len(shapes)), kind):
+        every = list(members)
+        # so many that their steps stay in the cache
+        count = max(1, AT_A_TIME // max(shapes[every[0]].n_steps, 1))
+        for first in range(0, len(every), count):
+            yield every[first : first + count]
+
+
+def _has_rough_velocities(scene: Scene) -> bool:
+    return any(term.order > 1 for term in scene.active_damping)
+
+
+def _unknowns(steps: Sequence[RunSteps]) -> Array:
+    """U of members with the same tables and as many steps, ``(q, n, s, d)``."""
+    velocity = np.concatenate([one.velocity for one in steps])
+    found = np.einsum("sr,nrd->nsd", steps[0].tables.to_unknowns, velocity)
+    return np.asarray(found.reshape(len(steps), -1, *found.shape[1:]))
+
+
 def _first_axis(values: Array) -> Array:
-    """From ``(n, k, d)`` to ``(k, n d)``."""
-    return np.ascontiguousarray(values.swapaxes(0, 1)).reshape(values.shape[1], -1)
+    """From ``(q, n, k, d)`` to ``(q, k, n d)``."""
+    q, _, k, _ = values.shape
+    return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(q, k, -1)
 
 
-def stage_series(shape: RunSteps, values: Array) -> Array:
-    """Chebyshev coefficients of polynomials through values at the stages, ``(K, n d)``."""
-    return np.asarray(shape.tables.stages_to_series @ _first_axis(values))
+def _one_after_the_other(series: Array, d: int) -> Array:
+    """From series of members ``(q, K, n d)`` to ``(K, q n, d)``."""
+    return series.swapaxes(0, 1).reshape(series.shape[1], -1, d)
+
+
+def stage_series(shapes: Sequence[RunSteps], values: Sequence[Array]) -> Array:
+    """Chebyshev coefficients of polynomials through values at the stages, ``(K, N, d)``."""
+    found = []
+    for members in _alike(shapes):
+        own = np.stack([values[k] for k in members])
+        series = shapes[members[0]].tables.stages_to_series @ _first_axis(own)
+        found.append(_one_after_the_other(series, own.shape[-1]))
+    return join_series(found)
 
 
 def _sum(one: Array, other: Array) -> Array:
-    """Sum of series ``(K, n)`` of different lengths."""
-    long, short = (one, other) if len(one) >= len(other) else (other, one)
+    """Sum of series ``(q, K, n)`` of different lengths."""
+    long, short = (one, other) if one.shape[1] >= other.shape[1] else (other, one)
     found = long.copy()
-    found[: len(short)] += short
+    found[:, : short.shape[1]] += short
     return found
 
 

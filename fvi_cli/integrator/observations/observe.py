@@ -11,6 +11,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.observations.dampers import dampers_of
 from fvi_cli.integrator.observations.impacts.run import integrate_with_impacts
 from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.request import Observations, check_observable
@@ -96,7 +97,7 @@ def observe(
     impacts: Mapping[str, Array] | None = None,
     checkpoints: RunKeeper | None = None,
 ) -> Pair:
-    """What is asked of a finished run with its steps.
+    """Requested outputs of a finished run with its steps.
 
     The times of its impacts, by name, are reported like events. The second run, for the motion
     between its points, has a part of its checkpoint.
@@ -124,7 +125,7 @@ def observe_members(
     impacts: Mapping[str, Array] | None = None,
     checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
-    """What is asked of finished runs by one method, all at once; see :func:`observe`.
+    """Requested outputs of finished runs by one method, all at once; see :func:`observe`.
 
     Each member has the bits that it has by itself. The formulas, and the directions of events, are
     those of the first member; values of the names in them are those of each.
@@ -145,15 +146,20 @@ def observe_members(
             found[index] = trajectory, replace(trajectory, observed=Observed(mesh=time))
         else:
             moving.append(index)
-    if moving:
-        steps = [trajectories[k].steps for k in moving]
+    groups: dict[int, list[int]] = {}
+    for index in moving:
+        # the force of a given motion is that of all dampers, of which each may have others
+        is_given = scenes[index].prescribed is not None
+        groups.setdefault(len(dampers_of(scenes[index])) if is_given else 0, []).append(index)
+    for count, members in groups.items():
+        steps = [trajectories[k].steps for k in members]
         motion = dense_motion(
-            [scenes[k] for k in moving],
+            [scenes[k] for k in members],
             method,
             [one for one in steps if one is not None],
-            part_of(checkpoints, "between the points"),
+            part_of(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
         )
-        observer = Observer(motion, [requests[k] for k in moving])
-        runs = [trajectories[k] for k in moving]
-        found.update(zip(moving, observer.observe(runs, impacts or {}), strict=True))
+        observer = Observer(motion, [requests[k] for k in members])
+        runs = [trajectories[k] for k in members]
+        found.update(zip(members, observer.observe(runs, impacts or {}), strict=True))
     return [found[index] for index in range(len(trajectories))]

@@ -9,15 +9,21 @@ from functools import cached_property, partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.dampers import DamperValue, damper_values, dampers_of
-from fvi_cli.integrator.observations.dampers_along import DampersAlong
+from fvi_cli.integrator.observations.dampers import (
+    DampersAlong,
+    DamperValue,
+    damper_values,
+    is_separable,
+    loses_by_dampers,
+    rough_dampers,
+)
 from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.observations.request import Event, Observations
 from fvi_cli.integrator.observations.search import event_places, extents_of
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
@@ -27,7 +33,7 @@ Pair = tuple[Trajectory, Trajectory]
 
 
 class Observer:
-    """Evaluates what is asked of the motions of q members; formulas are those of the first."""
+    """Evaluates requested outputs of the motions of q members; formulas are those of the first."""
 
     def __init__(self, motion: DenseMotion, requests: Sequence[Observations]) -> None:
         self.motion, self.requests, self._first = motion, requests, requests[0]
@@ -44,35 +50,40 @@ class Observer:
     def variables(
         self, expression: Expression, steps: Places, tau: Array
     ) -> dict[str, Array | float]:
-        """The variables of an expression at places, shape ``(n,)``, but for the parameters."""
-        motion, names = self.motion, expression.names
-        time = motion.time(steps, tau)
-        values: dict[str, Array | float] = {"t": time}
-        sources = {
-            "d": motion.damping,
-            "a": motion.acceleration,
-            "v": motion.velocity,
-            "": motion.position,
-        }
+        """The variables of an expression at places, but for the parameters.
+
+        They are in ``(n,)`` steps at ``(n,)``, or in ``(n, 1)`` at ``(n, k)``.
+        """
+        motion, names, values = self.motion, expression.names, dict[str, Array | float]()
+        flat = np.broadcast_to(steps, tau.shape).ravel(), tau.ravel()
+        sources = {"d": motion.damping, "a": motion.acceleration}
         columns: dict[str, Array] = {}
         for name, (prefix, index) in self._first.derived.items():
-            if name in names:
-                if prefix not in columns:
-                    columns[prefix] = sources[prefix](steps, tau)
-                values[name] = columns[prefix][:, index]
+            if name not in names:
+                continue
+            if prefix not in columns:
+                if prefix in sources:
+                    columns[prefix] = sources[prefix](*flat).reshape(*tau.shape, -1)
+                else:
+                    find = motion.velocity if prefix else motion.position
+                    columns[prefix] = find(steps, tau)
+            values[name] = columns[prefix][..., index]
+        inputs = names.intersection(self._first.inputs)
+        if inputs or "t" in names:
+            values.setdefault("t", motion.time(steps, tau))
         dampers = names.intersection(self._dampers) - set(values) - set(self._first.parameters)
         for name in sorted(dampers):
-            values[name] = self._of_damper(self._dampers[name], steps, tau)
-        for name in names.intersection(self._first.inputs):
-            values[name] = self._input(name, steps, time)
+            values[name] = self._of_damper(self._dampers[name], *flat).reshape(tau.shape)
+        for name in inputs:
+            values[name] = self._input(name, *flat).reshape(tau.shape)
         return values
 
     @cached_property
     def _dampers(self) -> Mapping[str, DamperValue]:
         return damper_values(self.motion.scenes[0])
 
-    def _input(self, name: str, steps: Places, time: Array) -> Array:
-        found = np.zeros(steps.size)
+    def _input(self, name: str, steps: Places, tau: Array) -> Array:
+        found, time = np.zeros(steps.size), self.motion.time(steps, tau)
         for member, own in by_owner(self.motion.owner, steps, len(self.requests)):
             given = self.requests[member].inputs[name]
             if given is not None:
@@ -82,7 +93,7 @@ class Observer:
     def observe(
         self, trajectories: Sequence[Trajectory], impacts: Mapping[str, Array]
     ) -> list[Pair]:
-        """What is asked of each run, as :func:`observe_members`."""
+        """Requested outputs of each run, as :func:`observe_members`."""
         motion, q = self.motion, len(trajectories)
         events: list[dict[str, Occurrences]] = [{} for _ in range(q)]
         remarks = [[one] if one else [] for one in motion.remarks]
@@ -91,8 +102,9 @@ class Observer:
         for name, time in impacts.items():
             events[0][name] = self._occurrences(*motion.located(0, time))
             events[0][name] = replace(events[0][name], time=time)
-        for member, (scene, one) in enumerate(zip(motion.scenes, self.requests, strict=True)):
-            remarks[member] += _rough_dampers(scene, one)
+        given = zip(motion.scenes, self.requests, motion.steps, strict=True)
+        for member, (scene, one, steps_of) in enumerate(given):
+            remarks[member] += _rough_dampers(scene, one, steps_of)
         runs, ends, stopped = list(trajectories), [float(one.time[-1]) for one in motion.steps], []
         for member, one in enumerate(self.requests):
             stopped.append("")
@@ -210,23 +222,27 @@ class Observer:
         )
 
 
-def _rough_dampers(scene: Scene, request: Observations) -> tuple[str, ...]:
-    """What is said of single dampers that keep the error of the first step."""
-    if not rate_jumps(scene):
+def _rough_dampers(scene: Scene, request: Observations, steps: RunSteps) -> tuple[str, ...]:
+    """Remark on single dampers that keep the error of the first step, or begin infinite."""
+    rough = rough_dampers(scene)
+    if not rough:
         return ()
     formulas = [*(request.quantities or {}).values()]
     formulas += [one.when for one in (request.events or {}).values()]
     used = frozenset[str]().union(*(one.names for one in formulas))
-    every, values = dampers_of(scene), damper_values(scene)
-    found = [
-        name
-        for name, one in values.items()
-        if name in used
-        and one.kind != "deformation"
-        and one.place >= 0
-        and any(getattr(part, "order", 0.0) > 1 for part in every[one.place])
-    ]
-    return tuple(rough_remark(scene, f"{name} keeps") for name in found)
+    found = []
+    for name, one in damper_values(scene).items():
+        if name not in used or one.place not in rough or one.kind == "deformation":
+            continue
+        is_force = one.kind == "force"
+        if is_force:
+            found.append(
+                f"{name} is infinite at t = 0; least, greatest, peak and rms leave that out"
+            )
+        is_known = is_separable(scene) if is_force else len(rough) == 1
+        if not (is_known and (is_force or loses_by_dampers(scene, steps))):
+            found.append(rough_remark(scene, f"{name} keeps"))
+    return tuple(found)
 
 
 def _until(one: Occurrences, end: float) -> Occurrences:

@@ -32,7 +32,7 @@ from fvi_cli.mathematics.series.chebyshev import (
 )
 
 Along = Callable[[Places, Array], Array]
-"""Values at places of steps, shapes ``(n,)`` and ``(n,)`` to ``(n,)``."""
+"""Values at places of steps, both ``(n,)``, or at k places in each, ``(n, 1)`` and ``(n, k)``."""
 
 Mask = NDArray[np.bool_]
 
@@ -181,7 +181,7 @@ def by_owner(owner: Places, steps: Places, count: int) -> list[tuple[int, Places
     """For each of `count` members that own some of the steps, which of them."""
     if count == 1:
         return [(0, slice(None))]
-    members, inverse = np.unique(owner[steps], return_inverse=True)
+    members, inverse = np.unique(owner[steps.ravel()], return_inverse=True)
     order = np.argsort(inverse, kind="stable")
     ends = np.cumsum(np.bincount(inverse))[:-1]
     return list(zip(members.tolist(), np.split(order, ends), strict=True))

@@ -1,4 +1,4 @@
-"""What is asked of a motion: a value of its own, made before anything is computed."""
+"""Requested outputs of a motion: a value of its own, made before anything is computed."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
@@ -95,7 +96,7 @@ class Impact:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observations:
-    """What is asked of a motion; by default nothing.
+    """Requested outputs of a motion; by default none.
 
     Raises
     ------
@@ -145,7 +146,7 @@ class Observations:
         return self.times is None and not (self.quantities or self.events or self.impacts)
 
     def specification(self) -> dict[str, object]:
-        """What determines the numbers, as JSON values; nothing where nothing is asked for."""
+        """What determines the numbers, as JSON values; empty without a request."""
         found: dict[str, object] = {}
         if self.times is not None:
             found["output"] = self.times.tolist() if self.output is None else dict(self.output)
@@ -169,9 +170,9 @@ def surface_objection(when: Expression, coordinates: Sequence[str]) -> str:
     derived = {p + c for p in PREFIXES[1:] for c in coordinates} - set(coordinates)
     wrong = sorted(when.names & derived)
     if wrong:
-        return f"{wrong[0]} is no place; a surface is an expression in coordinates and t"
+        return f"{wrong[0]} is not a position; a surface is an expression in coordinates and t"
     if not when.names & set(coordinates):
-        return f"no coordinate occurs in it ({', '.join(coordinates)})"
+        return f"it contains no coordinate ({', '.join(coordinates)})"
     unsmooth = sorted(when.functions & {"abs", "sign", "min", "max", "cbrt", "gamma"})
     return f"{unsmooth[0]} has no normal everywhere; give a smooth surface" if unsmooth else ""
 
@@ -186,7 +187,7 @@ def observations(
     parameters: Mapping[str, float] | None = None,
     further: Sequence[str] = (),
 ) -> Observations:
-    """What is asked of a motion, from texts.
+    """Requested outputs of a motion, from texts.
 
     Quantities are expressions by name; events an expression, or ``{"when": ..., "direction": ...,
     "stop": ...}``; impacts ``{"when": ..., "restitution": ...}``. `output` are times, None: the
@@ -203,7 +204,7 @@ def observations(
 
     def read(text: object, place: str, names: tuple[str, ...] = names) -> Expression:
         if not isinstance(text, str | int | float):
-            raise ValueError(f"{place}: {text!r} is no expression")
+            raise ValueError(f"{place}: {text!r} is not an expression")
         try:
             return Expression.parse(text, variables=names)
         except ValueError as error:
@@ -252,6 +253,6 @@ def check_observable(method: AnyMethod) -> None:
     """
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
-            f"{method.case} keeps no polynomials of its steps; output, quantities and events need "
-            "a Runge-Kutta method, such as rk: gauss"
+            f"{method_name(method)} keeps no polynomials of its steps; "
+            "output, quantities and events need a Runge-Kutta method, such as rk: gauss"
         )

@@ -31,6 +31,7 @@ def event_places(
     parts = [one for first, n in zip(firsts, members, strict=False) for one in parts_of(first, n)]
     steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
     last: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
+    are_inside, brackets = [np.zeros(0, dtype=bool)], [np.zeros((4, 0))]
     lost: dict[int, float] = {}
     for found in pieces_of(parts, Isolated(along)):
         for since in found.lost:
@@ -48,26 +49,26 @@ def event_places(
         first, second = first[turns], second[turns]
         inside = (step[first] == step[second]) & (second == first + 1)
         left, right = first[inside], second[inside]
-        root, at = place[first].copy(), step[first].copy()
-        if left.size:
-            root[inside] = bracketed_roots(
-                along, step[left], place[left], place[right], value[left], value[right]
-            )
-        # the value is zero there, or its sign changes by round-off between two steps
-        between = np.minimum(first + 1, second)[~inside]
-        at[~inside], root[~inside] = step[between], place[between]
-        steps.append(at)
-        places.append(root)
+        brackets.append(np.stack([place[left], place[right], value[left], value[right]]))
+        # else the value is zero there, or its sign changes by round-off between two steps
+        at = np.where(inside, first, np.minimum(first + 1, second))
+        are_inside.append(inside)
+        steps.append(step[at])
+        places.append(place[at])
         kept = signed[-1:]
         last = (step[kept], place[kept], value[kept])
-    return np.concatenate(steps), np.concatenate(places), lost
+    at, root, inside = (np.concatenate(one) for one in (steps, places, are_inside))
+    if inside.any():
+        root[inside] = bracketed_roots(along, at[inside], *np.concatenate(brackets, axis=1))
+    return at, root, lost
 
 
 def _zero_at_starts(
     along: FormulaAlong, firsts: Places, step: Places, place: Array, value: Array
 ) -> None:
     """Let values at the start of a run that are round-off be zero."""
-    at = np.flatnonzero((place == 0.0) & np.isin(step, firsts))
+    at = np.flatnonzero(place == 0.0)
+    at = at[firsts[np.searchsorted(firsts, step[at], side="right") - 1] == step[at]]
     if at.size:
         value[at[np.abs(value[at]) <= along.round_off(step[at], place[at])]] = 0.0
 

@@ -1,4 +1,4 @@
-"""Second runs on the meshes of finished ones, which tell what lies between their points."""
+"""Second runs on the meshes of finished ones, for the values between their points."""
 
 from __future__ import annotations
 
@@ -54,6 +54,7 @@ def dense_motion(
         shapes=tuple(shapes),
         find_forces=partial(forces_along, scenes, methods, shapes),
         remarks=tuple(remarks),
+        are_starts_given=True,
     )
 
 

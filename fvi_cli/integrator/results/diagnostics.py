@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,16 +43,17 @@ class Diagnostics:
 
     def at(self, kept: NDArray[np.intp]) -> Diagnostics:
         """The same on some points of the grid."""
+        found: dict[str, Any] = {
+            name: one[kept] for name, one in vars(self).items() if isinstance(one, np.ndarray)
+        }
+        return replace(self, **found)
 
-        def picked(values: Array | None) -> Array | None:
-            return None if values is None else values[kept]
 
-        return replace(
-            self,
-            dissipated_work=picked(self.dissipated_work),
-            forcing_work=picked(self.forcing_work),
-            energy_defect=picked(self.energy_defect),
-            stored_energy=picked(self.stored_energy),
-            momentum_map=picked(self.momentum_map),
-            momentum_map_defect=picked(self.momentum_map_defect),
-        )
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NewtonRecord:
+    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping."""
+
+    iterations: int = 0  # total number of iterations
+    largest: int = 0  # largest number of iterations in one step
+    worst_step: int = -1  # the step that took that many
+    worst_residuals: tuple[float, ...] = ()  # residual norms of that step, first to last

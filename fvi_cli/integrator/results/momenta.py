@@ -68,5 +68,12 @@ def smooth_momenta(
                 steps.tables.points,
                 steps.time[one + 1],
             )
+    if n > 1:
+        # behind the start the polynomial of the second step may leave the velocities beside it
+        before, behind = steps.velocity[0, -1], steps.velocity[1, 0]
+        sizes = steps.step_size[:2] * (1.0 - steps.tables.points[-1], steps.tables.points[0])
+        chord = (before * sizes[1] + behind * sizes[0]) / sizes.sum()
+        leaves = np.abs(velocity[0] - chord) > np.abs(behind - before)
+        velocity[0] = np.where(leaves, chord, velocity[0])
     found[1:] = to_momentum(steps.position[1:], velocity, steps.time[1:]) + jumps[1:]
     return found

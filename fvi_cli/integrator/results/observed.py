@@ -46,7 +46,7 @@ class Occurrences:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observed:
-    """What was asked of a motion.
+    """Outputs that were requested of a motion.
 
     Parameters
     ----------

@@ -103,8 +103,9 @@ class RunSteps:
         flat = at_times.ravel()
         slack = 1e-12 * (self.time[-1] - self.time[0])
         if flat.size and not (self.time[0] <= flat.min() and flat.max() <= self.time[-1] + slack):
+            span = " to ".join(dict.fromkeys(f"{t:g}" for t in (flat.min(), flat.max())))
             raise ValueError(
-                f"time: {flat.min():g} to {flat.max():g} is not allowed; the run goes from "
+                f"time: {span} is not allowed; the run goes from "
                 f"{self.time[0]:g} to {self.time[-1]:g}"
             )
         side: Literal["left", "right"] = "left" if at_ends else "right"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method_names import method_name
 
 
 def law_objection(scene: Scene, method: AnyMethod) -> str:
@@ -13,18 +14,6 @@ def law_objection(scene: Scene, method: AnyMethod) -> str:
     if not isinstance(method, Baseline) and method.is_runge_kutta:
         return ""
     return (
-        f"{method.case} is not made for relaxation laws (zener, maxwell, prony, tempered); take "
-        "rk: gauss"
+        f"{method_name(method)} cannot integrate relaxation laws "
+        "(zener, maxwell, prony, tempered); take rk: gauss"
     )
-
-
-def check_laws(scene: Scene, method: AnyMethod) -> None:
-    """Refuse a method that has no steps for the laws of a scene.
-
-    Raises
-    ------
-    ValueError
-        ``method: why``.
-    """
-    if reason := law_objection(scene, method):
-        raise ValueError(f"method: {reason}")

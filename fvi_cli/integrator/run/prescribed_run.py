@@ -7,6 +7,8 @@ power of the time.
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +16,16 @@ import numpy as np
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, uniform_mesh
+from fvi_cli.integrator.meshes.graded_start import (
+    ROUND_OFF,
+    graded_start_mesh,
+    graded_window,
+    least_step,
+    window_of,
+)
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, steps_of_parts, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.step_tables import step_tables
@@ -52,7 +61,8 @@ def integrate_prescribed(
     """
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
-            f"method: {method.case} is not for a given displacement; take rk: gauss, such as gauss3"
+            f"method: {method_name(method)} cannot take a given displacement; "
+            "take rk: gauss, such as gauss3"
         )
     motion = replace(motion, final_time=scene.final_time)
     mesh = prescribed_mesh(motion, method, steps)
@@ -90,7 +100,7 @@ def prescribed_mesh(motion: PrescribedMotion, method: Method, steps: AnySteps) -
             found = prescribed_steps(motion, method, mesh)
         if steps.tolerance >= BEHIND_KINKS * float(np.ptp(found.position)):
             return mesh
-        return _graded(motion, method, count)
+        return _alike(motion, method, count) if motion.kinks else _graded(motion, method, count)
     count = max(steps, len(motion.break_points) + 1)
     if method.start == "graded":
         return _graded(motion, method, count)
@@ -108,6 +118,42 @@ def _graded(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
     )
 
 
+def _alike(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
+    """Graded by powers of 2 behind kinks at any times: steps share their sizes, and so tables."""
+    ends = (0.0, *motion.break_points, motion.final_time)
+    counts = steps_of_parts(ends, n_steps)
+    stretches: list[Stretch] = []
+    for begin, end, count in zip(ends, ends[1:], counts, strict=False):
+        unit = 2.0 ** math.floor(math.log2((end - begin) / count))
+        window = window_of(count, n_steps)
+        sizes = [
+            one.step_size
+            for one in graded_window(0.0, unit, window, 2 * method.degree, START_POWER)
+            for _ in range(one.n_steps)
+        ]
+        done = np.cumsum(sizes)
+        done = np.concatenate([[0.0], done[done >= least_step(begin)]])
+        stretches += [
+            Stretch(
+                begin=begin + low,
+                end=begin + high,
+                n_steps=1,
+                step_size=high - low,
+                is_fresh=low == 0.0,
+            )
+            for low, high in itertools.pairwise(done.tolist())
+        ]
+        rest = end - stretches[-1].end
+        if rest > ROUND_OFF * end:
+            more = math.ceil(rest / unit)
+            stretches.append(
+                Stretch(begin=stretches[-1].end, end=end, n_steps=more, step_size=rest / more)
+            )
+        else:
+            stretches[-1] = replace(stretches[-1], end=end)
+    return Mesh(stretches=tuple(stretches))
+
+
 def _unresolved(steps: RunSteps) -> float:
     """Largest last coefficient of the rates on steps, as a displacement."""
     n, r, _ = steps.velocity.shape
@@ -117,11 +163,7 @@ def _unresolved(steps: RunSteps) -> float:
 
 def prescribed_steps(motion: PrescribedMotion, method: Method, mesh: Mesh) -> RunSteps:
     """Steps through a displacement, by its rates at the stages."""
-    tables = step_tables(method)
-    inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in mesh.stretches]
-    ends = [np.append(own, one.end) for own, one in zip(inside, mesh.stretches, strict=True)]
-    time = np.concatenate([[0.0], *ends])
-    sizes = np.concatenate([np.full(one.n_steps, one.step_size) for one in mesh.stretches])
+    tables, time, sizes = step_tables(method), mesh.times, mesh.sizes
     # by the step in which they lie: rounding of a time must not meet the piece beside it
     stages = np.clip(
         time[:-1, None] + sizes[:, None] * tables.points,

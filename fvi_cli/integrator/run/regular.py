@@ -11,7 +11,7 @@ from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.matrices.definite import least_scaled_eigenvalue
+from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 
 MOST_FOR_MOMENTA = 2**27
 """Numbers that are kept of the steps for the sake of the momenta, at most."""
@@ -23,7 +23,7 @@ def has_rough_momenta(scene: Scene, method: Method) -> bool:
 
 
 def keeps_for_momenta(scene: Scene, method: Method, n_steps: int) -> bool:
-    """Whether all steps are kept since the momenta are told by their velocities."""
+    """Whether all steps are kept since momenta follow from their velocities."""
     size = n_steps * scene.dimension * (method.degree + 2)
     return has_rough_momenta(scene, method) and size <= MOST_FOR_MOMENTA
 

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.domain import check_domain, is_unbounded
+from fvi_cli.integrator.domain import check_domain, may_be_unbounded
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside, least_bound, scene_bound
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.loop.points import Points, Stops
@@ -37,7 +37,7 @@ class Soundness:
 
     Both are looked at closely only where a quick look at all scenes finds it possible.
 
-    The known forces of each have the largest value that was met on the way.
+    The loads of each have the largest value that was met on the way.
     """
 
     def __init__(self, scenes: Sequence[Scene], loads: Sequence[StepLoads]) -> None:
@@ -81,7 +81,9 @@ class Soundness:
 
     def _check_domain(self, points: Points, live: Sequence[int], stops: Stops) -> None:
         first = self._scenes[0].potential
-        if not isinstance(first, ExpressionPotential) or points.unknowns is None:
+        if points.unknowns is None:
+            return
+        if not isinstance(first, ExpressionPotential | SuppliedPotential):
             return
         begins = np.concatenate([points.before[:, None], points.position[:, :-1]], axis=1)
         displacements = points.sizes[:, None, None] * points.unknowns
@@ -101,8 +103,12 @@ class Soundness:
             if found is not None:
                 stops[scene] = found
 
-    def _may_be_undefined(self, first: ExpressionPotential, path: Array) -> Array:
+    def _may_be_undefined(
+        self, first: ExpressionPotential | SuppliedPotential, path: Array
+    ) -> Array:
         """Scenes on whose paths ``(scenes, n, d)`` V may be infinite or undefined."""
+        if isinstance(first, SuppliedPotential):
+            return np.asarray(~np.isfinite(first.energy(path)).all(axis=1))
         columns = [np.ascontiguousarray(path[..., index]) for index in range(path.shape[2])]
         names = {**self._parameters, **dict(zip(first.coordinates, columns, strict=True))}
         value = first.energy_expression.system.evaluate(names, NUMPY_FUNCTIONS)[0]
@@ -116,7 +122,7 @@ class Soundness:
                 name: np.broadcast_to(one[doubtful], low.shape[:2])
                 for name, one in self._parameters.items()
             }
-            doubtful = doubtful[is_unbounded(first, low, high, parameters).any(axis=1)]
+            doubtful = doubtful[may_be_unbounded(first, low, high, parameters).any(axis=1)]
         lost[doubtful] = True
         return lost
 

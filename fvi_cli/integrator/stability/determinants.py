@@ -59,7 +59,10 @@ class StepDeterminants:
         at_once = max(1, ENTRIES_AT_ONCE // (n * n + table[0].size))
         for begin in range(0, row.size, at_once):
             part = slice(begin, begin + at_once)
-            whole = np.einsum("kiab,kicd->kacbd", table[row[part]], self.forms[number[part]])
+            patterns, forms = table[row[part]], self.forms[number[part]]
+            k, i, a, d = *patterns.shape[:3], forms.shape[-1]
+            whole = patterns.reshape(k, i, -1).swapaxes(1, 2) @ forms.reshape(k, i, -1)
+            whole = whole.reshape(k, a, a, d, d).swapaxes(2, 3)
             found[part] = log_determinants(whole.reshape(-1, n, n))
         return found.reshape(rows.shape)
 
@@ -80,17 +83,11 @@ def step_determinants(
 ) -> StepDeterminants:
     r"""Of systems with one step size, or of one system with many.
 
-    The forms are 1, M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, by the size of M.
-
-    Raises
-    ------
-    ValueError
-        If the damping of the systems differs in its orders.
+    The forms are 1, M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, by the size of M; the damping
+    of all systems has the same orders.
     """
     first = systems[0]
     orders = tuple(order for order, _ in first.damping)
-    if any(tuple(order for order, _ in system.damping) != orders for system in systems):
-        raise ValueError("systems: their damping differs in its orders")
     h = np.asarray(step_size)[..., None, None]
     mass = np.array([system.mass for system in systems])
     scale = np.abs(mass).max(axis=(1, 2), keepdims=True)

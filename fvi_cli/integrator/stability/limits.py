@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.stability.determinants import determinants_over_steps
-from fvi_cli.integrator.stability.exact_modes import growing_frequencies
-from fvi_cli.integrator.stability.growing_modes import FASTEST
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
+from fvi_cli.integrator.stability.modes import FASTEST, growing_frequencies
 from fvi_cli.integrator.stability.prediction import (
     RESOLVED,
     TOLERATED_GROWTH,
@@ -136,7 +136,7 @@ def _permitted_growth(
     for system in systems:
         found = growing_frequencies(system, final_time, final_time / int(numbers[-1]))
         if found is None:
-            # as in the prediction, what cannot be told apart is not held against the method
+            # as in the prediction, modes that cannot be separated are not held against the method
             return np.full(numbers.size, np.inf)
         for s in found.tolist():
             is_seen = abs(s.imag) * final_time / numbers < math.pi
@@ -201,14 +201,16 @@ def refusal(scene: Scene, method: AnyMethod, n_steps: int, prediction: Stability
     parts = [f"predicted unstable: {prediction.reason}"]
     steps = least_stable_n_steps(scene, method)
     if steps is None:
-        parts.append(f"no step of {method.case} is stable down to T / {LARGEST_N_STEPS}")
+        parts.append(
+            f"{method_name(method)} is unstable for all steps down to T / {LARGEST_N_STEPS}"
+        )
     else:
         parts.append(
-            f"the largest stable step of {method.case} is about {scene.final_time / steps:.3g} "
-            f"(N = {steps})"
+            f"the largest stable step of {method_name(method)} is about "
+            f"{scene.final_time / steps:.3g} (N = {steps})"
         )
     other = stable_method(scene, method, n_steps)
     if other is not None:
         parts.append(f"at this step {other.cq} of degree {other.degree} is stable")
-    parts.append("allow_unstable computes the run all the same")
+    parts.append("allow_unstable: true computes the run nevertheless")
     return "; ".join(parts)

@@ -27,10 +27,14 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.stability.determinants import step_determinants
-from fvi_cli.integrator.stability.exact_modes import growing_frequencies, largest_rate
-from fvi_cli.integrator.stability.growing_modes import growing_modes
 from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
+from fvi_cli.integrator.stability.modes import (
+    growing_frequencies,
+    growing_modes,
+    largest_rate,
+)
 from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.stability.systems import MatrixPencil, independent_systems
 from fvi_cli.integrator.trajectory import Trajectory
@@ -41,6 +45,9 @@ Verdict = Literal["stable", "unstable", "unknown"]
 
 TOLERATED_GROWTH = 1e3
 """Factor by which a run may exceed the growth of the exact scene."""
+
+NOTICED_GROWTH = 10.0
+"""The same of what is warned about: a digit."""
 
 RESOLVED = 0.25
 """Relative error up to which a mode that grows passes for one of the exact scene."""
@@ -63,6 +70,11 @@ class StabilityPrediction:
     reason: str = ""
     linearised_verdict: Verdict = "unknown"  # of a nonlinear scene, linearised at the start
 
+    def is_noticed(self, n_steps: int) -> bool:
+        """Whether a mode that the exact scene has not grows, by less than makes a run unstable."""
+        grows = self.growth_per_step * n_steps >= math.log(NOTICED_GROWTH)
+        return grows and self.verdict == "stable" and self.exact_growth == 0.0
+
 
 NO_GAIN = StabilityPrediction(
     verdict="stable",
@@ -83,7 +95,9 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     if n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     if not has_patterns(method):
-        return StabilityPrediction(verdict="unknown", reason=f"no prediction for {method.case}")
+        return StabilityPrediction(
+            verdict="unknown", reason=f"no prediction for {method_name(method)}"
+        )
     if not scene.is_linear:
         try:
             linear = linearised_at_start(scene)
@@ -121,8 +135,12 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
         f"a mode grows by a factor {_factor(growing.growth)} per step, the exact scene by "
         f"{_factor(exact)}"
     )
-    if growing.growth <= limit:
-        reason = "no mode outgrows the exact scene" if growing.count else "no mode grows"
+    if not growing.count:
+        reason = "no mode grows"
+    elif growing.growth <= exact:
+        reason = "no mode outgrows the exact scene"
+    elif growing.growth <= limit:
+        reason += f"; over the run by {_factor((growing.growth - exact) * n_steps)} more"
     elif not is_spurious:
         reason += ": the same mode, not resolved well"
     return StabilityPrediction(
@@ -135,20 +153,20 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
 
 
 def _why_not(scene: Scene, systems: Sequence[MatrixPencil]) -> str:
-    """Why the determinants of a scene are not looked at; nothing if they are."""
+    """Why the determinants of a scene are not computed; empty if they are."""
     if scene.active_laws:
-        return "the modes of scenes with relaxation laws are not looked at"
+        return "modes are not computed for scenes with relaxation laws"
     if scene.is_sparse:
-        return f"the modes of {scene.dimension} coupled components are not looked at"
+        return f"modes are not computed for {scene.dimension} coupled components"
     size = systems[0].dimension
     if size > LARGEST_DIMENSION:
         return (
-            f"{size} components that do not fall apart into modes are too many to be looked at; "
+            f"modes are not computed for {size} components that cannot be decoupled; "
             f"at most {LARGEST_DIMENSION}"
         )
     if len(systems) > LARGEST_NUMBER_OF_SYSTEMS:
         return (
-            f"{len(systems)} independent systems are too many to be looked at; at most "
+            f"modes are not computed for {len(systems)} independent systems; at most "
             f"{LARGEST_NUMBER_OF_SYSTEMS}"
         )
     return ""

@@ -17,7 +17,7 @@ from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 
 GROWTH_LEVELS = (1e-3, 1e-2, 1e-1, 1.0)
-"""Growth per step, as logarithms, between which a map tells the points of the plane apart."""
+"""Growth per step, as logarithms, between which a map distinguishes points of the plane."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -43,15 +43,7 @@ class MatrixPencil:
 
 
 def matrix_pencil(scene: Scene) -> MatrixPencil:
-    """Matrices of a linear scene, damping terms of one order added up.
-
-    Raises
-    ------
-    ValueError
-        If the scene is not linear.
-    """
-    if not scene.is_linear:
-        raise ValueError("scene: it is not linear, and has no modes")
+    """Matrices of a linear scene, damping terms of one order added up."""
     stiffness = np.zeros((scene.dimension, scene.dimension))
     if isinstance(scene.potential, QuadraticPotential):
         stiffness = scene.potential.stiffness

@@ -15,7 +15,11 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.potential import (
+    ExpressionPotential,
+    QuadraticPotential,
+    SuppliedPotential,
+)
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import (
@@ -24,7 +28,7 @@ from fvi_cli.mathematics.series.power_series import (
     SeriesError,
     expand,
 )
-from fvi_cli.mathematics.series.terms import (
+from fvi_cli.mathematics.series.taylor import (
     SAME_EXPONENT,
     initial_terms,
     merged_terms,
@@ -183,7 +187,26 @@ def _nonlinear_force(scene: Scene) -> Callable[[list[PowerSeries]], Components] 
         return lambda position: [
             -value for value in potential.gradient_components(position, SERIES_FUNCTIONS)
         ]
+    if isinstance(scene.potential, SuppliedPotential):
+        at = scene.initial_position
+        force, curvature = -scene.potential.gradient(at), scene.potential.hessian(at)
+        return lambda position: _linear_force(force, curvature, at, position)
     return None
+
+
+def _linear_force(
+    force: Array, curvature: Array, start: Array, position: list[PowerSeries]
+) -> Components:
+    """Force less curvature times displacement; its square, which is not known, cuts it off."""
+    displacement = [series - float(at) for series, at in zip(position, start, strict=True)]
+    known = 2.0 * min(series.leading_exponent for series in displacement)
+    return [
+        sum(
+            (series * -float(entry) for entry, series in zip(row, displacement, strict=True)),
+            start=PowerSeries.constant(float(own), known),
+        )
+        for own, row in zip(force, curvature, strict=True)
+    ]
 
 
 def _force_of_lagrangian(

@@ -246,6 +246,3 @@ class _Correction:
             if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
                 break
         return self.loads_of(unknown.reshape(self._shape))
-
-
-__all__ = ["corrected_start", "default_exponents", "omits_weights", "starting_weights"]

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
 
 FIRST_PARTS: Final = 64
 MOST_PARTS: Final = 1024
 DISTANCES: Final = (1e-8, 1e-6)
-"""Distances from a place at which the power is told, in lengths of the interval."""
+"""Distances from a place at which the power is estimated, in lengths of the interval."""
 LEAST_INTEGRABLE: Final = -0.999
 
 IsOpen = Callable[[Places, Array, Array], NDArray[np.bool_]]
@@ -52,7 +51,7 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
     """The first place in (begin, end] where the integral of a formula is infinite, and its power.
 
     A place is looked at where its range is not bounded however short the interval is; the power of
-    the distance is told by values beside it, -1 and less is not integrable. None: there is none.
+    the distance is estimated from values beside it, -1 and less is not integrable. None: no place.
     """
     (name,) = formula.names or ("",)
     edges = np.linspace(begin, end, FIRST_PARTS + 1)

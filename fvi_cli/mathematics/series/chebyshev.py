@@ -39,15 +39,15 @@ def evaluate_series(coefficients: Array, rows: Places, z: Array) -> Array:
     """Values of some of N series at places of their own, by Clenshaw's recurrence.
 
     From coefficients ``(K, N, d)``, numbers of the series and places in [-1, 1], both ``(n,)``, to
-    ``(n, d)``.
+    ``(n, d)``; where each has k places, from ``(n, 1)`` and ``(n, k)`` to ``(n, k, d)``.
     """
-    twice = 2.0 * z[:, None]
-    last, before = coefficients[-1][rows], np.zeros((rows.size, coefficients.shape[2]))
+    z = z[..., None]
+    last, before = coefficients[-1][rows], np.zeros(())
     if len(coefficients) == 1:
-        return np.asarray(last)
+        return np.array(np.broadcast_to(last, (*z.shape[:-1], last.shape[-1])))
     for one in coefficients[-2:0:-1]:
-        last, before = one[rows] + twice * last - before, last
-    return np.asarray(coefficients[0][rows] + z[:, None] * last - before)
+        last, before = one[rows] + 2.0 * z * last - before, last
+    return np.asarray(coefficients[0][rows] + z * last - before)
 
 
 def slopes_of_series(size: int) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
@@ -19,15 +19,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.mathematics.arrays import Array, set_arrays
-from fvi_cli.mathematics.series.taylor import TAYLOR, Taylor, power_coefficients
-from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
-from fvi_cli.mathematics.series.terms import (
+from fvi_cli.mathematics.series.taylor import (
     MOST_TERMS,
     SAME_EXPONENT,
+    TAYLOR,
+    Taylor,
     initial_terms,
     merged_terms,
+    power_coefficients,
     power_rule,
 )
+from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,8 +114,7 @@ class PowerSeries:
             cutoff=min(self.cutoff, other.cutoff),
         )
 
-    def __radd__(self, other: float) -> PowerSeries:
-        return self + other
+    __radd__ = __add__
 
     def __sub__(self, other: PowerSeries | float) -> PowerSeries:
         return self + (-other)
@@ -137,8 +138,7 @@ class PowerSeries:
             cutoff=known,
         )
 
-    def __rmul__(self, other: float) -> PowerSeries:
-        return self * other
+    __rmul__ = __mul__
 
     def __truediv__(self, other: PowerSeries | float) -> PowerSeries:
         if isinstance(other, PowerSeries):
@@ -187,11 +187,7 @@ class PowerSeries:
     def without_initial_terms(self, order: float) -> PowerSeries:
         """The series without t**0, t**1, ... below `order` (what Caputo subtracts)."""
         kept = ~initial_terms(self.exponents, order)
-        return PowerSeries(
-            exponents=self.exponents[kept],
-            coefficients=self.coefficients[kept],
-            cutoff=self.cutoff,
-        )
+        return replace(self, exponents=self.exponents[kept], coefficients=self.coefficients[kept])
 
     def derivative(self) -> PowerSeries:
         """Ordinary first derivative."""
@@ -207,9 +203,7 @@ class PowerSeries:
         return PowerSeries.constant(float(other), math.inf)
 
     def _scaled(self, factor: float) -> PowerSeries:
-        return PowerSeries(
-            exponents=self.exponents, coefficients=factor * self.coefficients, cutoff=self.cutoff
-        )
+        return replace(self, coefficients=factor * self.coefficients)
 
 
 class Expandable(Protocol):

@@ -29,34 +29,16 @@ _CONVERGED = 4 * np.finfo(np.longdouble).eps
 
 @dataclass(frozen=True, kw_only=True)
 class CharacteristicFunction:
-    r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform.
-
-    Raises
-    ------
-    ValueError
-        For a mass that is not positive, an order outside (0, 2), or a number that is not finite.
-    """
+    r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform."""
 
     mass: float  # m > 0
     stiffness: float = 0.0  # k, of any sign
     # pairs (gamma_j, mu_j) with orders in (0, 2) and coefficients of any sign
     damping: tuple[tuple[float, float], ...] = ()
 
-    def __post_init__(self) -> None:
-        if not (0 < self.mass < math.inf):
-            raise ValueError(f"mass: {self.mass!r} is not allowed; it must be positive")
-        if not math.isfinite(self.stiffness):
-            raise ValueError(f"stiffness: {self.stiffness!r} is not allowed; it must be finite")
-        for order, coefficient in self.damping:
-            if not (0 < order < 2 and math.isfinite(coefficient)):
-                raise ValueError(
-                    f"damping: order {order!r} with coefficient {coefficient!r} is not allowed; "
-                    "orders lie in (0, 2), coefficients are finite"
-                )
-
     @property
     def terms(self) -> tuple[tuple[float, float], ...]:
-        """Pairs (power of s, coefficient), powers falling, nothing that is zero."""
+        """Pairs (power of s, coefficient), powers falling, without zeros."""
         sums: dict[float, float] = {2.0: self.mass}
         for order, coefficient in (*self.damping, (0.0, self.stiffness)):
             sums[order] = sums.get(order, 0.0) + coefficient
@@ -67,7 +49,7 @@ class CharacteristicFunction:
 class CharacteristicSum:
     r"""Any sum of powers :math:`\sum_p c_p s^p`, as with relaxation laws, multiplied out."""
 
-    # pairs (power of s, coefficient), powers falling, nothing that is zero
+    # pairs (power of s, coefficient), powers falling, without zeros
     terms: tuple[tuple[float, float], ...]
 
 

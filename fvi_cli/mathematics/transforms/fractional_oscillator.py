@@ -1,6 +1,6 @@
 r"""Exact responses of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x = f`, orders in (0, 2).
 
-Everything asked of the linear equation has a transform :math:`N(s)/P(s)`, with a sum of powers N
+Every solution of the linear equation has a transform :math:`N(s)/P(s)`, with a sum of powers N
 for initial data and for a force :math:`\sum c\,t^\beta`, and P the characteristic function. Its
 inverse is the residues at the zeros of P on the principal sheet plus the integral round the branch
 cut. The cut integral is taken along a hyperbola that scales with 1/t, so that near-singular

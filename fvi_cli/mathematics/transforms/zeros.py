@@ -187,11 +187,6 @@ def count_zeros(functions: Functions, radius: float) -> Integers:
 
     The functions are analytic in the open unit disc and real on the real axis.
     :data:`UNDECIDED` where a zero lies on the circle to round-off.
-
-    Raises
-    ------
-    ValueError
-        For a radius outside (0, 1).
     """
     angles = _first_angles(radius, functions.degree)
     turns = contour_integrals(functions, lambda at: radius * _unit_circle(at), angles)
@@ -201,8 +196,6 @@ def count_zeros(functions: Functions, radius: float) -> Integers:
 
 def _first_angles(radius: float, degree: int) -> Array:
     r"""Angles in :math:`[0, \pi]` to begin with, closer to each other at both ends."""
-    if not 0 < radius < 1:
-        raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
     least = min(max(1.0 - radius, 1e-12), 0.3)
     number = math.ceil(math.log2(math.pi / 2 / least)) + 2
     rising = np.geomspace(least / 2, math.pi / 2, number)
@@ -228,8 +221,6 @@ def find_zeros(
     ------
     ZeroCountError
         If a zero lies on the circle to round-off.
-    ValueError
-        For a radius outside (0, 1).
     """
     function = OneFunction(lambda z: log_function(radius * z))
     angles = _first_angles(radius, degree)

@@ -10,19 +10,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method_names import method_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import MethodLook, common_features, method_looks
 from fvi_cli.plotting.panels import MOST_COLOURED, MOST_LINES, ladders
 from fvi_cli.plotting.words import (
-    fraction,
+    fraction_in_words,
     member_label,
-    swept_in_words,
+    swept_keys_in_words,
     swept_number,
     with_unit,
 )
-from fvi_cli.reports.naming import method_names
-from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.scenes.registry import kind_title
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.norms import Norm
@@ -45,11 +45,6 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
 
     One experiment with more than :data:`MOST_CURVES` methods has a panel for every variant of
     them, as ``degree 2``.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to draw.
     """
     if not studies or not any(finished for _, finished in studies):
         raise ValueError("finished runs: none were given; a convergence figure needs at least one")
@@ -136,7 +131,7 @@ def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> li
 
 
 def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
-    """Kind and damping orders of every experiment; its name where they do not tell it apart."""
+    """Kind and damping orders of every experiment; its name where they do not distinguish it."""
     titles = []
     for experiment in experiments:
         problem = experiment.problem
@@ -146,7 +141,7 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
         if isinstance(problem, Problem) and problem.scene.laws:
             title = experiment.name
         elif isinstance(problem, Problem) and problem.scene.damping:
-            orders = dict.fromkeys(fraction(term.order) for term in problem.scene.damping)
+            orders = dict.fromkeys(fraction_in_words(term.order) for term in problem.scene.damping)
             title += rf", $\gamma = {', '.join(orders)}$"
         titles.append(title)
     return [
@@ -189,7 +184,7 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
         panels,
         columns=min(2, len(panels)),
         above=False,
-        title=members_in_words(experiment),
+        title=members_title(experiment),
         bar=bar_of(experiment, panels),
     )
 
@@ -200,16 +195,110 @@ def member_curve(one: FinishedRun, x: Array, y: Array) -> Curve:
     return Curve(x=x, y=y, label=member_label(one.run.member), by=math.nan if by is None else by)
 
 
-def members_in_words(experiment: Experiment) -> str:
+def members_title(experiment: Experiment) -> str:
     """What stands above a legend of members; designs speak for themselves."""
     if all(one.name and not one.unnamed for one in experiment.members):
         return ""
-    return f"{len(experiment.members)} members: {swept_in_words(experiment)}"
+    return f"{len(experiment.members)} members: {swept_keys_in_words(experiment)}"
 
 
 def bar_of(experiment: Experiment, panels: Sequence[Panel]) -> str:
-    """The name of a colour bar, where members are told apart by one."""
+    """The name of a colour bar, where it distinguishes members."""
     numbers = [curve.by for panel in panels for curve in panel.curves]
     most = max(len(panel.curves) for panel in panels)
     is_coloured = MOST_LINES < most <= MOST_COLOURED and all(map(math.isfinite, numbers))
-    return members_in_words(experiment) if is_coloured else ""
+    return members_title(experiment) if is_coloured else ""
+
+
+_NORMS = ("max", "final")
+
+
+def saturation_figure(studies: Sequence[Study]) -> Figure:
+    r"""Draw the error of convolution quadrature of :math:`D^\gamma f`, in two norms.
+
+    For :math:`f \sim t^b` at 0 the order is :math:`\min(p, b-\gamma)` in the maximum norm over
+    the grid and :math:`\min(p, b+1)` at a fixed time (Lubich, *Discretized fractional calculus*,
+    1986). One row for every b, one column for every norm. An experiment in the other norm than
+    a column's stands in for it by its trajectory.
+    """
+    if not studies:
+        raise ValueError("studies: none were given; a saturation figure needs at least one")
+    rows: dict[float, list[Study]] = {}
+    for study in studies:
+        rows.setdefault(leading_exponent(_derivative(study)), []).append(study)
+    names = method_looks([f.run.method for _, finished in studies for f in finished])
+    first = _derivative(studies[0])
+    where = {"max": "largest on the grid", "final": f"at $t = {first.final_time:g}$"}
+    panels: list[Panel] = []
+    for exponent in sorted(rows):
+        best = max(_largest_order(one) for one in rows[exponent])
+        for norm in _NORMS:
+            limit = exponent - first.order if norm == "max" else exponent + 1
+            curves = _curves(rows[exponent], norm, names)
+            title = rf"$b = {exponent:g}$: order $\min(p, {fraction_in_words(limit)})$"
+            panels.append(
+                Panel(
+                    y="error",
+                    title=title if len(panels) > 1 else f"{where[norm]}\n{title}",
+                    height=1.25,
+                    curves=[replace(one, order=min(limit, best)) for one in curves],
+                )
+            )
+    return ladders(panels, columns=2, title=_heading(rows, first), shared=True)
+
+
+def leading_exponent(problem: DerivativeProblem) -> float:
+    """The b of f(t) ~ c t^b at 0, from the function itself, to three decimals."""
+    near = problem.final_time * np.array([1e-6, 1e-5])
+    values = np.abs(problem.function(near)).reshape(2, -1)[:, 0]
+    if not np.all(values > 0):
+        return float("nan")
+    return round(math.log10(values[1] / values[0]), 3)
+
+
+def _derivative(study: Study) -> DerivativeProblem:
+    problem = study[0].problem
+    if not isinstance(problem, DerivativeProblem):
+        raise ValueError(f"kind: {problem.kind!r} is not fractional-derivative")
+    return problem
+
+
+def _largest_order(study: Study) -> float:
+    orders = [getattr(item.run.method, "cq", "") for item in study[1]]
+    return float(max((int(cq[3:]) for cq in orders if cq.startswith("bdf")), default=math.inf))
+
+
+def _curves(studies: Sequence[Study], norm: str, names: dict[str, MethodLook]) -> list[Curve]:
+    """Ladders in one norm: of the experiment that has it, else measured on the trajectories."""
+    own = [study for study in studies if study[0].norm == norm]
+    rows: list[FinishedRun] = []
+    for _, finished in own or studies[:1]:
+        for item in finished:
+            error = item.error if own else _measured(item, norm)
+            status = item.status
+            if status in ("ok", "floor"):
+                status = "floor" if error < item.floor else "ok"
+            rows.append(replace(item, error=error, status=status))
+    return error_curves(rows, names)
+
+
+def _measured(item: FinishedRun, norm: str) -> float:
+    exact = item.run.experiment.problem.exact
+    trajectory = item.trajectory
+    if exact is None or trajectory.time.size == 0:
+        return math.nan
+    error = np.abs(trajectory.position - exact(trajectory.time))
+    return float(error.max() if norm == "max" else error[-1].max())
+
+
+def _heading(rows: dict[float, list[Study]], first: DerivativeProblem) -> str:
+    family = all(_is_family_member(exponent, studies) for exponent, studies in rows.items())
+    function = r"$t^{\,b-1} \sin t$" if family else r"$f(t) \sim t^{\,b}$"
+    return f"Caputo derivative of order {fraction_in_words(first.order)} of {function} by BDF$p$"
+
+
+def _is_family_member(exponent: float, studies: Sequence[Study]) -> bool:
+    problem = _derivative(studies[0])
+    time = problem.final_time * np.linspace(0.1, 1.0, 7)
+    values = problem.function(time).reshape(7, -1)[:, 0]
+    return bool(np.allclose(values, time ** (exponent - 1) * np.sin(time), rtol=1e-12))

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
+from fvi_cli.integrator.method_names import method_names
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look, MethodLook, method_looks
 from fvi_cli.plotting.panels import ladders
@@ -23,11 +24,10 @@ from fvi_cli.plotting.style import (
     journal_style,
     note,
     short_numbers,
-    width_of,
+    text_width,
 )
-from fvi_cli.plotting.words import fraction
+from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
-from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.price import Band, CostCurve, cheapest_bands, cost_curves
@@ -132,7 +132,7 @@ def _shown(point: CostRow) -> float:
 
 
 def _title(table: CostTable) -> str:
-    orders = ", ".join(fraction(float(g)) for g in table.gamma.split(";") if g != "-")
+    orders = ", ".join(fraction_in_words(float(g)) for g in table.gamma.split(";") if g != "-")
     below = (rf"$\gamma = {orders}$, " if orders else "") + f"$T = {table.final_time:g}$"
     if len(table.equation) > _LONGEST_EQUATION:
         return below
@@ -181,7 +181,7 @@ def _draw_bands(axes: Axes, bands: Sequence[Band], looks: Mapping[str, MethodLoo
         edge = axes.plot([right, right], [0, 1], transform=axes.transAxes, **DECORATION)[0]
         edge.set(color="#bbbbbb", linewidth=0.5, label="_edge", zorder=0.5)
         middle, height = (left + right) / 2, bottom + _STRIP / 2
-        if width_of(own.label) < (right - left) * inches - 0.03:
+        if text_width(own.label) < (right - left) * inches - 0.03:
             note(axes, middle, height, own.label)
         elif (right - left) * inches > 0.07:
             mark = axes.plot(

@@ -1,4 +1,4 @@
-"""What is observed of members against a swept key: extents of quantities, places at events."""
+"""What is observed of members against a swept key or their periods, and places at events."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
-from fvi_cli.plotting.motions.section import section_figure, sweep_section_figure
+from fvi_cli.plotting.motions.section import section_figure
 from fvi_cli.plotting.motions.time_series import observed_of
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import coordinates_of, typeset_name, with_unit
-from fvi_cli.reports.kinds.members import DESIGN
-from fvi_cli.reports.naming import key_in_words
+from fvi_cli.reports.naming import DESIGN, key_in_words
+from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member, value_in_words
@@ -64,8 +65,7 @@ def settings_figure(
 ) -> Figure:
     """Draw what a mapping under ``figures`` asks for."""
     if settings.section is not None:
-        draw = sweep_section_figure if experiment.members else section_figure
-        return draw(experiment, events_of(finished, settings.section, settings.after))
+        return section_figure(experiment, events_of(finished, settings.section, settings.after))
     return against_figure(experiment, finished, settings)
 
 
@@ -87,7 +87,7 @@ def against_figure(
 ) -> Figure:
     """Draw an extent of a quantity, or the places of an event, against a swept key.
 
-    A second swept key, or the designs, tell curves apart; a third one colours them.
+    A second swept key, or the designs, distinguish curves; a third one colours them.
     """
     key = settings.against or ""
     runs = [one for one in finest_of_members(finished) if one.run.member is not None]
@@ -228,3 +228,51 @@ def _dots(
         )
         for k in parts
     ]
+
+
+OF_PERIOD = ("problem.mass", "problem.stiffness")
+"""Keys that change the period; lines differ in the others."""
+
+
+def response_spectrum_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    r"""Largest displacement, and :math:`\omega^2` times it, against the period without damping.
+
+    A line for every combination of the other swept values; of the runs those of the first method
+    on the finest grid.
+    """
+    others = [key for key in experiment.swept if key not in OF_PERIOD]
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for one in finest_of_members(finished):
+        if (member := one.run.member) is not None:
+            label = ", ".join(value_in_words(member.values[key]) for key in others)
+            largest = float(np.abs(one.trajectory.position).max())
+            lines.setdefault(label, []).append((period(member), largest))
+    points = {label: np.array(sorted(own)).T for label, own in lines.items()}
+    upper = [Curve(x=at, y=most, label=label) for label, (at, most) in points.items()]
+    lower = [
+        Curve(x=at, y=(2 * math.pi / at) ** 2 * most, label=label)
+        for label, (at, most) in points.items()
+    ]
+    units = experiment.units
+    acceleration = r"pseudo-acceleration $\omega^2 \max |x|$"
+    return over_time(
+        [
+            Panel(curves=upper, y=with_unit(r"displacement $\max |x|$", units, "length")),
+            Panel(curves=lower, y=with_unit(acceleration, units, "acceleration")),
+        ],
+        x=with_unit("period without damping", units, "time"),
+        logarithmic=True,
+        from_zero=True,
+        title=", ".join(key_in_words(key) for key in others),
+    )
+
+
+def period(member: Member) -> float:
+    r"""The period :math:`2 \pi \sqrt{m / k}` of a member."""
+    scene = build_scene(member.specification)
+    if scene.dimension != 1 or not isinstance(scene.potential, QuadraticPotential):
+        raise ValueError("spectrum: every member must be an oscillator of one degree of freedom")
+    square = float(scene.potential.stiffness[0, 0]) / float(scene.inertia.mass[0, 0])
+    if not square > 0:
+        raise ValueError("spectrum: every member needs a positive stiffness")
+    return 2.0 * math.pi / math.sqrt(square)

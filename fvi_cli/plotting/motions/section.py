@@ -1,8 +1,9 @@
-"""Sections: where a motion is whenever an event happens."""
+"""Planes of two quantities of a motion: sections at events, and the loops of dampers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,6 +14,8 @@ from fvi_cli.plotting.looks import Look, method_looks
 from fvi_cli.plotting.motions.paths import position_label
 from fvi_cli.plotting.motions.time_series import (
     MOST_COMPONENTS,
+    has_quantities,
+    most_accurate,
     observed_of,
     select_runs,
 )
@@ -21,12 +24,13 @@ from fvi_cli.plotting.style import COLOURS, INK, MARKERS
 from fvi_cli.plotting.words import (
     coordinates_of,
     member_label,
-    swept_in_words,
+    swept_keys_in_words,
     swept_number,
     typeset_name,
     with_unit,
 )
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.studies.loops import deformation_against, forces_of
 
 MANY = 200
 """Points from which on they are drawn as dots."""
@@ -40,54 +44,53 @@ def has_events(item: FinishedRun) -> bool:
 
 
 def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw velocity against position at every event, a panel for every coordinate (up to 4)."""
-    shown = select_runs(finished, has_events)
-    names = method_looks([item.run.method for item in shown])
-    series = [
-        (event if len(shown) == 1 else f"{event}, {names[item.run.method.case].label}", one)
+    """Draw velocity against position at every event, a panel for every coordinate (up to 4).
+
+    Of members of a sweep the first coordinate is shown, by the first method on the finest grid. Up
+    to 6 members have marks of their own. Of more the position stands against what is swept (with
+    several keys: the number of the member) above, and velocity against position below in the
+    colours of a bar.
+    """
+    if experiment.members:
+        shown = finest_of_members([item for item in finished if has_events(item)])
+    else:
+        shown = select_runs(finished, has_events)
+    found = [
+        (item, event, one)
         for item in shown
         for event, one in observed_of(item).events.items()
         if one.time.size
     ]
-    return _marks(experiment, series, coordinates_of(experiment)[:MOST_COMPONENTS])
-
-
-def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the first coordinate of members of a sweep at their events.
-
-    Up to 6 members have marks of their own, velocity against position. Of more the position stands
-    against what is swept (with several keys: the number of the member) above, and velocity against
-    position below in the colours of a bar. Of several methods the first is shown, on the finest
-    grid.
-    """
-    having = finest_of_members([item for item in finished if has_events(item)])
-    found = [
-        (item.run.member, event, one)
-        for item in having
-        for event, one in observed_of(item).events.items()
-        if one.time.size and item.run.member is not None
-    ]
+    names = coordinates_of(experiment)
+    if not experiment.members:
+        methods = method_looks([item.run.method for item in shown])
+        series = [
+            (event if len(shown) == 1 else f"{event}, {methods[item.run.method.case].label}", one)
+            for item, event, one in found
+        ]
+        return _marks(experiment, series, names[:MOST_COMPONENTS])
     events = list(dict.fromkeys(event for _, event, _ in found))
-    name = coordinates_of(experiment)[0]
-    title = f"{len(experiment.members)} members: {swept_in_words(experiment)}"
-    if len(having) <= MOST_LINES:
-        labels = [member_label(member) for member, _, _ in found]
+    if len(shown) <= MOST_LINES:
+        labels = [member_label(item.run.member) for item, _, _ in found]
         series = [
             (label if len(events) == 1 else f"{event}, {label}", one)
             for label, (_, event, one) in zip(labels, found, strict=True)
         ]
-        return _marks(experiment, series, [name], title)
-    swept = swept_in_words(experiment) if len(experiment.swept) == 1 else "member"
+        title = f"{len(experiment.members)} members: {swept_keys_in_words(experiment)}"
+        return _marks(experiment, series, names[:1], title)
+    swept = swept_keys_in_words(experiment) if len(experiment.swept) == 1 else "member"
     above, below = [], []
-    for member, event, one in found:
-        number = swept_number(member)
-        value = float(member.number) if number is None else number
+    for item, event, one in found:
+        number = swept_number(item.run.member)
+        if number is None and item.run.member is not None:
+            number = float(item.run.member.number)
+        value = number or 0.0
         marker = (".", *MARKERS)[events.index(event) % len(MARKERS)]
         look = Look(colour=INK, marker=marker, has_line=False, size=3.5)
         x, y = one.position[:, 0], one.velocity[:, 0]
         above.append(Curve(x=np.full(x.size, value), y=x, label=event, by=value, look=look))
         below.append(Curve(x=x, y=y, label=event, by=value, look=look))
-    position, velocity = _words(experiment, name)
+    position, velocity = _words(experiment, names[0])
     return plane(
         [
             Panel(curves=above, x=swept, y=position, height=2.1),
@@ -125,3 +128,42 @@ def _words(experiment: Experiment, name: str) -> tuple[str, str]:
     """Words for the position and the velocity of a coordinate."""
     velocity = rf"velocity $\dot {typeset_name(name).strip('$')}$"
     return position_label(experiment, name), with_unit(velocity, experiment.units, "velocity")
+
+
+def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw force against deformation, a panel for every force (up to 4) among the quantities.
+
+    Of the most accurate run; of members of a sweep by the first method on the finest grid, where
+    many members of one swept number have the colours of a bar.
+    """
+    bar = title = ""
+    if experiment.members:
+        having = finest_of_members([item for item in finished if has_quantities(item)])
+        swept = swept_keys_in_words(experiment)
+        title = f"{len(experiment.members)} members: {swept}"
+        if len(having) > MOST_LINES and None not in [swept_number(o.run.member) for o in having]:
+            bar = swept
+    else:
+        having = [most_accurate(select_runs(finished, has_quantities))]
+    panels = []
+    for name in forces_of(experiment)[:MOST_COMPONENTS]:
+        curves = []
+        for item in having:
+            x, y = deformation_against(item, name)
+            finite = np.isfinite(x) & np.isfinite(y)
+            curve = Curve(x=x[finite], y=y[finite], label=member_label(item.run.member))
+            if bar:
+                curve = replace(curve, by=swept_number(item.run.member) or 0.0)
+            elif not experiment.members:
+                curve = replace(curve, look=Look(colour=COLOURS[0], width=0.9))
+            curves.append(curve)
+        force = f"force {typeset_name(name)}" if name != "force" else name
+        panels.append(
+            Panel(
+                curves=curves,
+                x=with_unit("deformation", experiment.units, "length"),
+                y=with_unit(force, experiment.units, name),
+                height=2.4,
+            )
+        )
+    return plane(panels, columns=min(2, len(panels)), bar=bar, title=title)

@@ -13,7 +13,7 @@ from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.observed import Extent, Observed
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
-from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_in_words
+from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_title
 from fvi_cli.plotting.looks import EXACT, Look, method_looks
 from fvi_cli.plotting.panels import MOST_LINES, over_time
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES
@@ -99,24 +99,45 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
 
 
 def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw every quantity over time, a panel for each (up to 6), with the last method's peak."""
-    shown = select_runs(finished, has_quantities)
+    """Draw every quantity over time, a panel for each (up to 6), with the last method's peak.
+
+    Of members of a sweep the first method is shown on the finest grid; lines that a member has for
+    itself have their peaks.
+    """
+    is_sweep, remark = bool(experiment.members), ""
+    if is_sweep:
+        shown = finest_of_members([one for one in finished if has_quantities(one)])
+        peaked = [] if len(shown) > MOST_LINES else shown
+    else:
+        shown = select_runs(finished, has_quantities)
+        peaked = shown[-1:]
     names = list(observed_of(shown[0]).quantities)
     panels = []
     for name in names[:MOST_PANELS]:
-        extent = observed_of(shown[-1]).extents[name]
         columns = [observed_of(item).quantities[name] for item in shown]
-        curves = run_curves(shown, columns)
-        curves[-1:] = [_with_peak(curves[-1], extent)]
-        remark = f"peak ${in_formula(_height(extent), 4)}$ at $t = {extent.peak_time:.4g}$"
-        panels.append(_quantity_panel(experiment, name, curves, len(names), remark))
-    return _figure(experiment, shown, panels, title=left_out_in_words(names))
-
-
-def left_out_in_words(names: Sequence[object]) -> str:
-    """How many quantities are not drawn; empty where all are."""
-    more = len(names) > MOST_PANELS
-    return f"the first {MOST_PANELS} of {len(names)} quantities" if more else ""
+        if is_sweep:
+            pairs = zip(shown, columns, strict=True)
+            curves = [member_curve(one, one.trajectory.time, values) for one, values in pairs]
+        else:
+            curves = run_curves(shown, columns)
+            extent = observed_of(shown[-1]).extents[name]
+            remark = f"peak ${in_formula(_height(extent), 4)}$ at $t = {extent.peak_time:.4g}$"
+        for place in range(len(shown) - len(peaked), len(shown)):
+            extent = observed_of(shown[place]).extents[name]
+            peak = (extent.peak_time, _height(extent))
+            curves[place] = replace(curves[place], peaks=[peak])
+        panels.append(
+            Panel(
+                y=with_unit(name.replace("_", " "), experiment.units, name),
+                curves=curves,
+                remark=remark,
+                height=1.15 if len(names) <= 3 else 0.9,
+                may_run_away=True,
+            )
+        )
+    many = len(names) > MOST_PANELS
+    more = f"the first {MOST_PANELS} of {len(names)} quantities" if many else ""
+    return _figure(experiment, shown, panels, title=more, is_sweep=is_sweep)
 
 
 def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -213,24 +234,6 @@ def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedR
     return _figure(experiment, (), panels, is_sweep=True, columns=min(2, len(panels)))
 
 
-def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw every quantity of the members over time, a panel for each (up to 6), on the finest grid.
-
-    Of several methods the first is shown; lines that a member has for itself have their peaks.
-    """
-    own = finest_of_members([one for one in finished if has_quantities(one)])
-    names = list(observed_of(own[0]).quantities)
-    panels = []
-    for name in names[:MOST_PANELS]:
-        curves = []
-        for one in own:
-            curve = member_curve(one, one.trajectory.time, observed_of(one).quantities[name])
-            extent = observed_of(one).extents[name]
-            curves.append(curve if len(own) > MOST_LINES else _with_peak(curve, extent))
-        panels.append(_quantity_panel(experiment, name, curves, len(names)))
-    return _figure(experiment, own, panels, title=left_out_in_words(names), is_sweep=True)
-
-
 def _figure(
     experiment: Experiment,
     shown: Sequence[FinishedRun],
@@ -241,7 +244,7 @@ def _figure(
     columns: int = 1,
 ) -> Figure:
     """Panels over the time of an experiment."""
-    words = [members_in_words(experiment)] if is_sweep else []
+    words = [members_title(experiment)] if is_sweep else []
     return over_time(
         panels,
         x=time_label(experiment, shown),
@@ -270,14 +273,6 @@ def run_curves(
     return curves
 
 
-def _quantity_panel(
-    experiment: Experiment, name: str, curves: Sequence[Curve], count: int, remark: str = ""
-) -> Panel:
-    words = with_unit(name.replace("_", " "), experiment.units, name)
-    height = 1.15 if count <= 3 else 0.9
-    return Panel(y=words, curves=curves, remark=remark, height=height, may_run_away=True)
-
-
 def _position_label(experiment: Experiment, name: str) -> str:
     inner = typeset_name(name).strip("$")
     return with_unit(f"position ${inner}(t)$", experiment.units, name, "length")
@@ -285,12 +280,6 @@ def _position_label(experiment: Experiment, name: str) -> str:
 
 def _height(extent: Extent) -> float:
     return extent.greatest if extent.greatest == extent.peak else extent.least
-
-
-def _with_peak(curve: Curve, extent: Extent) -> Curve:
-    from dataclasses import replace
-
-    return replace(curve, peaks=[(extent.peak_time, _height(extent))])
 
 
 def has_momentum(item: FinishedRun) -> bool:
@@ -311,12 +300,12 @@ def has_momenta(item: FinishedRun) -> bool:
 
 
 def has_quantities(item: FinishedRun) -> bool:
-    """Whether quantities were asked of a run."""
+    """Whether a run has requested quantities."""
     return bool(observed_of(item).quantities)
 
 
 def observed_of(item: FinishedRun) -> Observed:
-    """What was observed of a run; nothing where nothing was asked for."""
+    """What was observed of a run; empty without a request."""
     observed = item.trajectory.observed
     return Observed(mesh=item.trajectory.time) if observed is None else observed
 
@@ -342,11 +331,6 @@ def select_runs(
 
     `only_distinct`: the finest of these steps at which some error is 10 % of the largest position,
     so that a picture does not show one curve for all.
-
-    Raises
-    ------
-    ValueError
-        If no run has what is drawn, or none got beyond its start.
     """
     usable = [item for item in finished if is_drawable(item) and item.trajectory.time.size > 1]
     if not usable:

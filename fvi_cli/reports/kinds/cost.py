@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
+from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Equation, Heading, Paragraph
-from fvi_cli.reports.naming import MethodName, method_names, number
-from fvi_cli.reports.table import Column, Report, Sheet, Sheets, Words, grid_of, rows_of, within
-from fvi_cli.studies.cost import CostCase, CostTable
+from fvi_cli.reports.naming import number
+from fvi_cli.reports.table import About, Column, Report, Sheet, Sheets, Words, grid_of, within
+from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.price import (
     ACCURACIES,
     CostCurve,
@@ -73,9 +73,9 @@ _PRICES = within(
 )
 
 
-def _to(get: Callable[[CostCurve, float], Any], accuracy: float) -> Callable[[_Of], Any]:
+def _to(get: Callable[[CostCurve, float], Any], accuracy: float) -> Callable[[About], Any]:
     """What a curve says of an accuracy."""
-    return lambda of: None if of.curve is None else get(of.curve, accuracy)
+    return lambda of: get(of.curve, accuracy)
 
 
 SUMMARY_COLUMNS = (
@@ -137,18 +137,6 @@ FRONT_COLUMNS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Of:
-    """What a row is about."""
-
-    table: CostTable
-    label: str = ""
-    row: Any = None
-    case: CostCase | None = None
-    curve: CostCurve | None = None
-    accuracy: float = math.nan
-
-
 def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
     """What the methods of every experiment cost; seconds to accuracies come first."""
 
@@ -156,65 +144,63 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
         prices = [Heading(level=1, words=f"What accuracy costs: {name}"), *cost_summary(tables)]
         return prices, [*prices, *(block for table in tables for block in _details(table))]
 
-    def sheet(
-        name: str, columns: tuple[Column, ...], items: Items, *keys: str, is_file: bool = True
-    ) -> Sheet:
-        rows = rows_of(columns, (one for table in tables for one in items(table)))
-        whose = ("experiment", *keys)
-        return Sheet(name=name, columns=columns, rows=rows, keys=whose, is_file=is_file)
-
     has_tolerances = any(table.by_tolerance for table in tables)
+    sheets = (
+        ("runs", RUN_COLUMNS, _runs, ("case", "n_steps"), True),
+        ("summary", SUMMARY_COLUMNS, _curves, ("case",), True),
+        ("cheapest", CHEAPEST_COLUMNS, _cheapest, ("error",), False),
+        ("tolerances", TOLERANCE_COLUMNS, _tolerances, ("tolerance",), has_tolerances),
+        ("pareto_front", FRONT_COLUMNS, _front, ("case", "n_steps"), False),
+    )
     return Report(
         name=f"{name}-cost",
-        sheets=(
-            sheet("runs", RUN_COLUMNS, _runs, "case", "n_steps"),
-            sheet("summary", SUMMARY_COLUMNS, _curves, "case"),
-            sheet("cheapest", CHEAPEST_COLUMNS, _cheapest, "error", is_file=False),
-            sheet(
-                "tolerances", TOLERANCE_COLUMNS, _tolerances, "tolerance", is_file=has_tolerances
-            ),
-            sheet("pareto_front", FRONT_COLUMNS, _front, "case", "n_steps", is_file=False),
+        sheets=tuple(
+            Sheet.of(
+                sheet,
+                columns,
+                (one for table in tables for one in items(table)),
+                ("experiment", *keys),
+                is_file=is_file,
+            )
+            for sheet, columns, items, keys, is_file in sheets
         ),
         words=words,
         is_timed=True,
     )
 
 
-Items = Callable[[CostTable], Iterator[_Of]]
-
-
-def _runs(table: CostTable) -> Iterator[_Of]:
+def _runs(table: CostTable) -> Iterator[About]:
     names = _names(table)
     for case in table.cases:
         label = names[case.method.case].label
-        yield from (_Of(table=table, label=label, case=case, row=row) for row in case.rows)
+        yield from (About(table=table, label=label, case=case, row=row) for row in case.rows)
 
 
-def _curves(table: CostTable) -> Iterator[_Of]:
+def _curves(table: CostTable) -> Iterator[About]:
     for curve in cost_curves(table):
-        yield _Of(table=table, curve=curve, label=curve_name(curve, _names(table)))
+        yield About(table=table, curve=curve, label=curve_name(curve, _names(table)))
 
 
-def _cheapest(table: CostTable) -> Iterator[_Of]:
+def _cheapest(table: CostTable) -> Iterator[About]:
     bands = cheapest_bands(cost_curves(table))
     for accuracy in ACCURACIES:
         if curve := cheapest_at(bands, accuracy):
             label = curve_name(curve, _names(table))
-            yield _Of(table=table, curve=curve, label=label, accuracy=accuracy)
+            yield About(table=table, curve=curve, label=label, accuracy=accuracy)
 
 
-def _tolerances(table: CostTable) -> Iterator[_Of]:
+def _tolerances(table: CostTable) -> Iterator[About]:
     curves = [curve for curve in cost_curves(table) if not curve.is_exact_by_chance]
     for row in table.by_tolerance:
         reached = [one for one in curves if not math.isnan(one.seconds_to(row.error))]
         best = min(reached, key=lambda one: one.seconds_to(row.error), default=None)
         label = curve_name(best, _names(table)) if best else ""
-        yield _Of(table=table, row=row, curve=best, label=label)
+        yield About(table=table, row=row, curve=best, label=label)
 
 
-def _front(table: CostTable) -> Iterator[_Of]:
+def _front(table: CostTable) -> Iterator[About]:
     for curve, row in pareto_front(cost_curves(table)):
-        yield _Of(table=table, curve=curve, row=row)
+        yield About(table=table, curve=curve, row=row)
 
 
 def curve_name(curve: CostCurve, names: Mapping[str, MethodName]) -> str:

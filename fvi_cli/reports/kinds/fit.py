@@ -1,14 +1,14 @@
-"""What was fitted: estimates with intervals, correlations, models side by side."""
+"""What was fitted: estimates with intervals, correlations, comparison of models."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Heading, Near, Paragraph, Piece
 from fvi_cli.reports.table import (
+    About,
     Column,
     Report,
     Sheet,
@@ -16,9 +16,8 @@ from fvi_cli.reports.table import (
     Within,
     alike,
     grid_of,
-    number_of,
     pivot,
-    rows_of,
+    with_stored,
     within,
 )
 from fvi_cli.studies.fits.result import FitResult, ModelFit
@@ -100,7 +99,7 @@ MODEL_COLUMNS = (
     ),
     Column(
         "not_needed",
-        "terms whose removal the data do not refuse",
+        "terms that the data do not need",
         "not needed",
         get=lambda of: ", ".join(one.key for one in of.model.needless),
     ),
@@ -136,35 +135,15 @@ ESTIMATES = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Of:
-    """What a row is about."""
-
-    result: FitResult
-    model: ModelFit
-    one: Any = None
-    other: Any = None
-    correlation: float = math.nan
-
-
 def fit_report(name: str, results: Sequence[FitResult]) -> Report:
     """Estimates of every experiment and model."""
     every = [(result, model) for result in results for model in result.models]
-
-    def sheet(
-        name: str,
-        columns: tuple[Column, ...],
-        items: Iterable[_Of],
-        *keys: str,
-        is_file: bool = True,
-    ) -> Sheet:
-        rows, whose = rows_of(columns, items), ("experiment", "model", *keys)
-        return Sheet(name=name, columns=columns, rows=rows, keys=whose, is_file=is_file)
-
-    estimates = [_Of(result=r, model=m, one=one) for r, m in every for one in m.estimates]
-    noise = [_Of(result=r, model=m, one=one) for r, m in every for one in m.series]
+    whose = ("experiment", "model")
+    models = [About(result=r, model=m) for r, m in every]
+    estimates = [About(result=r, model=m, one=one) for r, m in every for one in m.estimates]
+    noise = [About(result=r, model=m, one=one) for r, m in every for one in m.series]
     pairs = [
-        _Of(result=r, model=m, one=one, other=other, correlation=float(m.correlations[i, j]))
+        About(result=r, model=m, one=one, other=other, correlation=float(m.correlations[i, j]))
         for r, m in every
         for i, one in enumerate(m.estimates)
         for j, other in enumerate(m.estimates[:i])
@@ -172,10 +151,16 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
     return Report(
         name=f"{name}-fit",
         sheets=(
-            sheet("parameters", PARAMETER_COLUMNS, estimates, "parameter"),
-            sheet("models", MODEL_COLUMNS, (_Of(result=r, model=m) for r, m in every)),
-            sheet("noise", NOISE_COLUMNS, noise, "motion", "column", is_file=False),
-            sheet("correlations", CORRELATION_COLUMNS, pairs, "parameter", "other", is_file=False),
+            Sheet.of("parameters", PARAMETER_COLUMNS, estimates, (*whose, "parameter")),
+            Sheet.of("models", MODEL_COLUMNS, models, whose),
+            Sheet.of("noise", NOISE_COLUMNS, noise, (*whose, "motion", "column"), is_file=False),
+            Sheet.of(
+                "correlations",
+                CORRELATION_COLUMNS,
+                pairs,
+                (*whose, "parameter", "other"),
+                is_file=False,
+            ),
         ),
         words=lambda sheets: alike(_words(name, results)),
         remake=lambda sheets: fit_report(name, _with_rows(results, sheets)),
@@ -185,34 +170,16 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
 def _with_rows(results: Sequence[FitResult], sheets: Sheets) -> list[FitResult]:
     """The results with the numbers of stored rows."""
     estimates, models = (iter(sheets[name].rows) for name in ("parameters", "models"))
-    found = []
-    for result in results:
-        own = []
-        for model in result.models:
-            values = [
-                replace(
-                    one,
-                    value=number_of(row["estimate"]),
-                    standard_error=number_of(row["standard_error"]),
-                    low=number_of(row["low"]),
-                    high=number_of(row["high"]),
-                )
-                for one, row in zip(model.estimates, estimates, strict=False)
-            ]
-            row = next(models)
-            own.append(
-                replace(
-                    model,
-                    estimates=tuple(values),
-                    criterion=number_of(row["aicc"]),
-                    whiteness=number_of(row["whiteness"]),
-                    steps=row["steps"] if isinstance(row["steps"], int) else 0,
-                    discretisation=number_of(row["discretisation"]),
-                    message=str(row["message"] or ""),
-                )
-            )
-        found.append(replace(result, models=tuple(own)))
-    return found
+
+    def stored(model: ModelFit) -> ModelFit:
+        values = (
+            with_stored(one, PARAMETER_COLUMNS, row, "one")
+            for one, row in zip(model.estimates, estimates, strict=False)
+        )
+        made = replace(model, estimates=tuple(values))
+        return with_stored(made, MODEL_COLUMNS, next(models), "model")
+
+    return [replace(one, models=tuple(map(stored, one.models))) for one in results]
 
 
 def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
@@ -220,9 +187,9 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
     for result in results:
         yield Heading(level=2, words=(CodeSpan(result.name),))
         if len(result.models) > 1:
-            models = sorted(result.models, key=lambda one: one.criterion)
+            models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
             shown = [one for one in MODEL_COLUMNS if one.title]
-            yield grid_of(shown, (_Of(result=result, model=one) for one in models))
+            yield grid_of(shown, (About(result=result, model=one) for one in models))
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
@@ -248,9 +215,8 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
         )
     if model.series:
         yield Paragraph(words=tuple(_noise(model)))
-    remarks = model.warnings if model.is_converged else [one.words for one in model.needless]
-    if remarks:
-        yield Bullets(items=tuple((Near(one),) for one in remarks))
+    if model.warnings:
+        yield Bullets(items=tuple((Near(one),) for one in model.warnings))
 
 
 def _noise(model: ModelFit) -> Iterator[Piece]:

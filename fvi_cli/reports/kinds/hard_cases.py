@@ -15,7 +15,6 @@ from fvi_cli.reports.table import (
     Words,
     number_of,
     pivot,
-    rows_of,
 )
 from fvi_cli.studies.hard_cases.case import FLAGSHIP, Finding, HardCaseReport
 
@@ -50,11 +49,11 @@ def hard_case_report(found: HardCaseReport) -> Report:
     return Report(
         name=NAME,
         sheets=(
-            Sheet(
-                name="findings",
-                columns=COLUMNS,
-                rows=rows_of(COLUMNS, found.findings),
-                keys=("case", "quantity", "method"),
+            Sheet.of(
+                "findings",
+                COLUMNS,
+                found.findings,
+                ("case", "quantity", "method"),
                 below_floor=_below_floor,
             ),
         ),

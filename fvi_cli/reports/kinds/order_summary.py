@@ -5,15 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from fvi_cli.integrator.method_names import MethodName, describe_method, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Paragraph, Words
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_summary
-from fvi_cli.reports.naming import (
-    MethodName,
-    describe_method,
-    listing,
-    method_names,
-    number,
-)
+from fvi_cli.reports.naming import listing, number
 from fvi_cli.reports.table import pivot
 from fvi_cli.studies.order import OrderCase, OrderTable
 
@@ -35,7 +30,7 @@ NORMS: Mapping[str, str] = {
 }
 
 
-def names_of(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
+def names_in_tables(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
     """Names of all methods in `tables`, by case."""
     return method_names([case.method for table in tables for case in table.cases])
 
@@ -57,8 +52,8 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
 
 
 def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
-    """Orders of all experiments side by side, with what a reader should know of them."""
-    names = names_of(tables)
+    """Orders of all experiments in one table, with what a reader should know of them."""
+    names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     titles = short_titles(name, single)
     groups = _groups(single)
@@ -68,21 +63,20 @@ def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     blocks += [_grid(group, names, titles) for group in groups]
     for members in swept:
         blocks += sweep_summary(members, names, order_entry)
-    remarks: list[Words] = []
-    for table in single:
-        remarks += _stated(table, names, titles)
-    for table in single:
-        remarks += _sampled(table, names, titles)
-    for table in single:
-        remarks += _failures(table, names, titles)
+    remarks = [
+        sentence
+        for say in (_stated, _sampled, _failures)
+        for table in single
+        for sentence in say(table, names, titles)
+    ]
     if remarks:
         blocks.append(Bullets(items=tuple(remarks)))
     return blocks
 
 
 def legend(tables: Sequence[OrderTable]) -> list[Block]:
-    """What every method is, and its case in the other files; what all share is said once."""
-    names = names_of(tables)
+    """What every method is, and its case in the other files; what all share stands once."""
+    names = names_in_tables(tables)
     methods = {case.method.case: case.method for table in tables for case in table.cases}
     if not methods:
         return []

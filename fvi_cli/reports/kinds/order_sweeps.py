@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from fvi_cli.integrator.method_names import MethodName
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Paragraph, Words
-from fvi_cli.reports.kinds.members import DESIGN, members_in_words
-from fvi_cli.reports.naming import MethodName, number
+from fvi_cli.reports.naming import DESIGN, members_in_words, number
 from fvi_cli.reports.table import Column, grid_of, pivot
 from fvi_cli.studies.members import counts_in_words, value_in_words
 from fvi_cli.studies.order import OrderCase, OrderTable

@@ -1,27 +1,47 @@
-"""Orders of convergence."""
+"""Orders of convergence, and every error of an experiment, a column for each method."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast, get_args
 
-from fvi_cli.reports.document import Block, Heading
-from fvi_cli.reports.kinds.members import member_columns
-from fvi_cli.reports.kinds.order_details import details, setting
-from fvi_cli.reports.kinds.order_summary import legend, names_of, summary
+from fvi_cli.integrator.method_names import MethodName
+from fvi_cli.reports.document import (
+    Block,
+    Bullets,
+    Equation,
+    Grid,
+    Heading,
+    Paragraph,
+    Piece,
+    Rough,
+    Words,
+    pieces,
+    without_numbers,
+)
+from fvi_cli.reports.kinds.order_summary import (
+    NORMS,
+    expected_orders,
+    legend,
+    names_in_tables,
+    steps_phrase,
+    summary,
+)
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
+from fvi_cli.reports.naming import member_columns, number
 from fvi_cli.reports.table import (
+    About,
     Column,
     Report,
     Row,
     Sheet,
     Value,
     Within,
-    Words,
     number_of,
-    rows_of,
+    pivot,
     within,
 )
 from fvi_cli.studies.experiment import Observed
@@ -101,16 +121,6 @@ EXPERIMENT_COLUMNS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Of:
-    """What a row is about."""
-
-    table: OrderTable
-    case: OrderCase
-    row: OrderRow
-    described: SimpleNamespace
-
-
 def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     """The orders of all experiments of the configuration `name`; a table for every one of them.
 
@@ -120,25 +130,16 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     swept = member_columns((table.member for table in tables), lambda of: of.table.member)
     columns = (*COLUMNS, *swept, *EXTRA_COLUMNS)
     items = (
-        _Of(table=table, case=case, row=row, described=described)
+        About(table=table, case=case, row=row, described=described)
         for table in tables
         for case in table.cases
         for described in (SimpleNamespace(**case.columns()),)
         for row in case.rows
     )
-    runs = Sheet(
-        name="runs",
-        columns=columns,
-        rows=rows_of(columns, items),
-        keys=("experiment", "case", "n_steps", *(column.name for column in swept)),
-        below_floor=_below_floor,
-    )
-    experiments = Sheet(
-        name="experiments",
-        columns=EXPERIMENT_COLUMNS,
-        rows=rows_of(EXPERIMENT_COLUMNS, tables),
-        keys=("experiment",),
-        is_file=False,
+    keys = ("experiment", "case", "n_steps", *(column.name for column in swept))
+    runs = Sheet.of("runs", columns, items, keys, below_floor=_below_floor)
+    experiments = Sheet.of(
+        "experiments", EXPERIMENT_COLUMNS, tables, ("experiment",), is_file=False
     )
     return Report(
         name=name,
@@ -148,13 +149,13 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     )
 
 
-def _words(name: str, tables: Sequence[OrderTable]) -> Words:
+def _words(name: str, tables: Sequence[OrderTable]) -> tuple[Sequence[Block], Sequence[Block]]:
     orders = [Heading(level=1, words=f"Orders of convergence: {name}"), *summary(name, tables)]
     return orders, [*orders, *legend(tables), *_all_details(tables)]
 
 
 def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    names = names_of(tables)
+    names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     for table in single:
         yield from details(table, names)
@@ -163,7 +164,7 @@ def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
 
 
 def _below_floor(stored: Row, fresh: Row) -> set[str]:
-    """Errors near the floor with what is said of them, and how far a run diverged."""
+    """Errors near the floor with their remarks, and how far a run diverged."""
     if fresh["status"] not in ("ok", "floor"):
         return {"error"}
     error, other, floor = (number_of(v) for v in (stored["error"], fresh["error"], fresh["floor"]))
@@ -189,3 +190,159 @@ def _with_rows(tables: Sequence[OrderTable], rows: Sequence[Row]) -> Iterator[Or
             )
             cases.append(with_orders(replace(case, rows=own)))
         yield replace(table, cases=tuple(cases))
+
+
+_SOURCES: Mapping[str, str] = {
+    "expression": "the exact solution, an expression of the configuration",
+    "unknown": "a reference that is not stated",
+}
+
+
+def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
+    """Heading, equation, grids of errors and orders, remarks."""
+    blocks: list[Block] = [
+        Heading(level=2, words=table.experiment),
+        Paragraph(words=setting([table])),
+    ]
+    if not table.cases:
+        return [*blocks, Paragraph(words="No run is finished.")]
+    blocks.append(_grid(table.cases, names))
+    remarks = _remarks(table, names)
+    if remarks:
+        blocks.append(Bullets(items=tuple(remarks)))
+    return blocks
+
+
+def setting(tables: Sequence[OrderTable]) -> Words:
+    """Equation and norm of an experiment, which has a table for every member of a sweep."""
+    table = tables[0]
+    orders = table.gamma.replace(";", ", ")
+    if any(other.gamma != table.gamma for other in tables):
+        orders = "swept"
+    floors = [row.floor for one in tables for case in one.cases for row in case.rows]
+    return (
+        "Equation: ",
+        Equation(table.equation) if table.equation else "not stated",
+        f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
+        f"{NORMS[table.norm]}, against ",
+        Rough(f"{_reference(table.reference)}{_floor(floors)}"),
+        ".",
+    )
+
+
+def _floor(floors: Sequence[float]) -> str:
+    found = [floor for floor in floors if math.isfinite(floor)]
+    if not found:
+        return ""
+    ends = dict.fromkeys(f"{end:.0e}" for end in (min(found), max(found)))
+    return f"; floor {' to '.join(ends)}"
+
+
+def _reference(source: str) -> str:
+    if source.startswith("refined run"):
+        return f"a {source}"
+    if source.startswith("N = "):
+        return source
+    return _SOURCES.get(source, f"the exact solution, {source}")
+
+
+def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
+    cells: list[tuple[int, str, str, Sequence[str]]] = sorted(
+        (row.n_steps, f"{row.step_size:.4g}", case.method.case, _entries(case, k))
+        for case in cases
+        for k, row in enumerate(case.rows)
+    )
+    sizes = {n: size for n, size, _, _ in reversed(cells)}
+    below: list[tuple[str, Callable[[OrderCase], str]]] = [
+        ("slope", lambda case: f"{case.slope:.2f}" if case.has_order else "-"),
+        ("residual", _residual),
+        ("expected", lambda case: number(case.expected_order, ".3g")),
+        ("stated", lambda case: number(case.claim, "g")),
+    ]
+    has_claims = any(not math.isnan(case.claim) for case in cases)
+    return pivot(
+        (((str(n), sizes[n]), case, texts) for n, _, case, texts in cells),
+        corner=("N", "h"),
+        headings={case.method.case: (names[case.method.case].label, "order") for case in cases},
+        absent="not computed",
+        summary=[
+            ((title, ""), {case.method.case: ("", get(case)) for case in cases})
+            for title, get in below[: 4 if has_claims else 3]
+        ],
+        text_columns=0,
+    )
+
+
+def _entries(case: OrderCase, k: int) -> list[str]:
+    row = case.rows[k]
+    both = k > 0 and case.has_order and row.used_in_fit and case.rows[k - 1].used_in_fit
+    return [error_entry(row), f"{row.pairwise_order:.2f}" if both else ""]
+
+
+def error_entry(row: OrderRow) -> str:
+    """The error where the slope uses it; else in parentheses a bound, or what happened.
+
+    Digits of errors near the floor, and of runs that diverged, are those of one machine.
+    """
+    if row.used_in_fit:
+        return f"{row.error:.2e}"
+    if row.status in ("ok", "floor"):
+        return f"(below {bound_of_near(row):.0e})" if row.is_near_floor else "(not used)"
+    return f"({row.status})"
+
+
+def bound_of_near(row: OrderRow) -> float:
+    """The power of ten above all errors that are near the floor of `row`."""
+    return float(f"1e{math.ceil(math.log10(NEAR_FLOOR * row.floor))}") if row.floor > 0 else 0.0
+
+
+def _residual(case: OrderCase) -> str:
+    # a line through two points has none, which says nothing
+    used = sum(row.used_in_fit for row in case.rows)
+    return number(case.fit_residual, ".3f") if case.has_order and used > 2 else "-"
+
+
+def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
+    """Sentences below the grids; what holds for several methods stands once."""
+    sentences: list[Words] = []
+    if any(not row.used_in_fit for case in table.cases for row in case.rows):
+        sentences.append(
+            "Rows in parentheses are not used for orders; floor: round-off, or ten times the error "
+            f"of the reference; errors below {NEAR_FLOOR:g} floors are given as a power of ten, in "
+            "full in the CSV form."
+        )
+    labels_by_sentence: dict[tuple[Piece, ...], list[str]] = {}
+    for case in table.cases:
+        for sentence in _of_case(case):
+            labels_by_sentence.setdefault(pieces(sentence), []).append(
+                names[case.method.case].label
+            )
+    sentences += [
+        (f"{'; '.join(labels)}: ", *sentence, ".")
+        for sentence, labels in labels_by_sentence.items()
+    ]
+    return sentences
+
+
+def _of_case(case: OrderCase) -> Iterator[Words]:
+    steps = [row.n_steps for row in case.rows]
+    unstable = [row.n_steps for row in case.rows if row.predicted == "unstable"]
+    if unstable:
+        yield f"predicted unstable at {steps_phrase(steps, unstable)}"
+    if case.expected_failure:
+        yield "the configuration expects failures"
+    yield from expected_orders(case)
+    for steps_at, text, is_example in _remarks_by_steps(case):
+        example = f" (numbers of N = {steps_at[0]})" if is_example else ""
+        yield f"{steps_phrase(steps, steps_at)}: ", Rough(text), example
+
+
+def _remarks_by_steps(case: OrderCase) -> list[tuple[list[int], str, bool]]:
+    """Remarks and messages with the N that they are about; those that differ in numbers once."""
+    found: dict[str, tuple[list[int], list[str]]] = {}
+    for row in case.rows:
+        for text in (*row.remarks, *((row.message,) if row.message else ())):
+            at, texts = found.setdefault(without_numbers(text), ([], []))
+            at.append(row.n_steps)
+            texts.append(text.rstrip("."))
+    return [(at, texts[0], len(set(texts)) > 1) for at, texts in found.values()]

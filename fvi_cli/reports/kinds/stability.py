@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
+from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.stability.limits import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
-from fvi_cli.reports.naming import method_names
+from fvi_cli.reports.naming import member_columns
 from fvi_cli.reports.table import (
+    About,
     Cell,
     Column,
     Report,
@@ -20,11 +22,11 @@ from fvi_cli.reports.table import (
     Value,
     Within,
     alike,
-    number_of,
     pivot,
-    rows_of,
+    with_stored,
     within,
 )
+from fvi_cli.studies.members import label_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 MOST_LINES = 200
@@ -32,10 +34,16 @@ MOST_LINES = 200
 
 PREDICTED = Within(relative=2e-3, absolute=1e-9)
 
+
+def _seen(name: str, missing: Value = None) -> Callable[[About], Any]:
+    """What was observed of a run."""
+    return lambda of: missing if of.row.observation is None else getattr(of.row.observation, name)
+
+
 _EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment.name")
 COLUMNS = (
     _EXPERIMENT,
-    Column("member", "swept values", get=lambda of: _member(of.row)),
+    Column("member", "swept values", get=lambda of: label_of(of.row.run.member)),
     *within(
         "row.run",
         Column("case", "name of the method in files", get="method.case"),
@@ -67,22 +75,20 @@ COLUMNS = (
             compared=PREDICTED,
         ),
     ),
-    Column("observed", "what a run from random data did", get=lambda of: of.seen("verdict")),
+    Column("observed", "what a run from random data did", get=_seen("verdict")),
     Column(
         "observed_growth_per_step",
         "natural logarithm of its growth in a step",
         compared=None,
-        get=lambda of: of.seen("growth_per_step", math.nan),
+        get=_seen("growth_per_step", math.nan),
     ),
-    Column(
-        "observed_steps", "its number of steps", compared=None, get=lambda of: of.seen("n_steps")
-    ),
+    Column("observed_steps", "its number of steps", compared=None, get=_seen("n_steps")),
     Column(
         "predicted_over_observed_steps",
         "what is predicted for that number of steps",
-        get=lambda of: of.seen("predicted"),
+        get=_seen("predicted"),
     ),
-    Column("agrees", "whether the two say the same", get=lambda of: of.seen("agrees")),
+    Column("agrees", "whether the two say the same", get=_seen("agrees")),
     Column("reason", "of the prediction", compared=None, get="row.prediction.reason"),
 )
 REGION_COLUMNS = (
@@ -99,42 +105,18 @@ REGION_COLUMNS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Of:
-    """What a row is about: a run, or a region of the plane."""
-
-    table: StabilityTable
-    row: Any
-
-    def seen(self, name: str, missing: Value = None) -> Any:
-        """What was observed of a run."""
-        found = self.row.observation
-        return missing if found is None else getattr(found, name)
-
-
-def _member(row: StabilityRow) -> str:
-    return "" if row.run.member is None else row.run.member.label
-
-
 def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
     """Predicted and observed stability of every method, member and step, and shares of planes."""
-    runs = [_Of(table=table, row=row) for table in tables for row in table.rows]
-    regions = [_Of(table=table, row=one) for table in tables for one in table.regions]
+    runs = [About(table=table, row=row) for table in tables for row in table.rows]
+    regions = [About(table=table, row=one) for table in tables for one in table.regions]
+    members = (of.row.run.member for of in runs)
+    columns = (*COLUMNS, *member_columns(members, lambda of: of.row.run.member))
     return Report(
         name=f"{name}-stability",
         sheets=(
-            Sheet(
-                name="runs",
-                columns=COLUMNS,
-                rows=rows_of(COLUMNS, runs),
-                keys=("experiment", "member", "case", "n_steps"),
-            ),
-            Sheet(
-                name="regions",
-                columns=REGION_COLUMNS,
-                rows=rows_of(REGION_COLUMNS, regions),
-                keys=("experiment", "case", "order"),
-                is_file=False,
+            Sheet.of("runs", columns, runs, ("experiment", "member", "case", "n_steps")),
+            Sheet.of(
+                "regions", REGION_COLUMNS, regions, ("experiment", "case", "order"), is_file=False
             ),
         ),
         words=lambda sheets: alike(_words(name, tables)),
@@ -149,16 +131,7 @@ def _with_rows(tables: Sequence[StabilityTable], rows: Sequence[Row]) -> list[St
         replace(
             table,
             rows=tuple(
-                replace(
-                    row,
-                    prediction=replace(
-                        row.prediction,
-                        growth_per_step=number_of(found["growth_per_step"]),
-                        exact_growth=number_of(found["exact_growth_per_step"]),
-                    ),
-                    largest_stable_step=number_of(found["largest_stable_step"]),
-                    lasting_step=number_of(found["lasting_step"]),
-                )
+                with_stored(row, COLUMNS, found, "row")
                 for row, found in zip(table.rows, stored, strict=False)
             ),
         )
@@ -174,9 +147,9 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
             f"unstable (in CAPITALS) when it outgrows the exact scene by {TOLERATED_GROWTH:.0f} "
             "and the mode is none of the exact scene. Modes called slow grow, but too slowly for "
             "that number of steps. Below the stable h runs over this time are stable, below the "
-            "lasting h also those over a thousand times this time: looked at are all steps T/N up "
-            f"to N = {EVERY_UP_TO} and shorter ones that are {100 * SPACING:g} % apart, so that "
-            "windows of instability narrower than that may be missed "
+            "lasting h also those over a thousand times this time. The search covers all steps T/N "
+            f"up to N = {EVERY_UP_TO} and shorter ones that are {100 * SPACING:g} % apart: "
+            "narrower windows of instability may be missed "
             f"({100 * WIDE_SPACING:g} % for scenes of more than {FEW} independent systems or with "
             "negative damping or stiffness)."
         ),
@@ -194,7 +167,7 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
     lines: dict[tuple[str, ...], list[StabilityRow]] = {}
     swept = any(row.run.member is not None for row in table.rows)
     for row in table.rows:
-        key = (row.run.method.case, *([_member(row)] if swept else []))
+        key = (row.run.method.case, *([label_of(row.run.member)] if swept else []))
         lines.setdefault(key, []).append(row)
     if len(lines) > MOST_LINES:
         yield _counts(table, steps)
@@ -245,10 +218,6 @@ def _cell(row: StabilityRow) -> str:
     return f"grows {factor:.3g}" if row.prediction.exact_growth else f"slow {factor:.6g}"
 
 
-def _share(share: float) -> str:
-    return f"{100 * share:.1f} %"
-
-
 def _size(step: float, final_time: float) -> str:
     if math.isnan(step):
         return "-"
@@ -270,7 +239,7 @@ def _agreement(table: StabilityTable) -> str:
     agreed = sum(one.agrees is True for one in compared)
     words = f"Observed from random data: {agreed} of {len(compared)} runs as predicted."
     if len(compared) < len(seen):
-        words += f" Of {len(seen) - len(compared)} runs nothing is predicted."
+        words += f" Of {len(seen) - len(compared)} runs the stability is unknown."
     return words
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
-from fvi_cli.reports.table import Column, Report, Sheet, Within, alike, rows_of, within
+from fvi_cli.reports.naming import member_columns
+from fvi_cli.reports.table import About, Column, Report, Sheet, Within, alike, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
 from fvi_cli.studies.vibration.response import ResponseTable
@@ -57,19 +58,30 @@ REACHES = {
 }
 EXPERIMENT = Column("experiment", "name of the experiment", get="table.name")
 MEMBER = Column("member", "swept values", "member", get="table.member")
+
+
+def _at(name: str, part: str = "real") -> Callable[[About], Any]:
+    """A number of an output at a frequency."""
+    return lambda of: getattr(getattr(of.table, name)[of.number, of.column].item(), part)
+
+
 RESPONSE_COLUMNS = (
     Column("at", "coordinate, or combination of them", get="one"),
-    Column("frequency_hz", "oscillations per unit of time (Hz for seconds)", get="hertz"),
-    Column("real", "real part of the amplitude", "", "", PART, get="value.real"),
-    Column("imaginary", "imaginary part of the amplitude", "", "", PART, get="value.imag"),
     Column(
-        "magnitude", "size of the amplitude", "", "", FREQUENCY, get=lambda of: of.at("magnitude")
+        "frequency_hz",
+        "oscillations per unit of time (Hz for seconds)",
+        get=lambda of: float(of.table.hertz[of.number]),
     ),
+    Column("real", "real part of the amplitude", "", "", PART, get=_at("values")),
+    Column("imaginary", "imaginary part of the amplitude", "", "", PART, get=_at("values", "imag")),
+    Column("magnitude", "size of the amplitude", "", "", FREQUENCY, get=_at("magnitude")),
     Column(
         "phase",
         "argument of the amplitude, degrees",
-        compared=Within(absolute=1e-4),
-        get=lambda of: of.at("phase"),
+        "",
+        "",
+        Within(absolute=1e-4),
+        get=_at("phase"),
     ),
 )
 PEAK_COLUMNS = (
@@ -87,32 +99,11 @@ PEAK_COLUMNS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Of:
-    """What a row is about: a mode, a peak, or an output at a frequency."""
-
-    table: Any
-    one: Any
-    number: int
-
-    @property
-    def hertz(self) -> float:
-        return float(self.table.hertz[self.number])
-
-    @property
-    def value(self) -> complex:
-        return complex(self.at("values"))
-
-    def at(self, name: str) -> Any:
-        """A number of an output at the frequency of that number."""
-        return getattr(self.table, name)[self.number, self.table.outputs.index(self.one)].item()
-
-
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     """Frequencies, damping ratios and loss factors of modes."""
     owner = _owner(tables)
     items = [
-        _Of(table=table, one=mode, number=number)
+        About(table=table, one=mode, number=number)
         for table in tables
         for number, mode in enumerate(table.modes, start=1)
     ]
@@ -131,9 +122,15 @@ def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Colum
 
 
 def _sheet(
-    name: str, owner: tuple[Column, ...], columns: tuple[Column, ...], items: list[_Of], *keys: str
+    name: str,
+    owner: tuple[Column, ...],
+    columns: tuple[Column, ...],
+    items: list[About],
+    *keys: str,
 ) -> Sheet:
     """Rows with whose they are, which is shown where there are several."""
+    members = (item.table.of_member for item in items)
+    columns = (*columns, *member_columns(members, lambda of: of.table.of_member))
     return Sheet(
         name=name,
         columns=(*owner, *columns),
@@ -206,13 +203,13 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     """Amplitudes over frequencies, and peaks with their half-power widths."""
     owner = _owner(tables)
     items = [
-        _Of(table=table, one=output, number=i)
+        About(table=table, one=output, number=i, column=column)
         for table in tables
-        for output in table.outputs
+        for column, output in enumerate(table.outputs)
         for i in range(table.hertz.size)
     ]
     peaks = [
-        _Of(
+        About(
             table=table,
             one=peak,
             number=1 + sum(one.at == peak.at and one.hertz < peak.hertz for one in table.peaks),
@@ -220,7 +217,7 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         for table in tables
         for peak in table.peaks
     ]
-    # round-off decides the last digits of a frequency: peaks are told apart by their numbers
+    # round-off decides the last digits of a frequency: peaks are distinguished by their numbers
     peak_sheet = _sheet("peaks", owner, PEAK_COLUMNS, peaks, "at", "peak")
     return Report(
         name=f"{name}-response",
@@ -265,5 +262,6 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
                 )
             if one.known.growing:
                 yield Paragraph(
-                    words=f"{prefix}A mode grows (fvi modes): no motion settles into this response."
+                    words=f"{prefix}A mode grows (fvi modes): "
+                    "motions do not settle into this response."
                 )

@@ -8,7 +8,7 @@ from fvi_cli.reports.document import Block
 from fvi_cli.reports.table import Report, Sheet
 from fvi_cli.reports.writers.data import to_csv, to_json
 from fvi_cli.reports.writers.latex import to_latex, to_tabulars
-from fvi_cli.reports.writers.markdown import to_markdown
+from fvi_cli.reports.writers.text import to_markdown
 
 
 def csv_name(report: Report, sheet: Sheet) -> str:

@@ -15,7 +15,7 @@ from fvi_cli.reports.document import (
     Paragraph,
     Words,
     pieces,
-    plain,
+    plain_text,
     split_wide,
 )
 from fvi_cli.reports.writers.equations import to_mathematics
@@ -73,12 +73,12 @@ def to_latex(blocks: Sequence[Block]) -> str:
 def to_tabulars(blocks: Sequence[Block]) -> str:
     """The tables alone, in the size and place that the text around them gives them.
 
-    Headings become comments, and what a reader is told of the tables is left out.
+    Headings become comments, and the prose on the tables is left out.
     """
     found = [_TABLES_HEAD]
     for block in blocks:
         if isinstance(block, Heading):
-            found.append("% " + " ".join(plain(block.words).split()))
+            found.append("% " + " ".join(plain_text(block.words).split()))
         elif isinstance(block, Grid):
             found += [
                 f"{_table(part)}\n\\par"
@@ -90,7 +90,7 @@ def to_tabulars(blocks: Sequence[Block]) -> str:
 def _block(block: Block) -> str:
     if isinstance(block, Heading):
         section = _SECTIONS[min(block.level, len(_SECTIONS)) - 1]
-        return f"\\{section}{{{escape_latex(plain(block.words))}}}"
+        return f"\\{section}{{{escape_latex(plain_text(block.words))}}}"
     if isinstance(block, Paragraph):
         return rf"{_inline(block.words)}\par\smallskip"
     if isinstance(block, Bullets):
@@ -113,7 +113,7 @@ def _inline(words: Words) -> str:
             # names of methods may be broken behind a hyphen
             found.append(rf"\texttt{{{escape_latex(piece.text)}}}".replace("-", r"-\allowbreak{}"))
         else:
-            found.append(_folding(_with_numbers(plain((piece,)))))
+            found.append(_folding(_with_numbers(plain_text((piece,)))))
     return "".join(found)
 
 

@@ -1,15 +1,29 @@
-"""Reports as text: plain for files and pipes, folded and ruled on a terminal."""
+"""Reports as text, plain for files and pipes, ruled on a terminal, and as Markdown of GitHub."""
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TextIO
 
-from fvi_cli.reports.document import Block, Bullets, Grid, Heading, Paragraph, plain, split_wide
+from fvi_cli.reports.document import (
+    Block,
+    Bullets,
+    CodeSpan,
+    Equation,
+    Grid,
+    Heading,
+    Paragraph,
+    Words,
+    pieces,
+    plain_text,
+    split_wide,
+)
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+
 
 WIDEST = 120
 """Letters in a line of a table where no terminal says how many there are."""
@@ -25,9 +39,9 @@ def to_text(blocks: Sequence[Block]) -> str:
 
 def _plain(block: Block) -> str:
     if isinstance(block, Heading | Paragraph):
-        return plain(block.words)
+        return plain_text(block.words)
     if isinstance(block, Bullets):
-        return "\n".join(f"- {plain(item)}" for item in block.items)
+        return "\n".join(f"- {plain_text(item)}" for item in block.items)
     return "\n\n".join(aligned(part) for part in split_wide(block, WIDEST))
 
 
@@ -59,13 +73,13 @@ def _rich(block: Block, width: int) -> list[RenderableType]:
     from rich.text import Text
 
     if isinstance(block, Heading):
-        return [Text(plain(block.words), style="bold")]
+        return [Text(plain_text(block.words), style="bold")]
     if isinstance(block, Paragraph):
-        return [Text(plain(block.words))]
+        return [Text(plain_text(block.words))]
     if isinstance(block, Bullets):
         bullets = Table.grid(padding=(0, 1))
         for item in block.items:
-            bullets.add_row("-", Text(plain(item)))
+            bullets.add_row("-", Text(plain_text(item)))
         return [bullets]
     found: list[RenderableType] = []
     for part in split_wide(block, width, WIDEST_TEXT):
@@ -83,3 +97,57 @@ def _rich(block: Block, width: int) -> list[RenderableType]:
                 table.add_row(*map(Text, row))
         found.append(table)
     return found
+
+
+_ACTIVE = re.compile(r"([\\`*_\[\]<>|~#$&])")
+
+
+WIDEST_MARKDOWN = 160
+"""Letters in a line of a table: what fits into a browser window."""
+
+
+def to_markdown(blocks: Sequence[Block]) -> str:
+    """The blocks as Markdown, a blank line between them and a newline at the end."""
+    return "\n\n".join(_block(block) for block in blocks) + "\n"
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading):
+        return f"{'#' * block.level} {_inline(block.words)}"
+    if isinstance(block, Paragraph):
+        return _inline(block.words)
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {_inline(item)}" for item in block.items)
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST_MARKDOWN))
+
+
+def _inline(words: Words) -> str:
+    return "".join(
+        _code(piece.text)
+        if isinstance(piece, CodeSpan | Equation)
+        else escape_markdown(plain_text((piece,)))
+        for piece in pieces(words)
+    )
+
+
+def escape_markdown(text: str) -> str:
+    """Text in which nothing is taken for markup."""
+    return _ACTIVE.sub(r"\\\1", " ".join(text.splitlines()))
+
+
+def _code(text: str) -> str:
+    longest = max(map(len, re.findall(r"`+", text)), default=0)
+    fence = "`" * (longest + 1)
+    padding = " " if longest else ""
+    return f"{fence}{padding}{text}{padding}{fence}"
+
+
+def _grid(grid: Grid) -> str:
+    rows = [[escape_markdown(cell) for cell in row] for row in grid.lines]
+    widths = [max(3, *(len(row[k]) for row in rows)) for k in range(len(grid.header))]
+    rule = [
+        "-" * width if k < grid.text_columns else "-" * (width - 1) + ":"
+        for k, width in enumerate(widths)
+    ]
+    lines = (grid.justified(row, widths) for row in (rows[0], rule, *rows[1:]))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

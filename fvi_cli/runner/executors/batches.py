@@ -12,7 +12,7 @@ Pack = tuple[object, ...]
 Batch = tuple[Run, ...]
 
 LEAST_PACK, LARGEST_PACK, PACKS = 8, 64, 16
-"""Members side by side gain little beyond the largest pack, which is what a worker takes, and what
+"""Batched members gain little beyond the largest pack, which is what a worker takes, and what
 an interruption loses; smaller sweeps are dealt into so many packs, for that many workers."""
 
 
@@ -68,8 +68,8 @@ def one_by_one_words(experiment: Experiment) -> str:
     if experiment.accuracy or not (experiment.members and experiment.observations.impacts):
         return ""
     return (
-        f"the {len(experiment.members)} members are integrated one by one, because `impacts` is "
-        "asked for; without it they would be integrated in batches"
+        f"the {len(experiment.members)} members are integrated one by one, because of "
+        "`impacts`; without impacts they would be integrated in batches"
     )
 
 

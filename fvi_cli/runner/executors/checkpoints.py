@@ -13,8 +13,8 @@ from pathlib import Path
 from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
 from fvi_cli.runner.executors.batches import Batch, batches_of
 from fvi_cli.storage.atomic import reason, replacement
+from fvi_cli.storage.digests import canonical_json, identity_of, sha256
 from fvi_cli.storage.files import CHECKPOINT_SUFFIX, checkpoint_paths, remove_checkpoints
-from fvi_cli.storage.identity import canonical_json, identity_of, sha256
 from fvi_cli.studies.experiment import Run
 
 _logger = logging.getLogger(__name__)
@@ -86,8 +86,8 @@ class CheckpointFolder:
 class CheckpointFile:
     """The checkpoint of one run, as :class:`fvi_cli.integrator.loop.checkpoint.RunKeeper` asks.
 
-    A disk that is full, or a file that is broken, is told and does no harm: without a checkpoint a
-    run begins at its start, and it goes on without one.
+    A full disk or a broken file is reported and does no harm: without a checkpoint a run begins at
+    its start, and it goes on without one.
     """
 
     folder: Path  # of the file

@@ -55,7 +55,7 @@ class DaskCluster:
     No more jobs are sent ahead than keep the workers busy, so that neither this process nor
     the scheduler has to hold them all. A worker that dies is answered by the scheduler: it gives
     its jobs to other workers as often as its setting ``distributed.scheduler.allowed-failures``
-    says (3 unless it was changed). It cannot tell which of the jobs that waited at that worker
+    says (3 unless it was changed). It does not know which of the jobs that waited at that worker
     was the reason; so one that is given up is sent once more from here, alone, after all others.
     When its workers die again, it is lost.
     """
@@ -121,7 +121,7 @@ class _Cluster:
         return [(job, self._answer(future, job))]
 
     def _ahead(self) -> int:
-        """How many jobs may be under way; says so when nobody is there to compute them."""
+        """How many jobs may be under way; warns when the scheduler has no workers."""
         if self.client.status != "running":
             raise ExecutorError(_lost_scheduler(self.address))
         threads = self.client.nthreads()
@@ -194,7 +194,7 @@ def _connected(address: str) -> Iterator[Client]:
         raise ExecutorError(
             f"--dask needs the package {error.name}: install fvi-cli[dask]"
         ) from None
-    # it prints tracebacks of connections that break; what matters of that is told from here
+    # it prints tracebacks of connections that break; what matters of that is reported here
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     client = _client(address)
     try:

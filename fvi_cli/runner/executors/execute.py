@@ -37,24 +37,16 @@ _logger = logging.getLogger(__name__)
 
 
 def execute_job(
-    job: Job, references: References, checkpoints: CheckpointFolder | None = None
+    job: Job, references: References = (), checkpoints: CheckpointFolder | None = None
 ) -> Results:
-    """Compute the runs of a job against given references, or find these."""
-    if job.is_reference:
-        return refined_references(job.runs)
-    return execute_batch(job.runs, references, checkpoints)
-
-
-def execute_batch(
-    batch: Batch,
-    references: References = (),
-    checkpoints: CheckpointFolder | None = None,
-) -> list[FinishedRun]:
-    """Compute every run of a batch and its error, in the order of the batch.
+    """Compute the runs of a job against given references, in their order, or find these.
 
     Members of a sweep are integrated together; one that diverges or is refused does not disturb
     the others.
     """
+    if job.is_reference:
+        return refined_references(job.runs)
+    batch = job.runs
     first = batch[0]
     if first.is_search:
         return [_searched(run, checkpoints) for run in batch]
@@ -69,7 +61,7 @@ def execute_batch(
         or not isinstance(first.problem, Problem)
         or (not observations.is_empty and (is_single or observations.impacts))
     ):
-        return [execute(run, _own(kept, batch, run), given[run]) for run in batch]
+        return list(map(execute, batch, [_own(kept, batch, run) for run in batch], given.values()))
     predictions = {run: prediction_of(run) for run in batch}
     going = [run for run in batch if not is_refused(run, predictions[run])]
     scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]

@@ -6,7 +6,7 @@ import logging
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -141,8 +141,8 @@ def _with_references(job: Job, lookup: Lookup) -> tuple[Job | None, References, 
     if len(whole) == len(pairs):
         return job, [one for _, one in whole], None
     lost = [(run, one) for run, one in pairs if isinstance(one, Crash)]
-    broken = Job(runs=tuple(run for run, _ in lost))
-    rest = Job(runs=tuple(run for run, _ in whole)) if whole else None
+    broken = replace(job, runs=tuple(run for run, _ in lost))
+    rest = replace(job, runs=tuple(run for run, _ in whole)) if whole else None
     return rest, [one for _, one in whole], _finished(broken, [one for _, one in lost])
 
 
@@ -175,7 +175,7 @@ def attempt(job: Job, references: References, compute: ComputeJob) -> Results:
         return [
             one
             for run, own in zip(job.runs, given or [()] * len(job.runs), strict=True)
-            for one in attempt(Job(runs=(run,), is_reference=job.is_reference), own, compute)
+            for one in attempt(replace(job, runs=(run,)), own, compute)
         ]
 
 
@@ -183,7 +183,7 @@ def attempt(job: Job, references: References, compute: ComputeJob) -> Results:
 class InProcess:
     """Computes in this process, one job after the other, in their order."""
 
-    watch: Watch | None = None  # told how far a job is; None: nobody wants to know
+    watch: Watch | None = None  # called with the progress of a job; None: no callback
 
     def compute(
         self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
@@ -221,7 +221,7 @@ class _Here:
         return [(job, answer)]
 
     def dismiss(self) -> None:
-        """Nothing is to be ended."""
+        """No worker has to be ended."""
 
     def stop(self) -> None:
-        """Nothing is under way."""
+        """No job is under way."""

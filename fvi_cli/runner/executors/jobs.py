@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -15,22 +16,40 @@ import fvi_cli
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.runner.executors.batches import Batch, Pack, batches_of, pack_of
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import Reference
 from fvi_cli.studies.study import needs_refined_run
 
 _logger = logging.getLogger(__name__)
 
+JobKind = Literal["run", "reference", "cost"]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """Runs or searches of one batch, or the references of all scenes of a pack."""
+    """Runs or searches of one batch, the references of all scenes of a pack, or one price."""
 
     runs: Batch
-    is_reference: bool = False
-    """Whether the errors of `runs`, of which there is one for each scene, need their references."""
+    kind: JobKind = "run"
+    """Of references `runs` has one for each scene, whose errors need them."""
     needs: Job | None = None
     """What must have ended before."""
+    tolerance: float | None = None
+    """Of a price: that of a search for it, whose error is measured at the points of the run."""
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether the references of runs are looked for."""
+        return self.kind == "reference"
+
+    @property
+    def title(self) -> str:
+        """The job in one line, named by its first run."""
+        first = self.runs[0]
+        if self.tolerance is None:
+            return first.title
+        return f"{first.experiment.name} to {self.tolerance:g}"
 
     @property
     def n_steps(self) -> int:
@@ -46,14 +65,14 @@ class Job:
 
 @dataclass(frozen=True, kw_only=True)
 class Crash:
-    """Why there is no result: an exception that nobody expected, or the end of a process."""
+    """Why there is no result: an unexpected exception, or the end of a process."""
 
     message: str
     """What it says, where it happened, and what to do about it."""
     trace: str = ""
 
 
-Results = Sequence[FinishedRun | Reference | Crash | None]
+Results = Sequence[FinishedRun | Reference | CostRow | ToleranceRow | Crash | None]
 """One for each run of a job; None: the scene has an exact solution."""
 References = Sequence[Reference | None]
 """What the errors of runs are measured against; None: it is found where they are computed."""
@@ -108,7 +127,7 @@ def jobs_of(runs: Sequence[Run], known: Callable[[Run], bool] = lambda run: Fals
         needs, key = None, _shared(batch[0])
         if key in scenes and key not in references:
             own = tuple(run for run in scenes.pop(key).values() if not known(run))
-            references[key] = Job(runs=own, is_reference=True) if own else None
+            references[key] = Job(runs=own, kind="reference") if own else None
             found += [one for one in [references[key]] if one is not None]
         needs = references.get(key)
         found.append(Job(runs=batch, needs=needs))
@@ -174,7 +193,7 @@ class JobQueue:
 
 
 def crash(error: Exception) -> Crash:
-    """What is told of an exception: its words, and the last line of this package on the way."""
+    """Report on an exception: its words, and the last line of this package on the way."""
     package = Path(fvi_cli.__file__).parent
     place = "".join(
         f" in {Path(frame.filename).relative_to(package.parent).as_posix()}:{frame.lineno}"
@@ -189,7 +208,7 @@ def crash(error: Exception) -> Crash:
 
 
 def describe_crash(run: Run, error: Exception) -> str:
-    """What is said of an exception in the midst of a run; where it was is said to those who ask."""
+    """Message on an exception in the midst of a run; its place is reported to those who ask."""
     found = crash(error)
     _logger.debug("%s: %s", run.title, found.trace)
     return found.message

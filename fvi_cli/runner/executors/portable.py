@@ -10,9 +10,10 @@ from typing import Any
 
 from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors.executor import attempt
-from fvi_cli.runner.executors.jobs import ComputeJob, Crash, Job, References, Results
+from fvi_cli.runner.executors.jobs import ComputeJob, Crash, Job, JobKind, References, Results
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.code import Code, own_code
+from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference
 
@@ -24,13 +25,13 @@ class PortableJob:
     # the experiment without its problem, pickled; the same text for all of its jobs
     experiment: bytes
     runs: tuple[Mapping[str, Any], ...]  # the fields of every run, without the experiment
-    is_reference: bool  # as of the job, and what its runs are measured against
-    references: References
+    kind: JobKind  # as of the job
+    references: References  # what its runs are measured against
     code: Code  # of the program that sends it
 
 
-PortableResults = list[dict[str, Any] | Reference | Crash | None]
-"""The fields of finished runs, without the runs; or references."""
+PortableResults = list[dict[str, Any] | Reference | CostRow | ToleranceRow | Crash | None]
+"""The fields of finished runs, without the runs; others as they are."""
 
 
 def portable_job(job: Job, references: References) -> PortableJob:
@@ -38,7 +39,7 @@ def portable_job(job: Job, references: References) -> PortableJob:
     return PortableJob(
         experiment=_portable_experiment(job.runs[0].experiment),
         runs=tuple(_fields_of(run, "experiment") for run in job.runs),
-        is_reference=job.is_reference,
+        kind=job.kind,
         references=references,
         code=own_code(),
     )
@@ -81,7 +82,7 @@ def compute_portable(compute: ComputeJob, portable: PortableJob) -> PortableResu
         raise ExecutorError(f"it has {differences}; install the same on both sides")
     experiment = _revived(portable.experiment)
     runs = tuple(Run(experiment=experiment, **run) for run in portable.runs)
-    job = Job(runs=runs, is_reference=portable.is_reference)
+    job = Job(runs=runs, kind=portable.kind)
     return [
         _fields_of(one, "run") | _choice(one.run) if isinstance(one, FinishedRun) else one
         for one in attempt(job, portable.references, compute)

@@ -71,7 +71,7 @@ class LocalProcesses:
     """
 
     workers: int  # number of processes
-    watch: Watch | None = None  # told how far a job is; None: nobody wants to know
+    watch: Watch | None = None  # called with the progress of a job; None: no callback
 
     def __post_init__(self) -> None:
         if self.workers < 1:
@@ -119,7 +119,7 @@ class _Pool:
             with _interruptions_held():
                 process.start()
         finally:
-            # the pipe must end with the process, so nobody else may hold its other end
+            # the pipe must end with the process, so no other process may hold its other end
             theirs.close()
         return _Worker(process=process, connection=ours)
 
@@ -209,7 +209,7 @@ def _serve(connection: Connection, compute: ComputeJob, reports_progress: object
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # as in the process that asks
     warnings.filterwarnings("ignore", category=RuntimeWarning)
-    # the parent has gone: there is nobody to tell
+    # the parent has ended: the answer has no receiver
     with contextlib.suppress(EOFError, OSError):
         while True:
             portable = connection.recv()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request, Task
+from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.fits.result import FitResult
@@ -18,29 +19,45 @@ from fvi_cli.studies.fits.settings import FitSettings
 _logger = logging.getLogger(__name__)
 
 
-def fit_request(request: Request, *, show_progress: bool) -> list[FitResult]:
-    """Fit every experiment that has something to fit.
+def fit(
+    source: Source, *, overrides: Sequence[str] = (), progress: bool = False
+) -> list[FitResult]:
+    """Numbers of a problem from measurements, as ``fvi fit`` finds them.
+
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    overrides
+        Changes ``key.path=value``, for a configuration that is not loaded yet.
+    progress
+        As for :func:`stability`.
+
+    Returns
+    -------
+    list of FitResult
+        One for every experiment with ``fit``; a fit that does not converge says so.
 
     Raises
     ------
     RequestError
         Where there is nothing to fit, and for parameters without influence on the data.
     """
-    from fvi_cli.studies.fits.fitting import fit
+    from fvi_cli.studies.fits.fitting import fit_models as fit_experiment
 
+    request = requested(source, overrides=overrides)
     chosen = _chosen(request)
     results = []
     total = sum(len(settings.models) for _, settings in chosen)
-    with progress_bar(request.name, total, wanted=show_progress) as advance:
+    with progress_bar(request.name, total, wanted=progress) as advance:
         for experiment, settings in chosen:
-            found = fit(experiment.name, settings, log=advance)
+            found = fit_experiment(experiment.name, settings, log=advance)
             results.append(dataclasses.replace(found, units=experiment.units))
             for model in found.models:
                 title = f"{experiment.name} {model.model.name}".strip()
                 if not model.is_converged:
                     _logger.error("%s: no fit: %s", title, model.message)
-                needless = [one.words for one in model.needless]
-                for warning in model.warnings if model.is_converged else needless:
+                for warning in model.warnings:
                     _logger.warning("%s: %s", title, warning)
     return results
 
@@ -49,7 +66,7 @@ def _chosen(request: Request) -> list[tuple[Experiment, FitSettings]]:
     """Experiments that have something to fit, and what."""
     chosen = [(one, one.fit) for one in request.loaded.experiments if one.fit is not None]
     if not chosen:
-        raise RequestError(f"{request.name}: there is no fit: write one with data and parameters")
+        raise RequestError(f"{request.name}: fit: missing; write it with data and parameters")
     return chosen
 
 

@@ -10,7 +10,6 @@ from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, gather
 from fvi_cli.storage import open_results, read_configuration, read_results
 from fvi_cli.storage.atomic import file_lock
-from fvi_cli.studies.experiment import Experiment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,16 +24,8 @@ class Merged:
 def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> Merged:
     """Join the runs of result files into ``<name>.h5``; every run is verified on the way.
 
-    Runs that are there already stay, as do the files that are joined.
-
-    Parameters
-    ----------
-    paths
-        Files of one configuration.
-    output
-        Folder of the file.
-    waits
-        Wait until commands that write one of the files have ended.
+    Runs that are there already stay, as do the files that are joined. Commands that write one of
+    the files are waited for if asked (`waits`).
 
     Raises
     ------
@@ -46,7 +37,7 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
     """
     wrong = [path for path in paths if path.suffix != STORED_SUFFIX]
     if wrong:
-        raise RequestError(f"{wrong[0]}: result files are joined, such as {wrong[0].stem}.h5")
+        raise RequestError(f"{wrong[0]}: not a result file; give files such as {wrong[0].stem}.h5")
     first = paths[0]
     configuration = read_configuration(first)
     for path in paths[1:]:
@@ -54,7 +45,10 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
             raise RequestError(
                 f"{path}: is of another configuration than {first}; `fvi show --config` prints them"
             )
-    name, experiments = _configuration_of(first)
+    (request,) = gather([str(first)])
+    name, experiments = request.name, request.loaded.experiments
+    # members of a large sweep are not needed while they are written
+    del request
     target = output / f"{name}{STORED_SUFFIX}"
     with open_results(output, name, waits=waits) as store:
         for path in paths:
@@ -64,13 +58,6 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
                 store.merge(part)
         runs = (run for one in experiments for run in one.searches() or one.runs())
         count, missing = store.mark_requested(runs)
-        # members of a large sweep are not needed while they are written
         del experiments
         store.consolidate(configuration)
     return Merged(path=target, runs=count, missing=missing)
-
-
-def _configuration_of(path: Path) -> tuple[str, Sequence[Experiment]]:
-    """Name and experiments of the configuration of a file."""
-    (request,) = gather([str(path)])
-    return request.name, request.loaded.experiments

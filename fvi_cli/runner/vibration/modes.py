@@ -8,9 +8,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.request import Request, Task
+from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.members import Member
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 
 _logger = logging.getLogger(__name__)
@@ -18,8 +19,10 @@ _logger = logging.getLogger(__name__)
 USUAL_COUNT = 10
 
 
-def linear_problems(experiment: Experiment) -> Iterator[tuple[str, Mapping[str, Any], Problem]]:
-    """Swept values in words, specification and scene of each member, or of the one problem.
+def linear_problems(
+    experiment: Experiment,
+) -> Iterator[tuple[Member | None, Mapping[str, Any], Problem]]:
+    """Each member, or none, with its specification and scene.
 
     Raises
     ------
@@ -34,17 +37,17 @@ def linear_problems(experiment: Experiment) -> Iterator[tuple[str, Mapping[str, 
         if not problem.scene.is_linear:
             raise RequestError(
                 f"{experiment.name}: {problem.kind} is not linear; modes and harmonic responses "
-                "are those of linear scenes"
+                "need a linear scene"
             )
         if member is None:
-            yield "", experiment.problem_specification, problem
+            yield None, experiment.problem_specification, problem
         else:
-            yield member.label, member.specification, problem
+            yield member, member.specification, problem
 
 
-def titled(experiment: Experiment, member: str) -> str:
+def titled(experiment: Experiment, member: Member | None) -> str:
     """Name of an experiment or member in messages."""
-    return f"{experiment.name} ({member})" if member else experiment.name
+    return experiment.name if member is None else f"{experiment.name} ({member.label})"
 
 
 def linear_tasks(request: Request, action: str) -> list[Task]:
@@ -53,34 +56,37 @@ def linear_tasks(request: Request, action: str) -> list[Task]:
         Task(
             experiment=experiment.name,
             action=action,
-            of=f"{problem.scene.dimension} degrees of freedom{f', {member}' if member else ''}",
+            of=f"{problem.scene.dimension} degrees of freedom"
+            + (f", {member.label}" if member else ""),
         )
         for experiment in request.loaded.experiments
         for member, _, problem in linear_problems(experiment)
     ]
 
 
-def request_modes(request: Request, count: int | None, near: float | None) -> list[ModeTable]:
-    """Modes of every experiment, of a sweep those of each member.
+def modes(
+    source: Source, *, count: int | None = None, near: float | None = None
+) -> list[ModeTable]:
+    """Modes of every experiment of a configuration, as ``fvi modes`` computes them.
 
     Parameters
     ----------
-    request
-        What is asked for.
+    source
+        As of :func:`load`.
     count
-        How many; None: ten, or all where there are fewer.
+        How many; default 10, or all of fewer.
     near
-        Frequency in oscillations per unit of time.
+        Frequency in oscillations per unit of time, to which they are nearest; default: the lowest.
 
     Raises
     ------
     RequestError
-        For scenes that are not linear or have no modes, and numbers out of range.
+        For scenes that are not linear, and numbers out of range.
     """
     if near is not None and not near > 0:
         raise RequestError(f"--near: {near:g} is not allowed; it must be positive")
     tables = []
-    for experiment in request.loaded.experiments:
+    for experiment in requested(source).loaded.experiments:
         for member, _, problem in linear_problems(experiment):
             d = problem.scene.dimension
             if count is not None and not 1 <= count <= d:
@@ -94,7 +100,7 @@ def request_modes(request: Request, count: int | None, near: float | None) -> li
             table = dataclasses.replace(
                 table,
                 name=experiment.name,
-                member=member,
+                of_member=member,
                 units=experiment.units,
                 coordinates=problem.coordinates or table.coordinates,
             )

@@ -11,7 +11,7 @@ import numpy as np
 
 from fvi_cli.errors import RequestError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.runner.request import Request
+from fvi_cli.runner.request import Source, requested
 from fvi_cli.runner.vibration.modes import linear_problems, titled
 from fvi_cli.studies.vibration.response import (
     GROUND,
@@ -50,33 +50,33 @@ def frequencies(over: str) -> Array:
     return np.geomspace(low, high, number) if is_log else np.linspace(low, high, number)
 
 
-def request_responses(
-    request: Request, hertz: Array, forces: Sequence[str], at: Sequence[str]
+def response(
+    source: Source, *, over: str, force: Sequence[str] = (), at: Sequence[str] = ()
 ) -> list[ResponseTable]:
-    """Responses of every experiment, of a sweep those of each member.
+    """Steady responses of every experiment of a configuration, as ``fvi response`` computes them.
 
     Parameters
     ----------
-    request
-        What is asked for.
-    hertz
-        Frequencies.
-    forces
-        Where forces act: coordinates or combinations of them, each with ``=amplitude`` where it
-        is not 1, or ``ground``, an acceleration of 1; all together. None: the ground, where the
-        scene has one that moves.
+    source
+        As of :func:`load`.
+    over
+        Frequencies, ``frequency=FROM:TO:NUMBER`` or with ``:log`` behind.
+    force
+        Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
+        ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
     at
-        Coordinates or combinations of them that are told of; none: the one that moves most.
+        Outputs to report; default: the coordinate that moves most.
 
     Raises
     ------
     RequestError
-        For scenes that are not linear, and forces and places that do not exist.
+        For scenes that are not linear, and places that do not exist.
     """
+    hertz = frequencies(over)
     tables = []
-    for experiment in request.loaded.experiments:
+    for experiment in requested(source).loaded.experiments:
         for member, specification, problem in linear_problems(experiment):
-            wanted = list(forces) or _usual_force(experiment.name, specification)
+            wanted = list(force) or _usual_force(experiment.name, specification)
             direction = specification.get("ground_direction", 1.0)
             option = "--force"
             try:
@@ -104,7 +104,7 @@ def request_responses(
                 raise RequestError(f"{titled(experiment, member)}: {error}") from None
             tables.append(
                 dataclasses.replace(
-                    table, name=experiment.name, member=member, units=experiment.units
+                    table, name=experiment.name, of_member=member, units=experiment.units
                 )
             )
     return tables

@@ -95,7 +95,19 @@ NAME: Final = key(
 Name = Annotated[str | None, Text(what="a word such as top", pattern=r"[A-Za-z]\w*")]
 
 
-class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
+class _OnCoordinates(Setting):
+    """What every term has behind its own keys."""
+
+    acts_on: ActsOn = _ACTS_ON
+    name: Name = NAME
+
+    @property
+    def factor(self) -> Any:
+        """The number, matrix or file."""
+        return getattr(self, "coefficient", None)
+
+
+class Springpot(_OnCoordinates, refused={**WRONG_NAMES, **_OF_LAWS}):
     """A term mu D^gamma q."""
 
     order: Order = ORDER
@@ -103,13 +115,6 @@ class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
         "Factor mu, a number, a symmetric matrix or {file: C.mtx}.",
         unit="mass times time^(gamma-2)",
     )
-    acts_on: ActsOn = _ACTS_ON
-    name: Name = NAME
-
-    @property
-    def factor(self) -> Any:
-        """The number, matrix or file."""
-        return self.coefficient
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The term; `on` makes the coefficient for all coordinates of that for its own."""
@@ -117,7 +122,7 @@ class Springpot(Setting, refused={**WRONG_NAMES, **_OF_LAWS}):
 
 
 class KelvinVoigt(
-    Setting,
+    _OnCoordinates,
     refused={
         **WRONG_NAMES,
         **dict.fromkeys(("viscosity", "eta", "c"), "not a key: write coefficient"),
@@ -137,13 +142,6 @@ class KelvinVoigt(
     order: Order = key(
         "Order gamma of the springpot; 1 is the dashpot of Kelvin and Voigt.", default=1.0
     )
-    acts_on: ActsOn = _ACTS_ON
-    name: Name = NAME
-
-    @property
-    def factor(self) -> Any:
-        """The number, matrix or file of the springpot."""
-        return self.coefficient
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The springpot, and the spring as a law that remembers nothing."""
@@ -153,7 +151,7 @@ class KelvinVoigt(
         return springpot, spring
 
 
-class LawTerm(Setting, refused=_WRONG_IN_LAWS):
+class LawTerm(_OnCoordinates, refused=_WRONG_IN_LAWS):
     """A relaxation law with its factor."""
 
     make: ClassVar[Callable[..., Law]]
@@ -164,8 +162,6 @@ class LawTerm(Setting, refused=_WRONG_IN_LAWS):
     matrix: Annotated[Any, _MATRIX] = key(
         "zener, maxwell, prony, tempered: the same under another name, for matrices.", default=None
     )
-    acts_on: ActsOn = _ACTS_ON
-    name: Name = NAME
 
     @property
     def factor(self) -> Any:
@@ -177,7 +173,8 @@ class LawTerm(Setting, refused=_WRONG_IN_LAWS):
         """The law; `on` makes the coefficient for all coordinates of that for its own."""
         if self.matrix is not None and self.coefficient is not None:
             raise ArgumentError("matrix", "give this or coefficient, not both")
-        shared = {*LawTerm.__annotations__, *AtStorey.__annotations__}
+        others = (_OnCoordinates, LawTerm, AtStorey)
+        shared = {name for one in others for name in one.__annotations__}
         own = {name: one for name, one in vars(self).items() if name not in shared}
         return (type(self).make(**own, coefficient=on(self.factor)),)
 
@@ -314,43 +311,26 @@ DAMPING: Final = key(
 def build_damping(
     terms: Sequence[Term], names: tuple[str, ...], *, sparse: bool = False, place: str = "damping"
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
-    """The terms and the laws under ``damping``, of a scene with sparse matrices or dense ones.
-
-    Raises
-    ------
-    ArgumentError
-        With a path below ``damping``.
-    """
-    return effects_of(
+    """The terms and the laws under ``damping``, of a scene with sparse matrices or dense ones."""
+    return damping_effects(
         terms, lambda term, factor: _coefficient(term, factor, names, sparse=sparse), place
     )
 
 
 def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:
-    """Refuse dampers of one name.
-
-    Raises
-    ------
-    ArgumentError
-        With the path `place`.
-    """
+    """Refuse dampers of one name."""
     used = [name for _, name in {(one.number, one.name) for one in every}]
     for name in sorted({name for name in used if name}):
         if used.count(name) > 1:
             raise ArgumentError(place, f"two dampers have the name {name}")
 
 
-def effects_of(
+def damping_effects(
     terms: Sequence[Term], on: Callable[[Term, Any], Any], place: str, *, before: int = 0
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
     """What the terms in the list at `place` make, by the coefficient for all coordinates.
 
     Dampers are numbered behind those that are listed before.
-
-    Raises
-    ------
-    ArgumentError
-        With a path below `place`.
     """
     found: list[Effect] = []
     for index, term in enumerate(terms):

@@ -72,13 +72,7 @@ class FractionalDerivative(
 def _termwise_derivative(
     function: Expression, order: float, final_time: float
 ) -> Callable[[Array], Array]:
-    """Caputo derivative of a function by its expansion at 0, where that converges up to T.
-
-    Raises
-    ------
-    ValueError
-        If the function has no such expansion, or its terms do not become small on [0, T].
-    """
+    """Caputo derivative of a function by its expansion at 0, where that converges up to T."""
     try:
         series = expand(function, SERIES_CUTOFF).without_initial_terms(order)
         derivative = series.fractional_derivative(order)

@@ -36,7 +36,7 @@ from fvi_cli.scenes.kinds.damping_keys import (
 )
 from fvi_cli.scenes.lagrangian import check_names
 from fvi_cli.scenes.problem import AnyProblem, Problem
-from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
+from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_size
 
 _SHARED: Final = ("damping", "forcing", "ground_acceleration")
 """Shared keys that kinds declare on their own."""
@@ -65,24 +65,12 @@ class Kind(Setting):
         return None
 
     def build_scene(self) -> Scene:
-        """The scene.
-
-        Raises
-        ------
-        ArgumentError
-            With the path of the key; where nothing moves.
-        """
+        """The scene."""
         raise ArgumentError("kind", f"{self.kind!r} is not the name of a scene")
 
     @abstractmethod
     def build_problem(self, *, search: bool = True) -> AnyProblem:
-        """The problem; the exact solution is looked for where none is given, which takes long.
-
-        Raises
-        ------
-        ArgumentError
-            With the path of the key.
-        """
+        """The problem; the exact solution is looked for where none is given, which takes long."""
 
 
 class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
@@ -133,13 +121,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         return getattr(self, "mass", None), getattr(self, "stiffness", None)
 
     def build_scene(self) -> Scene:
-        """The scene.
-
-        Raises
-        ------
-        ArgumentError
-            With the path of the key.
-        """
+        """The scene."""
         names, forces = self.coordinate_names(), self.forces
         if self.parameters:
             check_names(names, self.parameters)
@@ -217,4 +199,4 @@ def _size(entry: object) -> int:
     """Number of coordinates that an entry speaks of; 1 where it does not say."""
     if isinstance(entry, list | tuple):
         return int(np.size(entry, 0))
-    return rows_of(entry) or 1
+    return matrix_size(entry) or 1

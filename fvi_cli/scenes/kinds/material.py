@@ -30,7 +30,7 @@ from fvi_cli.scenes.kinds.damping_keys import (
 )
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.records.samples import samples_from_text
+from fvi_cli.scenes.records.data_files import samples_from_text
 
 FEWEST_SAMPLES: Final = 8
 COORDINATE: Final = "u"
@@ -101,7 +101,7 @@ class Material(
         given = with_parameters(vars(self))["displacement"]
         displacement = build_forcing(given, 1, "displacement", final_time=final_time)
         if displacement is None:
-            raise ArgumentError("displacement", "it does not change; give one that does")
+            raise ArgumentError("displacement", "it is constant; give a displacement that changes")
         motion = PrescribedMotion(displacement=displacement, final_time=final_time)
         motion.check()
         for index, one in enumerate(damping):

@@ -1,20 +1,22 @@
-"""One mass or a few: linear equations, the pendulum, Duffing's equation, Kepler's problem."""
+"""One mass or a few: linear equations, nonlinear ones, and systems by their Lagrangian."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Final, Unpack
 
 import numpy as np
 
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
+from fvi_cli.keys.containers import ListOf, Named
+from fvi_cli.keys.scalars import Number, Text
 from fvi_cli.keys.settings import NotNegative, Positive, key
-from fvi_cli.scenes.data import SceneData
+from fvi_cli.scenes.data import Damper, SceneData, duffing, kepler, linear_oscillator, pendulum
 from fvi_cli.scenes.kinds.damping_keys import DAMPING, NUMBER_OR_SYMMETRIC, Term, damping_terms
 from fvi_cli.scenes.kinds.kind import SceneKind
-from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX
-from fvi_cli.scenes.named import linear_oscillator, pendulum
-from fvi_cli.scenes.nonlinear import duffing, kepler
+from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, dampers
+from fvi_cli.scenes.lagrangian import check_names, double_pendulum, lagrangian_scene
 from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_of
 
 _LINEAR: Final = "M x'' + sum mu D^gamma x + K x = f(t)"
@@ -58,7 +60,7 @@ class DampedOscillator(SceneKind):
 
 
 class BagleyTorvik(SceneKind):
-    """A linear equation with damping of order 3/2, where nothing else is said."""
+    """A linear equation with damping of order 3/2, by default."""
 
     kind = "bagley-torvik"
     title = "Bagley–Torvik"
@@ -139,3 +141,75 @@ class Kepler(SceneKind):
     attraction: float = key(
         "k of the force k q/|q|^3 on a unit mass.", unit="length^3 per time^2", default=1.0
     )
+
+
+_PAIR: Final = ListOf(shape=Number(above=0.0), least=2, most=2, example="[1.0, 1.0]")
+Pair = Annotated[tuple[float, float], _PAIR]
+_NAMES: Final = ListOf(shape=Text(what="a name"), most=100, example="[x, y]")
+_FORMULA: Final = Text(what="an expression in coordinates, velocities, parameters and t")
+
+
+class DoublePendulum(SceneKind):
+    """Two rods in a row with damped joints."""
+
+    kind = "double-pendulum"
+    equation = (
+        "two rods, angles theta1, theta2 from the vertical; the joints turn "
+        "against c D^gamma of theta1 and of theta2 - theta1"
+    )
+    make = staticmethod(double_pendulum)
+    size = 2
+    names = ("theta1", "theta2")
+    example: ClassVar = {
+        "joints": "[{order: 0.5, coefficient: 0.2}]",
+        "initial": "{position: [1.0, -0.5], velocity: 0.0}",
+        "final_time": "4.0",
+    }
+    sweep = "problem.joints.0.order: [0.5, 1.0]"
+
+    masses: Pair = key(
+        "Point masses at the ends of the first and the second rod.",
+        unit="unit of mass",
+        default=[1.0, 1.0],
+    )
+    lengths: Pair = key("Lengths of the rods.", unit="length", default=[1.0, 1.0])
+    gravity: float = key("Acceleration of free fall.", unit="length per time^2", default=1.0)
+    joints: Annotated[
+        tuple[Damper, ...], dampers("mass length^2 times time^(gamma-2)", "-of-joint")
+    ] = key("Fractional dampers c D^gamma in both joints.", default=[])
+
+
+class LagrangianKind(SceneKind):
+    """Any mechanical system, by its Lagrangian as a formula."""
+
+    kind = "lagrangian"
+    equation = "d/dt dL/dv - dL/dq + sum mu D^gamma q = f(t)"
+    make = staticmethod(lagrangian_scene)
+    size_key = "coordinates"
+    example: ClassVar = {
+        "coordinates": "[x]",
+        "parameters": "{m: 1.0, g: 9.81}",
+        "lagrangian": "m*vx**2/2 - m*g*(1 - cos(x))",
+        "damping": "[{order: 0.5, coefficient: 0.3, acts_on: [x]}]",
+        "initial": "{position: 1.0, velocity: 0.0}",
+        "final_time": "4.0",
+    }
+    sweep = "problem.parameters.g: [1.62, 9.81]"
+
+    coordinates: Annotated[tuple[str, ...], _NAMES] = key(
+        "Names of the coordinates q; the velocity of x is vx."
+    )
+    parameters: Annotated[
+        Mapping[str, float], Named(shape=Number(), example="{m: 1.0, g: 9.81}")
+    ] = key(
+        "Values of further names in the Lagrangian and in all expressions; can be swept.",
+        default={},
+    )
+    lagrangian: Annotated[str, _FORMULA] = key(
+        "L(q, v, t), kinetic minus potential energy.", unit="energy"
+    )
+
+    def own_names(self) -> tuple[str, ...]:
+        """The coordinates."""
+        check_names(self.coordinates, self.parameters)
+        return self.coordinates

@@ -2,21 +2,82 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Final
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Final, Unpack
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Fraction, Positive, Setting, key
-from fvi_cli.scenes.chains import Ends, chain, string
-from fvi_cli.scenes.data import Damper
+from fvi_cli.scenes.chains import Ends, chain, frame, neighbour_rows, string
+from fvi_cli.scenes.data import Damper, SceneData
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
-from fvi_cli.scenes.kinds.damping_keys import Term, damping_terms
+from fvi_cli.scenes.kinds.damping_keys import (
+    AtStorey,
+    Coefficient,
+    Term,
+    damping_effects,
+    damping_terms,
+)
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.shared_keys import WRONG_AT_PROBLEM, dampers
-from fvi_cli.scenes.kinds.storeys import USUAL_STOREYS, frame_of_keys
 from fvi_cli.scenes.structures.rayleigh import Rayleigh
+
+USUAL_STOREYS: Final = 3
+
+
+def frame_of_keys(
+    *,
+    storeys: int | None,
+    mass: ArrayLike,
+    masses: ArrayLike | None,
+    stiffness: ArrayLike,
+    stiffnesses: ArrayLike | None,
+    dampers: Sequence[Term],
+    rayleigh: Rayleigh | None,
+    ground_acceleration: Forcing | None = None,
+    **data: Unpack[SceneData],
+) -> Scene:
+    """The scene of a building; terms of its `dampers` stand before those of its damping."""
+    count = int(np.size(data["initial_position"]))
+
+    def between_floors(term: Term, factor: object) -> Coefficient:
+        value = np.asarray(factor, dtype=float)
+        if value.ndim:
+            raise ArgumentError("coefficient", "a damper between two floors has a number here")
+        storey = term.storey if isinstance(term, AtStorey) else None
+        if storey is None:
+            return Directions(rows=neighbour_rows(count, "left")).factored(value)
+        if storey > count:
+            raise ArgumentError("storey", f"{storey} is not allowed; there are {count} storeys")
+        row = np.zeros((1, count))
+        row[0, storey - 1] = 1.0
+        if storey > 1:
+            row[0, storey - 2] = -1.0
+        return Directions(rows=row).factored(value)
+
+    others = *data.get("damping", ()), *data.get("laws", ())
+    before = max((one.number for one in others), default=0)
+    damping, laws = damping_effects(dampers, between_floors, "dampers", before=before)
+    data["damping"] = (*damping, *data.get("damping", ()))
+    data["laws"] = (*laws, *data.get("laws", ()))
+    return frame(
+        storeys=count,
+        mass=mass if masses is None else masses,
+        stiffness=stiffness if stiffnesses is None else stiffnesses,
+        rayleigh=None if rayleigh is None else (rayleigh.ratios, rayleigh.modes),
+        ground_acceleration=ground_acceleration,
+        **data,
+    )
+
 
 Count = Annotated[int, Integer(least=1, most=1000)]
 _STOREYS: Final = ListOf(shape=Number(above=0.0), most=1000, example="[2.0, 1.0]")

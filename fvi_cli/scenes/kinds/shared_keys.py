@@ -115,7 +115,7 @@ class DamperKeys(Setting, refused=WRONG_NAMES):
 
 
 def dampers(unit: str, where: str = "") -> ListOf:
-    """A list of dampers in many places; `where` tells that with another unit in the schema."""
+    """A list of dampers in many places; `where` describes that with another unit in the schema."""
     record = record_of(DamperKeys)
     order, coefficient, *others = record.keys
     shape = replace(record, keys=(order, replace(coefficient, unit=unit), *others), variant=where)
@@ -123,13 +123,7 @@ def dampers(unit: str, where: str = "") -> ListOf:
 
 
 def vector_of(value: object, names: Sequence[str], place: str) -> Array:
-    """A number for every coordinate, one per coordinate, or those of some, ``(d,)``.
-
-    Raises
-    ------
-    ArgumentError
-        With a path below `place`.
-    """
+    """A number for every coordinate, one per coordinate, or those of some, ``(d,)``."""
     if isinstance(value, Mapping):
         given = by_coordinate(value["at"], names, f"{place}.at")
         return np.array([float(given.get(name, 0.0)) for name in names])

@@ -1,4 +1,4 @@
-"""Samples from a CSV file, with complaints that name its lines."""
+"""Samples from CSV files and accelerograms, with complaints that name their lines."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,12 +17,12 @@ from numpy.typing import NDArray
 
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.scenes.records.data_files import (
+    MOST_SAMPLES,
     DataFileError,
     check_lines,
-    number_of,
+    parse_number,
     read_content,
 )
-from fvi_cli.scenes.records.samples import MOST_SAMPLES
 
 LARGEST_FILE: Final = 20_000_000
 MOST_MISTAKES: Final = 5
@@ -30,22 +31,12 @@ _DELIMITERS: Final = (",", ";", "\t")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CsvSamples:
-    """Two columns of a file.
+    """Two columns of a file."""
 
-    Parameters
-    ----------
-    time, values
-        As they stand in the file, shape ``(n,)``.
-    sha256
-        Of the bytes of the file.
-    lines
-        The line of every sample, counted from 1.
-    """
-
-    time: NDArray[np.float64]
+    time: NDArray[np.float64]  # as they stand in the file, shape ``(n,)``
     values: NDArray[np.float64]
-    sha256: str
-    lines: tuple[int, ...] = ()
+    sha256: str  # of the bytes of the file
+    lines: tuple[int, ...] = ()  # the line of every sample, counted from 1
 
 
 def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> CsvSamples:
@@ -136,7 +127,7 @@ def _place(header: list[str], wanted: str, where: str) -> int:
 def number_or_nan(cell: str) -> float:
     """The number that a cell holds; nan where it holds none."""
     try:
-        return number_of(cell)
+        return parse_number(cell)
     except ValueError:
         return math.nan
 
@@ -168,3 +159,74 @@ class _Mistakes:
             self.messages.append(f"{self.name}: and {self.more} more mistakes")
         if self.messages:
             raise DataFileError(*self.messages)
+
+
+SUFFIX: Final = ".at2"
+HEADER_LINES: Final = 4
+LONGEST_LINE: Final = 300
+"""Characters of a line of the header with NPTS and DT, at most; records have some 80."""
+_NUMBER: Final = r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)"
+_NAMED: Final = re.compile(rf"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*{_NUMBER}", re.IGNORECASE)
+_BEFORE: Final = re.compile(rf"(\d+)\s+{_NUMBER}\s+NPTS\s*,\s*DT", re.IGNORECASE)
+
+
+_IN_G: Final = re.compile(r"\bunits?\b\W*(?:of|in|are)?\W*g\b", re.IGNORECASE)
+_IN_CM: Final = re.compile(r"\bcm\s*/\s*s|\bgals?\b", re.IGNORECASE)
+
+
+def unit_of_at2(path: Path, name: str) -> str:
+    """``g`` or ``cm/s^2``, as the header of a record says; empty where it says neither."""
+    lines = read_content(path, name, LARGEST_FILE).decode("latin-1").splitlines()[:HEADER_LINES]
+    header = "\n".join(line for line in lines if len(line) <= LONGEST_LINE)
+    if _IN_G.search(header):
+        return "g"
+    return "cm/s^2" if _IN_CM.search(header) else ""
+
+
+def read_at2_samples(path: Path, name: str) -> CsvSamples:
+    """Read a record: times k DT, and accelerations in units of g as they stand in the file.
+
+    Four lines of header, the last of which has ``NPTS= 4000, DT= .0050 SEC`` (older files:
+    ``4000 0.0050 NPTS, DT``), then NPTS numbers, several in a line.
+    """
+    content = read_content(path, name, LARGEST_FILE)
+    check_lines(content, name)
+    lines = content.decode("latin-1").splitlines()
+    header = "\n".join(line for line in lines[:HEADER_LINES] if len(line) <= LONGEST_LINE)
+    found = _NAMED.search(header) or _BEFORE.search(header)
+    if found is None:
+        raise DataFileError(
+            f"{name}:{HEADER_LINES}: NPTS= and DT= are missing in the first {HEADER_LINES} lines; "
+            "a record in AT2 has them in its fourth line"
+        )
+    count, step = int(found[1]), float(found[2])
+    if not (step > 0 and 2 <= count <= MOST_SAMPLES and math.isfinite(count * step)):
+        raise DataFileError(
+            f"{name}:{HEADER_LINES}: {excerpt(found[1])} samples {step:g} apart are not allowed; "
+            f"there must be 2 to {MOST_SAMPLES}, a positive time apart"
+        )
+    values: list[float] = []
+    for number, line in enumerate(lines[HEADER_LINES:], start=HEADER_LINES + 1):
+        for word in line.split():
+            value = number_or_nan(word)
+            if not math.isfinite(value):
+                raise DataFileError(
+                    f"{name}:{number}: {excerpt(word)!r} is not a finite number; below the "
+                    "header only accelerations are allowed"
+                )
+            values.append(value)
+        if len(values) > count:
+            break
+    if len(values) != count:
+        there = f"more than {count}" if len(values) > count else str(len(values))
+        raise DataFileError(
+            f"{name}:{len(lines)}: {there} accelerations where the header says NPTS = "
+            f"{count}; the record is cut off or has a gap"
+        )
+    digits = len(found[2].partition(".")[2]) if "e" not in found[2].lower() else 12
+    time = np.round(step * np.arange(count), digits)
+    if not np.all(np.diff(time) > 0):
+        raise DataFileError(f"{name}:{HEADER_LINES}: DT = {step:g} is too short")
+    return CsvSamples(
+        time=time, values=np.array(values), sha256=hashlib.sha256(content).hexdigest()
+    )

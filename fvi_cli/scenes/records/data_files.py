@@ -1,16 +1,25 @@
-"""Files that are read together with a configuration, whose content then travels with it."""
+"""Files that are read together with a configuration, and their content as text beside it."""
 
 from __future__ import annotations
 
+import base64
+import contextlib
+import functools
 import hashlib
+import zlib
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, cast
 
+import numpy as np
+
+from fvi_cli.effects.sampled import Interpolation, SampledForce
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt
-from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import key
+from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 
@@ -43,13 +52,7 @@ def file_under(given: str, at: Cursor) -> tuple[Path, str]:
 
 
 def read_content(path: Path, name: str, largest: int) -> bytes:
-    """The bytes of a file that has no more than `largest`.
-
-    Raises
-    ------
-    DataFileError
-        If it cannot be read, or is larger.
-    """
+    """The bytes of a file that has no more than `largest`."""
     try:
         # a pipe or a device would be read for ever
         if path.exists() and not path.is_file():
@@ -65,7 +68,7 @@ def read_content(path: Path, name: str, largest: int) -> bytes:
 
 
 def read_once(at: Cursor, key: tuple[Hashable, ...], read: Callable[[], T]) -> T:
-    """What `read` returns, called once for a text and a key that tells the file and what of it."""
+    """What `read` returns, called once for a text and a key of the file and its part."""
     known = at.complaints.files
     if key not in known:
         known[key] = read()
@@ -73,13 +76,7 @@ def read_once(at: Cursor, key: tuple[Hashable, ...], read: Callable[[], T]) -> T
 
 
 def check_lines(content: bytes, name: str) -> None:
-    """Refuse a text of more than `MOST_LINES` lines: empty ones take time as well.
-
-    Raises
-    ------
-    DataFileError
-        With the limit.
-    """
+    """Refuse a text of more than `MOST_LINES` lines: empty ones take time as well."""
     lines = content.count(b"\n") + content.count(b"\r") - content.count(b"\r\n")
     if lines > MOST_LINES:
         raise DataFileError(
@@ -87,34 +84,41 @@ def check_lines(content: bytes, name: str) -> None:
         )
 
 
-def number_of(word: str) -> float:
-    """The number that a word in a file is.
-
-    Raises
-    ------
-    ValueError
-        If it is none; Python also takes ``1_000``.
-    """
+def parse_number(word: str) -> float:
+    """The number that a word in a file is."""
+    # Python also takes 1_000
     if "_" in word:
         raise ValueError(f"{excerpt(word)!r} is not a number")
     return float(word)
 
 
-def with_content(
-    values: Mapping[str, Any], at: Cursor, *, sha256: str, text: str, largest: int, what: str
+def filled_in(
+    values: Mapping[str, Any],
+    at: Cursor,
+    key: tuple[Hashable, ...],
+    read: Callable[[], tuple[str, str, str]],
+    *,
+    is_equal: Callable[[str, str], bool],
+    largest: int,
 ) -> Any:
-    """The keys with ``sha256`` and ``content`` filled in from what was read."""
+    """The keys with ``sha256`` and ``content`` filled in from the file, or as they are given.
+
+    `read` returns the digest of the file, its content as text, and what that is; `is_equal` says
+    whether two such texts mean the same. A content that is given stands without its digest.
+    """
     name = excerpt(values["file"], 200)
-    if values.get("sha256", sha256).lower() != sha256:
-        return at.refuse(f"{name} has changed: its sha256 is {sha256}", "sha256")
-    if len(text) > largest:
-        size_message = f"{name}: {what} take {len(text)} characters in every result file"
-        return at.refuse(f"{size_message}, more than {largest}; thin them out", "file")
-    return {**values, "sha256": sha256, "content": text}
-
-
-def without_digest(values: Mapping[str, Any], at: Cursor, *, is_same: Callable[[], bool]) -> Any:
-    """The keys with a content that is what it was, without ``content_sha256``."""
+    if "content" not in values:
+        try:
+            sha256, text, what = read_once(at, key, read)
+        except DataFileError as error:
+            error.report_argument(at)
+            return INVALID
+        if values.get("sha256", sha256).lower() != sha256:
+            return at.refuse(f"{name} has changed: its sha256 is {sha256}", "sha256")
+        if len(text) > largest:
+            size_message = f"{name}: {what} take {len(text)} characters in every result file"
+            return at.refuse(f"{size_message}, more than {largest}; thin them out", "file")
+        return {**values, "sha256": sha256, "content": text}
     digest = hashlib.sha256(str(values["content"]).encode()).hexdigest()
     if str(values.get("content_sha256", digest)).lower() != digest:
         return at.refuse(
@@ -122,13 +126,82 @@ def without_digest(values: Mapping[str, Any], at: Cursor, *, is_same: Callable[[
             "the file",
             "content",
         )
-    name = excerpt(values["file"], 200)
     if "sha256" in values and file_under(values["file"], at)[0].is_file():
-        try:
-            known = is_same()
-        except DataFileError:
-            # another file by this name says nothing of the content
-            known = True
-        if not known:
-            return at.refuse(f"not what {name} holds; leave it out to read the file", "content")
+        # another file by this name says nothing of the content
+        with contextlib.suppress(DataFileError):
+            sha256, text, _ = read_once(at, key, read)
+            if sha256 == values["sha256"].lower() and not is_equal(text, values["content"]):
+                return at.refuse(f"not what {name} holds; leave it out to read the file", "content")
     return {key: value for key, value in values.items() if key != "content_sha256"}
+
+
+MOST_SAMPLES: Final = 100_000
+LARGEST_TEXT: Final = 500_000
+"""Characters of samples as text: they stand in every result file, and in every run's identity."""
+_LARGEST_LINE: Final = 52
+
+
+def samples_as_text(time: Array, values: Array) -> str:
+    """Times and values without loss as one word.
+
+    Lines ``t,value`` with the shortest digits that give the numbers back, compressed (zlib) and in
+    letters (base64).
+    """
+    lines = "".join(f"{t!r},{v!r}\n" for t, v in zip(time.tolist(), values.tolist(), strict=True))
+    return base64.b64encode(zlib.compress(lines.encode(), 9)).decode()
+
+
+@functools.lru_cache(maxsize=8)
+def samples_from_text(text: str) -> tuple[Array, Array]:
+    """Times and values of a text from `samples_as_text`, which are only to be read.
+
+    Members of a sweep have the same text.
+    """
+    limit = MOST_SAMPLES * _LARGEST_LINE
+    try:
+        unpacking = zlib.decompressobj()
+        content = unpacking.decompress(base64.b64decode(text, validate=True), limit)
+        if unpacking.unconsumed_tail or content.count(b"\n") > MOST_SAMPLES:
+            raise ValueError(f"more than {MOST_SAMPLES} samples")
+        if not unpacking.eof or unpacking.unused_data:
+            # only at its end is the checksum of what was compressed
+            raise ValueError("the text is cut off or continues after its end")
+        rows = [line.split(",") for line in content.decode("ascii").removesuffix("\n").split("\n")]
+        table = np.array([[float(cell) for cell in row] for row in rows])
+    except (zlib.error, ValueError) as error:
+        raise ValueError(f"not samples as text: {excerpt(str(error))}") from None
+    if table.ndim != 2 or table.shape[1] != 2:
+        raise ValueError("not samples as text: two columns are needed")
+    table.setflags(write=False)
+    return table[:, 0], table[:, 1]
+
+
+def sampled_component(specification: Mapping[str, Any], final_time: float) -> SampledForce:
+    """The component that ``{file, column, interpolation, scale, content}`` describes."""
+    name, column = str(specification["file"]), str(specification.get("column", "acceleration"))
+    if "content" not in specification:
+        raise ArgumentError("content", f"missing; what {name} holds is needed as well")
+    time, values = samples_from_text(str(specification["content"]))
+    slack = 1e-9 * final_time
+    ends_early = time[-1] < final_time - slack
+    if time[0] > slack or (ends_early and specification.get("beyond") != "zero"):
+        hint = "" if time[0] > slack else "; beyond: zero sets the force to zero after them"
+        raise ArgumentError(
+            name,
+            f"its samples reach from t = {time[0]:g} to {time[-1]:g}; they must reach from "
+            f"0 to final_time = {final_time:g}{hint}",
+        )
+    return SampledForce.through(
+        time,
+        float(specification.get("scale", 1.0)) * values,
+        cast(Interpolation, specification.get("interpolation", "linear")),
+        source=f"{column} of {name}",
+    )
+
+
+def end_of_samples(specification: Mapping[str, Any], final_time: float) -> float | None:
+    """Where samples end before T with nothing behind them; None where they do not."""
+    if specification.get("beyond") != "zero" or "content" not in specification:
+        return None
+    end = float(samples_from_text(str(specification["content"]))[0][-1])
+    return end if end < final_time * (1.0 - 1e-9) else None

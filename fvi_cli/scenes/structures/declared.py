@@ -28,13 +28,7 @@ _WHOLE: Final = "iu"
 
 
 def check_rows(shape: Sequence[int], *, sparse: bool) -> None:
-    """Refuse a shape that is not square, or larger than a matrix may be.
-
-    Raises
-    ------
-    DeclaredError
-        With the limit.
-    """
+    """Refuse a shape that is not square, or larger than a matrix may be."""
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 1:
         text = " x ".join(map(str, shape))
         raise DeclaredError(f"it is {text or 'a number'}; a square matrix is needed")
@@ -49,16 +43,9 @@ def sparse_matrix(
 ) -> SparseMatrix:
     """A square sparse matrix from the arrays that SciPy keeps, of a file from anywhere.
 
-    SciPy believes these arrays: an index outside of the matrix ends the process.
-
-    Parameters
-    ----------
-    kind
-        ``csr``, ``csc``, ``bsr``, ``coo`` or ``dia``.
-    shape
-        Rows and columns.
-    parts
-        ``data``, and ``indices`` and ``indptr``, ``row`` and ``col``, or ``offsets``.
+    SciPy believes these arrays: an index outside of the matrix ends the process. `kind` is one of
+    csr, csc, bsr, coo and dia, `parts` are ``data``, and ``indices`` and ``indptr``, ``row`` and
+    ``col``, or ``offsets``.
 
     Raises
     ------
@@ -97,13 +84,7 @@ def sparse_matrix(
 
 
 def checked_sparse(found: Any) -> SparseMatrix:
-    """What a library has read as a sparse matrix, made anew of its arrays.
-
-    Raises
-    ------
-    ValueError
-        As `sparse_matrix`.
-    """
+    """What a library has read as a sparse matrix, made anew of its arrays."""
     names = ("data", "indices", "indptr", "row", "col", "offsets")
     parts = {name: np.asarray(getattr(found, name)) for name in names if hasattr(found, name)}
     return sparse_matrix(str(found.format), found.shape, parts)

@@ -21,7 +21,7 @@ from fvi_cli.keys.complaints import excerpt, listed
 from fvi_cli.scenes.records.data_files import (
     DataFileError,
     check_lines,
-    number_of,
+    parse_number,
     read_content,
 )
 from fvi_cli.scenes.structures.archives import read_mat, read_npy, read_npz
@@ -41,18 +41,10 @@ _BETWEEN: Final = re.compile(r"[,;\s]+")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatrixFile:
-    """A matrix with the file's fingerprint.
+    """A matrix with the file's fingerprint."""
 
-    Parameters
-    ----------
-    form
-        The matrix, sparse where the file holds entries only.
-    sha256
-        Of the bytes of the file.
-    """
-
-    form: Form
-    sha256: str
+    form: Form  # the matrix, sparse where the file holds entries only
+    sha256: str  # of the bytes of the file
 
 
 def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFile:
@@ -152,7 +144,7 @@ def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64
         row = []
         for cell in _BETWEEN.split(bare):
             try:
-                row.append(number_of(cell))
+                row.append(parse_number(cell))
             except ValueError:
                 raise DataFileError(
                     f"{name}:{number}: {excerpt(cell)!r} is not a number; every line must be a "

@@ -54,7 +54,9 @@ def rayleigh_damping(
     """
     size = mass.shape[0]
     if max(modes) > size:
-        raise ArgumentError("rayleigh.modes", f"there is no mode {max(modes)}, only {size}")
+        raise ArgumentError(
+            "rayleigh.modes", f"mode {max(modes)} does not exist; the structure has {size}"
+        )
     found = natural_frequencies(mass, stiffness, max(modes))
     first, second = (float(found[number - 1]) for number in modes)
     if not (first > 0 and second > 0) or math.isclose(first, second, rel_tol=1e-9):

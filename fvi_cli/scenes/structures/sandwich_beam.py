@@ -35,15 +35,10 @@ def beam_matrices(
     face_density: float,
     core_density: float,
 ) -> tuple[Form, Form, Form]:
-    """Mass, stiffness of the faces, and stiffness of a core whose shear modulus is 1.
+    """M, K of faces, K of a core with shear modulus 1, each ``(4 elements, 4 elements)``.
 
     Four degrees of freedom for each of the nodes from the clamped end on: w, w', u_1, u_3. Cubic
     deflection and linear axial displacements in every element.
-
-    Returns
-    -------
-    tuple
-        M, K and K_v, each of shape ``(4 elements, 4 elements)``.
     """
     size = length / elements
     hf, hc, b = face_thickness, core_thickness, width

@@ -18,8 +18,7 @@ from fvi_cli.keys.scalars import Number
 from fvi_cli.keys.settings import NotNegative, Setting, key
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import ground_force
-from fvi_cli.scenes.data import SceneData, per_coordinate
-from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.data import SceneData, linear_oscillator, per_coordinate, scene_function
 from fvi_cli.scenes.structures.matrix_keys import matrix_of
 from fvi_cli.scenes.structures.rayleigh import Rayleigh, natural_modes, rayleigh_damping
 
@@ -38,6 +37,7 @@ class Proportional(Setting):
     )
 
 
+@scene_function
 def structure(
     *,
     mass: object,
@@ -57,11 +57,6 @@ def structure(
     `mass` and `stiffness` are numbers, matrices or mappings of files, `modal_damping` the ratios
     :math:`\zeta_i` of the first modes :math:`\phi_i` of M and K; a(t) has one component, r the
     shape ``(d,)`` or is a number.
-
-    Raises
-    ------
-    ValueError
-        ``key: what is wrong``.
     """
     found = [matrix_of(one, 1) for one in (mass, stiffness)]
     given = np.size(data.get("initial_position", 0.0))
@@ -89,13 +84,7 @@ def structure(
 
 
 def modal_matrix(mass: Form, stiffness: Form, ratios: Sequence[float]) -> Array:
-    r"""The matrix :math:`\sum_i 2 \zeta_i \omega_i (M \phi_i)(M \phi_i)^T`.
-
-    Raises
-    ------
-    ValueError
-        For more ratios than modes, and structures too large for a full matrix.
-    """
+    r"""The matrix :math:`\sum_i 2 \zeta_i \omega_i (M \phi_i)(M \phi_i)^T`."""
     size = mass.shape[0]
     if size > LARGEST_MODAL:
         raise ArgumentError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from fvi_cli.storage.identity import INPUT
+from fvi_cli.storage.digests import INPUT
 from fvi_cli.studies.members import value_in_words
 
 _CONFIG_KEYS = {

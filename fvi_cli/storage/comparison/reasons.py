@@ -10,7 +10,7 @@ from typing import Any
 
 from fvi_cli.storage.code import Code, own_code
 from fvi_cli.storage.comparison.differences import changed_keys
-from fvi_cli.storage.identity import SOLVER_VERSION, specification_of, stowed
+from fvi_cli.storage.digests import SOLVER_VERSION, specification_of, stowed
 from fvi_cli.storage.records.record import Entry, Place, place_of
 from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Run
@@ -98,7 +98,7 @@ def _with_swept(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _replaced(candidates: Collection[Mapping[str, Any]], run: Run) -> str:
-    """As `changed` if the run may stand for one that is left over, else `new`."""
+    """As `changed` if the run may stand for one that remains, else `new`."""
     specification = _specification(run)
     changes = [changed_keys(one, specification) for one in candidates]
     of_method = [one for one in changes if all(key.startswith("method.") for key in one)]

@@ -1,1 +1,1 @@
-"""Groups of a result file: a run, or the members of a sweep side by side."""
+"""Groups of a result file: a run, or the members of a sweep in common arrays."""

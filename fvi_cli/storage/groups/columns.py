@@ -1,4 +1,4 @@
-"""What is said of many runs, by name, in as little memory as it allows."""
+"""Attributes of many runs, by name, in as little memory as it allows."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class AttributeColumn(Sequence[Any]):
 
 
 Columns = dict[str, AttributeColumn]
-"""What is said of runs by name."""
+"""Attributes of runs by name."""
 
 
 def add_row(columns: Columns, attributes: Mapping[str, Any], row: int) -> None:

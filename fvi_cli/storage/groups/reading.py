@@ -1,4 +1,4 @@
-"""A group of a result file is read: one run, or the members of a sweep side by side.
+"""A group of a result file is read: one run, or the members of a sweep in common arrays.
 
 What the runs of a group have in common is an attribute; what members of a sweep differ in is a
 dataset along ``member``, and their arrays have that axis in front. A trajectory that stopped early
@@ -29,12 +29,12 @@ SUBGROUPS: Final = ("quantities", "events")
 """Groups inside of the group of a run."""
 
 IDENTITY, POINTS, ARRAYS = "identity", "points", "arrays"
-"""Attributes that tell how runs lie: identity, number of points, and names and axes of arrays."""
+"""Attributes on the layout of runs: identity, number of points, names and axes of arrays."""
 
 COUNTS: Final = "event_counts"
 
 MOST_ROWS: Final = 256
-"""Runs that are in memory at a time, at most: what is said of short ones is more than they are."""
+"""Runs that are in memory at a time, at most: attributes of short runs exceed their arrays."""
 
 BLOCK_BYTES = 2**25
 """Trajectories of members that are read at a time."""
@@ -62,7 +62,7 @@ def scale_of(axis: str, *, of_members: bool) -> str:
 
 
 def is_shared(name: str, axes: Axes) -> bool:
-    """Whether members of a sweep have an array in common: it tells the values of an axis."""
+    """Whether members of a sweep have an array in common: the values of an axis."""
     return axes[name] == (name,)
 
 
@@ -92,7 +92,7 @@ def datasets_below(group: h5py.Group, above: str = "") -> Iterator[tuple[str, h5
             _refuse_strange(node)
             yield f"{above}{name}", node
         else:
-            raise TypeError(f"{group.name}/{name} is no dataset")
+            raise TypeError(f"{group.name}/{name} is not a dataset")
 
 
 def _refuse_strange(dataset: h5py.Dataset) -> None:
@@ -105,7 +105,7 @@ def _refuse_strange(dataset: h5py.Dataset) -> None:
         raise TypeError(f"{dataset.name} holds {dataset.dtype}, not numbers or texts")
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """A value of the library as JSON has it."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
@@ -122,7 +122,7 @@ class StoredGroup:
 
     def __init__(self, group: h5py.Group) -> None:
         self.group = group
-        self.attributes = {name: plain(value) for name, value in group.attrs.items()}
+        self.attributes = {name: json_value(value) for name, value in group.attrs.items()}
         self.keys: tuple[str, ...] = tuple(json.loads(self.attributes.get(SWEPT, "[]")))
 
     @functools.cached_property
@@ -161,7 +161,7 @@ class StoredGroup:
         return iter([str(self.attributes[ARRAYS])])
 
     def attributes_of(self, row: int) -> dict[str, Any]:
-        """All that is said of a run."""
+        """All attributes of a run."""
         return {**self.attributes, **attributes_in_row(self.columns, row)}
 
     def shapes(self, row: int) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
@@ -210,7 +210,7 @@ class StoredGroup:
         return start, {n: node[()] if n in shared else node[whole] for n, node in held.items()}
 
     def row(self, row: int, start: int, block: Block) -> StoredRow:
-        """What is said of a run, and its arrays, from the block that it lies in."""
+        """Attributes of a run, and its arrays, from the block that it lies in."""
         own = self.attributes_of(row)
         axes = axes_from_words(own[ARRAYS])
         mine = {}

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.storage.digests import canonical_json, sha256
 from fvi_cli.storage.groups.columns import AttributeColumn, Columns, add_row
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
@@ -24,7 +25,6 @@ from fvi_cli.storage.groups.reading import (
     is_shared,
     scale_of,
 )
-from fvi_cli.storage.identity import canonical_json, sha256
 from fvi_cli.storage.records.fields import TIME, meaning_of
 from fvi_cli.storage.records.placed import Placed
 from fvi_cli.storage.records.record import SWEPT, StoredRecord
@@ -54,7 +54,7 @@ _TEXT: Final = h5py.string_dtype()
 
 @dataclass(frozen=True, kw_only=True)
 class WrittenGroup:
-    """What is said of the runs of a group that has just been written."""
+    """Attributes of the runs of a group that has just been written."""
 
     attributes: dict[str, Any]  # what they have in common, and what they differ in
     by_member: Columns
@@ -93,7 +93,7 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Placed]) -> WrittenGr
 def _write_members(
     group: h5py.Group, rows: Sequence[Placed], keys: tuple[str, ...]
 ) -> WrittenGroup:
-    """Write members of a sweep side by side, some in memory at a time."""
+    """Write members of a sweep into common arrays, some in memory at a time."""
     columns, axes, shapes = _survey(rows)
     count, length = len(rows), max(columns[POINTS])
     attributes, by_member = _attributes_of_members(columns, keys)
@@ -140,7 +140,7 @@ def _write_members(
 def _survey(
     rows: Sequence[Placed],
 ) -> tuple[Columns, dict[str, tuple[str, ...]], dict[str, tuple[int, ...]]]:
-    """What is said of members, the axes of their arrays, and the largest shapes of these."""
+    """Attributes of members, the axes of their arrays, and the largest shapes of these."""
     columns: Columns = {}
     axes: dict[str, tuple[str, ...]] = {}
     shapes: dict[str, tuple[int, ...]] = {}
@@ -287,15 +287,7 @@ _SUMMARY: Final[Mapping[str, tuple[str, Any, Any]]] = {
 
 
 def write_convergence(group: h5py.Group, ladder: Mapping[int, Sequence[WrittenGroup]]) -> None:
-    """The summary of a case: errors and what they took, by number of steps, and by member.
-
-    Parameters
-    ----------
-    group
-        Empty.
-    ladder
-        The groups by number of steps.
-    """
+    """The summary of a case: errors and what they took, by number of steps, and by member."""
     steps = sorted(ladder)
     first = ladder[steps[0]][0]
     keys = first.keys

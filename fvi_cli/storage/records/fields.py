@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Final, Literal
 
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.observations.request import Event, Impact
-from fvi_cli.integrator.results.observed import Extent
-from fvi_cli.storage.files import printable
+from fvi_cli.integrator.results.observed import Extent, Observed
+from fvi_cli.storage.files import escape_text
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.order import damping_orders
 
@@ -27,8 +28,8 @@ class Field:
 
     name: str  # of the attribute or array; * is a name that a user has chosen
     meaning: str  # for readers of the file
-    # where it stands in a FinishedRun: it is taken from there, and put back; where something on the
-    # way is None, nothing is stored. Or a function that gives it, for readers of the file alone
+    # where it stands in a FinishedRun: it is taken from there, and put back; where a part of the
+    # path is None, no value is stored. Or a function that gives it, for readers of the file alone
     at: str | Callable[[FinishedRun], Any]
     axes: tuple[str, ...] = ()  # of an array; empty: it is an attribute
     form: Form = "plain"  # how an attribute is written, and what is made of it again
@@ -51,11 +52,13 @@ def _nulled(values: Mapping[str, float]) -> dict[str, float | None]:
     return {key: float(one) if math.isfinite(one) else None for key, one in values.items()}
 
 
-def extents_of(stored: Mapping[str, Any]) -> dict[str, Extent]:
+def read_extents(stored: Mapping[str, Any]) -> dict[str, Extent]:
     """The extents again, by the names of quantities."""
     names = [one.name for one in fields(Extent)]
     return {
-        printable(name): Extent(**{k: math.nan if one[k] is None else float(one[k]) for k in names})
+        escape_text(name): Extent(
+            **{k: math.nan if one[k] is None else float(one[k]) for k in names}
+        )
         for name, one in stored.items()
     }
 
@@ -93,7 +96,7 @@ def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
 
 
 def _texts(values: list[str]) -> tuple[str, ...]:
-    return tuple(map(printable, values))
+    return tuple(map(escape_text, values))
 
 
 TIME: Final = "time"
@@ -209,3 +212,38 @@ def meaning_of(name: str) -> str:
 def named_as(name: str, axis: str) -> str:
     """A path or axis of the table with the name that a user has chosen."""
     return axis.replace("*", name.split("/")[1]) if "*" in axis else axis
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObservedSummary:
+    """Quantities and events of a run."""
+
+    # how large every quantity becomes, by name
+    extents: Mapping[str, Extent] = field(default_factory=dict)
+    # how often every event happened, by name
+    counts: Mapping[str, int] = field(default_factory=dict)
+    stopped_by: str = ""  # event that ended the run, or empty
+
+
+EMPTY_SUMMARY: Final = ObservedSummary()
+
+
+def summary_of(observed: Observed | None) -> ObservedSummary:
+    """Attributes of what was observed."""
+    if observed is None:
+        return EMPTY_SUMMARY
+    return ObservedSummary(
+        extents=observed.extents,
+        counts={name: one.time.size for name, one in observed.events.items()},
+        stopped_by=observed.stopped_by,
+    )
+
+
+def observed_summary(attributes: Mapping[str, Any]) -> ObservedSummary:
+    """The same from the attributes of a run."""
+    counts = json.loads(attributes.get("event_counts", "{}"))
+    return ObservedSummary(
+        extents=read_extents(json.loads(attributes.get("quantity_extents", "{}"))),
+        counts={escape_text(name): int(one["count"]) for name, one in counts.items()},
+        stopped_by=escape_text(str(attributes.get("stopped_by", ""))),
+    )

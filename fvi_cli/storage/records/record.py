@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.identity import Inputs, canonical_json, sha256, stowed
+from fvi_cli.storage.digests import Inputs, canonical_json, sha256, stowed
 from fvi_cli.studies.experiment import Run
 
 SWEPT: Final = "swept"
@@ -44,7 +44,7 @@ class StoredRecord:
 
     @functools.cached_property
     def checksum(self) -> str:
-        """SHA-256 of all that is said and of every number, wherever and however it lies."""
+        """SHA-256 of all attributes and of every number, wherever and however it lies."""
         words = [self.identity, self.request, self.attributes]
         digest = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
         for name in sorted(self.arrays):
@@ -66,7 +66,7 @@ def same_value(one: Any, other: Any) -> bool:
 
 
 class GroupKind(NamedTuple):
-    """What runs that lie in one group have in common; digests tell their values apart."""
+    """What runs that lie in one group have in common; digests distinguish their values."""
 
     experiment: str
     case: str
@@ -161,7 +161,7 @@ class RecordSource(Protocol):
     path: Path
 
     def attributes(self, entry: Entry) -> dict[str, Any]:
-        """What is said of a run."""
+        """Attributes of a run."""
 
     def read(self, entry: Entry) -> StoredRecord:
         """The run, not verified."""

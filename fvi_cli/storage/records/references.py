@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.storage.code import own_code
-from fvi_cli.storage.identity import (
+from fvi_cli.storage.digests import (
     SOLVER_VERSION,
     answered_by_own_code,
     canonical_json,

@@ -13,13 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.results.diagnostics import Diagnostics
-from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
 from fvi_cli.integrator.results.observed import Observed, Occurrences
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.storage.code import own_code
-from fvi_cli.storage.files import printable
-from fvi_cli.storage.identity import (
+from fvi_cli.storage.digests import (
     SOLVER_VERSION,
     answered_by_own_code,
     refusal_of,
@@ -27,15 +25,16 @@ from fvi_cli.storage.identity import (
     specification_of,
     stowed,
 )
+from fvi_cli.storage.files import escape_text
 from fvi_cli.storage.provenance import origin
-from fvi_cli.storage.records.fields import FIELDS, TIME, Field, extents_of, field_named, named_as
+from fvi_cli.storage.records.fields import FIELDS, TIME, Field, field_named, named_as, read_extents
 from fvi_cli.storage.records.record import SWEPT, StoredRecord, swept_by
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.norms import Measured
 
 ORIGIN: Final = ("created", "fvi_version", "git_commit", "git_dirty", "code", "solver_version")
-"""Attributes that tell by whom, and not what."""
+"""Attributes that say by whom, and not what."""
 
 _MADE: Final[Mapping[tuple[str, ...], type]] = {
     ("measured",): Measured,
@@ -49,7 +48,7 @@ _MADE: Final[Mapping[tuple[str, ...], type]] = {
 """What is made of the fields below a path."""
 
 
-def record_of(finished: FinishedRun) -> StoredRecord:
+def stored_record(finished: FinishedRun) -> StoredRecord:
     """What is stored of a finished run; the grid is thinned as its experiment asks for.
 
     Of a member of a sweep there is no point off the grid that all members share.
@@ -148,15 +147,7 @@ def kept_points(points: int, every: int) -> NDArray[np.intp]:
 
 
 def finished_of(record: StoredRecord, run: Run) -> FinishedRun:
-    """The finished run again, in the norm of its experiment; what is not there takes its default.
-
-    Parameters
-    ----------
-    record
-        Of the run, whatever version has written it.
-    run
-        What is asked for.
-    """
+    """The finished run in the norm of its experiment; what is not there takes its default."""
     tree: dict[str, Any] = {}
     for name, value in itertools.chain(record.attributes.items(), record.arrays.items()):
         one = field_named(name)
@@ -166,7 +157,7 @@ def finished_of(record: StoredRecord, run: Run) -> FinishedRun:
     if observed is not None:
         a = record.attributes
         observed["mesh"] = record.arrays.get("mesh", record.arrays[TIME])
-        observed["extents"] = extents_of(json.loads(a.get("quantity_extents", "{}")))
+        observed["extents"] = read_extents(json.loads(a.get("quantity_extents", "{}")))
     found = FinishedRun(run=run, **{k: _made(v, (k,)) for k, v in tree.items()})
     if record.attributes["norm"] == run.experiment.norm:
         return found
@@ -184,7 +175,7 @@ def _put(tree: dict[str, Any], one: Field, name: str, value: Any) -> None:
     if one.form == "json":
         value = json.loads(value)
     elif one.form == "words":
-        value = printable(value)
+        value = escape_text(value)
     *above, last = _path_of(name)
     for part in above:
         tree = tree.setdefault(part, {})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,11 +26,12 @@ from fvi_cli.studies.fits.statistics import (
     whiteness,
 )
 from fvi_cli.studies.fits.terms import needless_terms
+from fvi_cli.studies.members import with_values
 
 FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 """Of a step, relative to the size of the motion."""
 DISCRETISATION = 0.01
-"""Error of the runs that is allowed, relative to what is left of the data."""
+"""Error of the runs that is allowed, relative to the residuals."""
 LOOSE = 1e-4
 """Tolerance of a step while the minimum is looked for, relative to the size of the motion."""
 MOST_REWEIGHTINGS, ENOUGH = 20, 1e-3
@@ -44,12 +45,15 @@ MOST_OTHERS = 3
 SEPARATION = 10.0
 """Standard deviations by which the misfit of another minimum should be larger."""
 NO_INFLUENCE = 1e-10
+BETWEEN = 0.3
+"""Standard deviations of the noise, and standard errors of an estimate, from which on
+a remark says what other lines between the samples of a displacement would change."""
 POINTS_OF_CURVES = 400
 
 Log = Callable[[str], None]
 
 
-def fit(name: str, settings: FitSettings, *, log: Log = lambda words: None) -> FitResult:
+def fit_models(name: str, settings: FitSettings, *, log: Log = lambda words: None) -> FitResult:
     """Fit every model of an experiment to its data.
 
     Raises
@@ -87,7 +91,7 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
             found += distinct([least_squares_from(model, model.start, bounds, tolerance=1e-3)])
     found = distinct(found)
     if not found:
-        return _failed(model, "no run comes to its end near the start")
+        return _failed(model, "every run near the starting values fails")
     try:
         return _describe_result(model, settings, found, scale)
     except RunFailedError as error:
@@ -123,7 +127,12 @@ def _describe_result(
                 break
             others.append(best)
             best = replace(best, point=better.point)
-    return _failed(model, "profiles find ever better minima: no estimate can be given", best.point)
+    return _failed(
+        model,
+        "the search for intervals keeps finding better minima: begin elsewhere, "
+        "or fit fewer parameters",
+        best.point,
+    )
 
 
 def _polished(
@@ -208,13 +217,13 @@ def _check_influence(model: MotionModel, scale: float) -> None:
 
 
 def _is_clean(model: MotionModel, at: Evaluation) -> bool:
-    """Whether what is left of the data is round-off."""
+    """Whether the residuals are round-off."""
     data = np.concatenate([one.values for one in model.series])
     return rms(np.concatenate(model.split(at.residuals))) <= ROUND_OFF * rms(data)
 
 
 def _estimated(model: MotionModel, at: Evaluation) -> tuple[list[float], Series | None]:
-    """Deviations of the series from what is left, and a series too short to have one."""
+    """Deviations of the series from the residuals, and a series too short to have one."""
     freedom = own_freedoms(at, model.sizes)
     lacking = [one for one, n in zip(model.series, freedom, strict=True) if n < LEAST_FREEDOM]
     found = [
@@ -262,7 +271,11 @@ def _result(
     ]
     message = best.message if not best.is_converged else ""
     if not is_regular:
-        message = message or "the data do not determine all parameters: some can be traded"
+        message = (
+            message
+            or "the data do not determine all parameters: "
+            "some can change together without a worse fit"
+        )
     return ModelFit(
         model=model.model,
         estimates=found,
@@ -286,6 +299,7 @@ def _result(
         discretisation=float(ratio),
         others=tuple(alike),
         needless=needless,
+        between=_between(model, best.point, at_best, variance),
         evaluations=model.evaluations,
         is_converged=best.is_converged and is_regular,
         message=message,
@@ -299,6 +313,36 @@ def _is_separated(at_best: Evaluation, direction: Array, variance: float) -> boo
         return False
     expected = at_best.jacobian @ direction
     return float(expected @ expected) > SEPARATION**2 * variance
+
+
+def _between(model: MotionModel, point: Array, at: Evaluation, variance: float) -> tuple[str, ...]:
+    """What a cubic spline in place of straight lines between samples would change."""
+    displacement = model.model.specification.get("displacement")
+    if (
+        not isinstance(displacement, Mapping)
+        or displacement.get("interpolation", "linear") != "linear"
+        or at.jacobian is None
+    ):
+        return ()
+    smooth = with_values(model.model.specification, {"problem.displacement.interpolation": "cubic"})
+    other = MotionModel(replace(model.model, specification=smooth), model.data, model.deviations)
+    other.meshes = model.meshes
+    try:
+        found = other.evaluate(point, with_jacobian=False).residuals
+    except ValueError:
+        return ()
+    noise, change = math.sqrt(variance), at.residuals - found
+    _, errors, _ = covariance(at, variance)
+    moved = np.abs(np.linalg.lstsq(at.jacobian, change, rcond=None)[0]) / errors
+    worst, share = int(np.argmax(moved)), rms(change) / noise
+    if not (share > BETWEEN and moved[worst] > BETWEEN):
+        return ()
+    return (
+        f"between the samples: with interpolation: cubic the force differs by {share:.2g} standard "
+        f"deviations of the noise, and {model.free[worst].key} by some {moved[worst]:.2g} standard "
+        "errors, which no interval holds; if the displacement is smooth write interpolation: cubic "
+        "under displacement, or measure with more samples",
+    )
 
 
 def _failed(model: MotionModel, message: str, point: Array | None = None) -> ModelFit:

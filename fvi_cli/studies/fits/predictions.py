@@ -10,9 +10,8 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.formula import Formula, NameResolver
+from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
-from fvi_cli.integrator.gradients.observation import MotionAt
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.dampers import damper_values, dampers_of
@@ -165,7 +164,7 @@ def predict_response(
     left = np.zeros((*response.shape, len(variations)), dtype=complex)
 
     def unbalanced(varied: Scene, _: float) -> list[ComplexArray]:
-        # apart: of their difference nobody could say what is round-off
+        # apart: their difference could not be separated from round-off
         applied = _applied(DynamicStiffness(varied), s, response)
         return [np.broadcast_to(force(varied), applied.shape), -applied]
 

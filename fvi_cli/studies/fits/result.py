@@ -13,7 +13,7 @@ from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
 from fvi_cli.studies.fits.terms import NeedlessTerm
 
 ALIKE = 0.99
-"""Parameters whose estimates are correlated like this are hard to tell apart."""
+"""Parameters whose estimates are correlated like this are hard to distinguish."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +60,7 @@ class Estimate:
         sides = zip((self.low, self.high), ("below", "above"), self.reached, strict=True)
         for end, word, reached in sides:
             if math.isinf(end):
-                found.append(f"{self.name}: the data set no limit to it {word}")
+                found.append(f"{self.name}: the data do not bound it {word}")
             elif math.isnan(end):
                 is_known = not math.isnan(reached) and reached != self.value
                 known = f"; it reaches to {reached:.6g} at least" if is_known else ""
@@ -96,7 +96,7 @@ class ModelFit:
     assignments: tuple[dict[str, float], ...]
     """For every data set the values by key path."""
     series: tuple[SeriesFit, ...] = ()
-    """The data and what is left of them."""
+    """The data and the residuals."""
     misfit: float = math.inf
     """Sum of squares over the variance of the noise."""
     criterion: float = math.inf
@@ -105,11 +105,13 @@ class ModelFit:
     """Probability (Ljung and Box) of residuals as correlated as these if they were noise."""
     steps: int = 0
     discretisation: float = math.inf
-    """Error of the runs, relative to what is left of the data."""
+    """Error of the runs, relative to the residuals."""
     others: tuple[tuple[float, ...], ...] = ()
     """Other minima that fit alike: values of the parameters."""
     needless: tuple[NeedlessTerm, ...] = ()
     """Terms whose removal the data do not refuse."""
+    between: tuple[str, ...] = ()
+    """Where it matters what lies between the samples of a displacement."""
     is_converged: bool = False
 
     @property
@@ -119,7 +121,31 @@ class ModelFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know before believing the numbers."""
+        """What a reader must know before believing the numbers, or why there may be none."""
+        found = self._inseparable()
+        if not self.is_converged:
+            return (*found, *(one.words for one in self.needless))
+        found += self.between
+        for one in self.estimates:
+            found += one.warnings
+        found += [one.words for one in self.needless]
+        for values in self.others:
+            shown = ", ".join(
+                f"{one.name} = {value:.6g}"
+                for one, value in zip(self.estimates, values, strict=True)
+            )
+            found.append(f"another minimum fits as well: {shown}")
+        found += self._of_noise()
+        if self.whiteness < 0.001:
+            found.append(
+                f"the residuals are not noise (probability {self.whiteness:.1e}): the model is "
+                "incomplete"
+            )
+        return tuple(found)
+
+    def _inseparable(self) -> list[str]:
+        """Pairs of parameters that the data hardly distinguish."""
+        advice = "" if self.is_converged else "; if one of them is known, hold it with fixed:"
         found = []
         for i, one in enumerate(self.estimates):
             for j in range(i):
@@ -130,26 +156,12 @@ class ModelFit:
                         f"{self.estimates[j].name} and {one.name} can hardly be separated by "
                         f"these data: correlation {value:+.4f}; were one of them known, the error "
                         f"of the other would be {gain:.0f} times smaller"
+                        f"{advice}"
                     )
-        for one in self.estimates:
-            found += one.warnings
-        found += [one.words for one in self.needless]
-        for values in self.others:
-            shown = ", ".join(
-                f"{one.name} = {value:.6g}"
-                for one, value in zip(self.estimates, values, strict=True)
-            )
-            found.append(f"another minimum fits alike: {shown}")
-        found += self._of_noise()
-        if self.whiteness < 0.001:
-            found.append(
-                f"the residuals are not noise (probability {self.whiteness:.1e}): the model misses "
-                "something"
-            )
-        return tuple(found)
+        return found
 
     def _of_noise(self) -> list[str]:
-        """What is to be said of a given noise that what is left does not have."""
+        """Warnings about a given noise that the residuals do not have."""
         from scipy.special import chdtr, chdtrc
 
         freedom = self.n_values - len(self.estimates)

@@ -39,7 +39,7 @@ class Found:
 
     point: Array  # in what the fit works with
     cost: float
-    is_converged: bool  # whether it is a minimum, as far as can be told
+    is_converged: bool  # whether it is a minimum, as far as is known
     message: str
 
 
@@ -103,7 +103,7 @@ def least_squares_from(
         point=np.asarray(done.x, dtype=float),
         cost=float(2.0 * done.cost),
         is_converged=bool(done.status > 0),
-        message=str(done.message),
+        message=str(done.message).rstrip("."),
     )
 
 

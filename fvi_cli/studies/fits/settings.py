@@ -136,8 +136,8 @@ class FitSettings:
     data: tuple[DataSet, ...]
     models: tuple[FitModel, ...]  # the descriptions, one or several to be compared
     deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """Standard deviations of the noise by data set and column; empty: they are estimated from what
-    is left."""
+    """Standard deviations of the noise by data set and column; empty: they are estimated from the
+    residuals."""
 
     @property
     def columns(self) -> list[tuple[str, str]]:

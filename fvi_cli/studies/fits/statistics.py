@@ -13,7 +13,7 @@ from fvi_cli.studies.fits.model import Evaluation, rms
 SINGULAR = 1e-9
 """Of the scaled derivatives: below it some parameters can be traded for others."""
 ROUND_OFF = 1e-9
-"""Of the data: what is left below it is no noise of theirs, and nothing is said of it."""
+"""Of the data: residuals below it are round-off, not noise, and are not tested."""
 
 
 def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:

@@ -37,7 +37,7 @@ class NeedlessTerm:
 
     @property
     def words(self) -> str:
-        """What is said of it."""
+        """The warning about it."""
         return (
             f"{self.key} is not needed: without it ({self.parameters} parameters less) the misfit "
             f"grows by {max(self.increase, 0.0):.2g} variances of the noise (probability "
@@ -97,7 +97,7 @@ _Lists = tuple[tuple[str, int], ...]
 
 
 def _terms(specification: Mapping[str, Any], keys: Sequence[str]) -> Iterator[tuple[str, _Lists]]:
-    """Terms with fitted parameters: key paths, and what is left out."""
+    """Terms with fitted parameters: key paths, and the terms left out."""
     seen: dict[str, _Lists] = {}
     for key in keys:
         parts = key.partition("@")[0].split(".")

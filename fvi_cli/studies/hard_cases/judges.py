@@ -43,7 +43,7 @@ def exact_solution(setting: CaseSetting) -> Callable[[Array], Array]:
     if isinstance(truth, Mapping) and "frequency" in truth:
         (term,) = setting.scene.damping
         coefficient = float(term.coefficient[0, 0])
-        response = harmonic_response(term.order, coefficient, truth["frequency"])
+        response = response_from_rest(term.order, coefficient, truth["frequency"])
         return lambda time: response(time)[:, None]
     if truth is None or isinstance(truth, Mapping):
         solution = match_scene(build_scene(truth) if truth else setting.scene)
@@ -54,7 +54,7 @@ def exact_solution(setting: CaseSetting) -> Callable[[Array], Array]:
 
 
 @functools.lru_cache(maxsize=16)
-def harmonic_response(order: float, coefficient: float, frequency: float) -> LinearResponse:
+def response_from_rest(order: float, coefficient: float, frequency: float) -> LinearResponse:
     r"""Solution of :math:`x'' + \mu D^\gamma x + x = \cos \omega t` from rest.
 
     Its transform :math:`s / ((s^2 + \omega^2) (s^2 + \mu s^\gamma + 1))` is a quotient of sums of

@@ -3,7 +3,7 @@ r"""How far a run is from the truth, by another one and by its own polynomials.
 On one mesh a run with two stages more is so much better that the difference is the error of the
 first one; by how much it is better follows from the fall of the Legendre coefficients of its
 velocity. Between the points of the mesh a polynomial errs by what its velocity leaves out, of
-which the momenta tell the values at both ends of a step: they are as good as the positions there.
+which the momenta give the values at both ends of a step: they are as good as the positions there.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ HARDLY = 0.01
 ROUNDED = 10.0
 """Round-off at the start, in units of :data:`EPSILON` times the position."""
 SHIFT = 1e-6
-"""Relative change of the start that tells how round-off grows."""
+"""Relative change of the start that measures how round-off grows."""
 
 
 def differences_of(coarse: Trajectory, fine: Trajectory) -> tuple[Array, Array]:
@@ -82,7 +82,7 @@ def _tails(steps: RunSteps) -> tuple[Array, Array]:
 
     They may fall unevenly, by parity above all, so that each is compared with the one two before
     it; coefficients of a parity that is hardly there say nothing. Where a coefficient is larger
-    than that, what is left does not fall. Shapes ``(n, d)``.
+    than that, the remainder does not fall. Shapes ``(n, d)``.
     """
     m = steps.tables.points.size
     kept = steps.tables.to_legendre[-min(4, m) :]
@@ -96,13 +96,13 @@ def _tails(steps: RunSteps) -> tuple[Array, Array]:
 
 
 def local_errors(steps: RunSteps) -> float:
-    """What all steps err by at their ends, but for a factor: the square of what is left out."""
+    """What all steps err by at their ends, but for a factor: the square of the neglected term."""
     last, _ = _tails(steps)
     speed = np.abs(steps.velocity).max(axis=1) + 1e-300
     return float(steps.step_size @ (last * np.minimum(1.0, last / speed)).max(axis=1)) + 1e-300
 
 
-def shifted(scene: Scene, run: Trajectory) -> Scene:
+def perturb_start(scene: Scene, run: Trajectory) -> Scene:
     """The scene with a start that is a little off: by :data:`SHIFT` of what the run reaches.
 
     With Riemann-Liouville derivatives of orders above 1 the position has to begin at 0.
@@ -122,21 +122,11 @@ def shifted(scene: Scene, run: Trajectory) -> Scene:
 
 @dataclass(frozen=True, kw_only=True)
 class Growth:
-    """How the difference of two runs grows.
+    """How the difference of two runs grows."""
 
-    Parameters
-    ----------
-    time
-        From when on it is above the tolerance.
-    place
-        Where the motion is then.
-    factor
-        By how much it grows in the run, from where it first is above round-off.
-    """
-
-    time: float
-    place: tuple[float, ...]
-    factor: float
+    time: float  # from when on it is above the tolerance
+    place: tuple[float, ...]  # where the motion is then
+    factor: float  # by how much it grows in the run, from where it first is above round-off
 
 
 def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: float) -> Growth:

@@ -14,6 +14,7 @@ from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
@@ -57,8 +58,7 @@ def solve_on_equal_steps(
     available_bytes: int | None = None,
     log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
-    witness: Trajectory | None = None,
-) -> tuple[AnyMethod, Trajectory]:
+) -> tuple[AnyMethod, Trajectory, Trajectory]:
     """Find a method and a number of equal steps whose error is below a tolerance.
 
     An adaptive run to a tenth of the tolerance (:func:`fvi_cli.studies.tolerance.search.solve`)
@@ -69,18 +69,16 @@ def solve_on_equal_steps(
 
     The tolerance holds in `norm`, the first of equal methods is preferred, and where the tolerance
     is out of reach the best run is returned. `log` is given a line for every run; every run has a
-    part of `checkpoints`.
+    part of `checkpoints`. Beside method and run comes the adaptive one.
     """
     unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
-    if witness is None:
-        witness = solve_witness(
-            scene,
-            tolerance=tolerance,
-            relative=relative,
-            norm=norm,
-            log=log,
-            checkpoints=checkpoints,
-        )
+    witness = solve(
+        scene,
+        tolerance=None if tolerance is None else WITNESS * tolerance / unit,
+        relative=None if relative is None else WITNESS * relative,
+        log=log,
+        checkpoints=checkpoints,
+    )
     search = _Search(
         scene=scene,
         witness=witness,
@@ -91,27 +89,7 @@ def solve_on_equal_steps(
         log=log,
         checkpoints=checkpoints,
     )
-    return search.result(methods)
-
-
-def solve_witness(
-    scene: Scene,
-    *,
-    tolerance: float | None = None,
-    relative: float | None = None,
-    norm: Norm = "max",
-    log: Callable[[str], object] = lambda line: None,
-    checkpoints: RunKeeper | None = None,
-) -> Trajectory:
-    """The adaptive run that stands for the truth of :func:`solve_on_equal_steps`."""
-    unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
-    return solve(
-        scene,
-        tolerance=None if tolerance is None else WITNESS * tolerance / unit,
-        relative=None if relative is None else WITNESS * relative,
-        log=log,
-        checkpoints=checkpoints,
-    )
+    return *search.result(methods), witness
 
 
 def _target(
@@ -163,7 +141,7 @@ class _Search:
         if best.run is None:
             raise ValueError("no number of equal steps puts every break point on the grid")
         reason = f"{self.target:.2g} is out of reach of these methods on equal steps, with "
-        reason += f"{MOST_STEPS} steps at most and the memory there is"
+        reason += f"{MOST_STEPS} steps at most and the available memory"
         if math.isfinite(best.error):
             reason += f": the best error reached is {best.error:.2g}"
         return best.method, self._result(best.run, "refused", best.error + own, reason)
@@ -195,7 +173,7 @@ class _Search:
         before, error = one.error, math.inf
         if run.status == "ok":
             error = error_norm(run.position, self.witness(run.time), run.step_size, self.norm)
-        line = f"{one.method.case} N = {n_steps}: "
+        line = f"{method_name(one.method)}, N = {n_steps}: "
         line += f"error {error:.2g}" if run.status == "ok" else run.status
         self.lines.append(line)
         self.log(line)

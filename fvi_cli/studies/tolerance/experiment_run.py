@@ -11,13 +11,14 @@ import numpy as np
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.observe import integrate_observed, observe
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
-from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps, solve_witness
+from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.runs import gauss
 from fvi_cli.studies.tolerance.search import solve
 
@@ -48,15 +49,7 @@ def run_for_tolerance(
     absolute = accuracy.tolerance
     truth: Trajectory | None = None
     if accuracy.mesh == "uniform":
-        truth = solve_witness(
-            problem.scene,
-            tolerance=absolute,
-            relative=accuracy.relative,
-            norm=experiment.norm,
-            log=log,
-            checkpoints=checkpoints,
-        )
-        method, found = solve_on_equal_steps(
+        method, found, truth = solve_on_equal_steps(
             problem.scene,
             accuracy.candidates,
             tolerance=absolute,
@@ -65,7 +58,6 @@ def run_for_tolerance(
             available_bytes=available_bytes,
             log=log,
             checkpoints=checkpoints,
-            witness=truth,
         )
         unit = 1.0
     else:
@@ -164,8 +156,8 @@ def _message(run: Run, assessment: Assessment) -> str:
     adaptive = run.experiment.accuracy is not None and run.experiment.accuracy.mesh == "adaptive"
     steps = f"{run.n_steps} adaptive steps" if adaptive else f"N = {run.n_steps}"
     return (
-        f"{run.method.case} on {steps}: estimated error {assessment.estimate:.2g} for a tolerance "
-        f"of {assessment.tolerance:.3g}, {assessment.outcome} after {rounds} "
+        f"{method_name(run.method)} on {steps}: estimated error {assessment.estimate:.2g} "
+        f"for a tolerance of {assessment.tolerance:.3g}, {assessment.outcome} after {rounds} "
         f"round{'' if rounds == 1 else 's'}"
     )
 
@@ -189,7 +181,7 @@ def _diagnosed(
 def _observed(
     run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
 ) -> Trajectory:
-    """The run at the times that are request for, with what is request of it."""
+    """The run at the requested times, with its quantities and events."""
     request, method = run.observations, run.method
     if found.steps is not None and isinstance(method, Method):
         return observe(problem.scene, method, found, request, checkpoints=checkpoints)[1]

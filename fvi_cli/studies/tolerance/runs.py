@@ -15,7 +15,7 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.adaptive_run import adaptive_engine, integrate_adaptively
+from fvi_cli.integrator.run.scenes_run import adaptive_engine, integrate_adaptively
 from fvi_cli.integrator.trajectory import Trajectory
 
 MOST_STEPS = 200_000
@@ -28,7 +28,7 @@ HALVINGS = 24
 
 
 def gauss(scene: Scene, degree: int) -> Method:
-    """The Gauss method of a tolerance; known forces but those by samples are integrated exactly."""
+    """The Gauss method of a tolerance; loads other than samples are integrated exactly."""
     sampled = scene.forcing is not None and bool(scene.forcing.samples)
     rule: ForcingQuadrature = "galerkin" if sampled or scene.forcing is None else "exact"
     return Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)

@@ -1,7 +1,7 @@
 """A run for a tolerance: steps by a local one, the error of the whole by a second run.
 
 A run with m stages finds its steps by a local tolerance; one with two stages more on the same mesh
-tells how far it is from the truth, and is the one that is delivered. Where forces have kinks, or
+measures how far it is from the truth, and is the one that is delivered. Where forces have kinks, or
 are of the kind of which walls and pulses are made, it finds steps of its own: on one mesh both
 might miss the same. Forces by samples have the samples as points of the mesh.
 """
@@ -28,9 +28,15 @@ from fvi_cli.studies.tolerance.differences import (
     differences_of,
     growth_of,
     local_errors,
-    shifted,
+    perturb_start,
 )
-from fvi_cli.studies.tolerance.rounds import COARSEST, Round, amplitude_of, first_local
+from fvi_cli.studies.tolerance.rounds import (
+    COARSEST,
+    Round,
+    amplitude_of,
+    first_local,
+    likely_amplitude,
+)
 from fvi_cli.studies.tolerance.runs import (
     MOST_KINKED_STEPS,
     MOST_STEPS,
@@ -39,7 +45,6 @@ from fvi_cli.studies.tolerance.runs import (
     knots_of,
     run_on,
 )
-from fvi_cli.studies.tolerance.scales import likely_amplitude
 
 MOST_ROUNDS: Final = 10
 FEW_DIGITS: Final = 7.0
@@ -51,7 +56,7 @@ SAMPLED_GAIN: Final = 0.3
 PROBED: Final = 1e-9
 """For tolerances below this share of a nonlinear motion it is looked how round-off grows."""
 CAUTION: Final = 10.0
-"""In what local errors tell of the errors of two runs."""
+"""By which local errors are compared with the errors of two runs."""
 AIMED_AT: Final = 0.3
 """Share of the tolerance at which a new local tolerance aims."""
 SHRINKS_TO: Final = (1e-6, 0.3)
@@ -87,7 +92,7 @@ def solve(
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
-    Steps are found on the way and a second run tells the error of the whole
+    Steps are found on the way and a second run measures the error of the whole
     (``docs/explanation/tolerances.md``).
 
     Parameters
@@ -99,7 +104,7 @@ def solve(
     relative
         The same as a share of the largest position of the run; one of the two.
     log
-        Is told of every run in a line.
+        Called with a line about every run.
     checkpoints
         Where every run of the search has a part.
 
@@ -160,7 +165,7 @@ class _Search:
         if self.best is None or one.estimate < self.best.estimate:
             self.best, self.worst_since = one, 0.0
         elif one.run.status == "ok":
-            # a finer run that differs more tells that it was an accident
+            # a finer run that differs more shows that it was an accident
             self.worst_since = max(self.worst_since, one.at_points)
 
     def _adaptively(self, forces: SceneForces, knots: tuple[float, ...]) -> Trajectory:
@@ -201,7 +206,7 @@ class _Search:
             is_probed = self.scene.is_linear or self.rounding is not None
             if not is_probed and self.target(amplitude) < PROBED * amplitude:
                 own = part_of(self.checkpoints, "moved")
-                moved = run_on(shifted(self.scene, run), degree, mesh, own)
+                moved = run_on(perturb_start(self.scene, run), degree, mesh, own)
                 self.rounding = differences_of(coarse, moved)
             gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)
             one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
@@ -327,7 +332,7 @@ class _Search:
             )
             return self._result(one, "refused", reason)
         growth = growth_of(run, one.times, one.differences, target)
-        reached = f"the best error reached is {one.estimate:.2g}, ask for no less"
+        reached = f"the best error reached is {one.estimate:.2g}, ask for that or more"
         if growth.factor > SENSITIVE and float(one.differences.max()) > target:
             where = ", ".join(f"{x:.4g}" for x in growth.place)
             reason = (

@@ -40,12 +40,7 @@ _MOST_ENTRIES = 2_000_000
 
 
 class DynamicStiffness:
-    """T(s) of a scene.
-
-    Parameters
-    ----------
-    scene
-        A linear one.
+    """T(s) of a linear scene.
 
     Raises
     ------
@@ -188,7 +183,7 @@ class Factors:
             from scipy.linalg import lu_factor, lu_solve
 
             with warnings.catch_warnings():
-                # told below
+                # reported below
                 warnings.simplefilter("ignore")
                 pair = lu_factor(matrix, check_finite=False)
             self._pivots = np.diagonal(pair[0])

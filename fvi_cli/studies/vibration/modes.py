@@ -21,6 +21,7 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, as_csc
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.studies.members import Member, label_of
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
 from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
@@ -86,16 +87,21 @@ class ModeTable:
     sector: Sector | None
     """The region of complex frequencies in which modes were counted; None: they were not."""
     counted: int | None
-    """How many are in it; None where that could not be told."""
+    """How many are in it; None where that is unknown."""
     inside: int
     """How many of `modes` are in it."""
     reach: Reach = "around"
     """``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor are
     faster ones; ``around``: it was chosen around the modes that were asked for."""
-    member: str = ""
-    """Swept values in words; empty without a sweep."""
+    of_member: Member | None = None
+    """The member of a sweep, or design, to which it belongs."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Labels of units for figures."""
+
+    @property
+    def member(self) -> str:
+        """Swept values in words; empty without a sweep."""
+        return label_of(self.of_member)
 
     @property
     def is_complete(self) -> bool:
@@ -318,7 +324,7 @@ def _search(stiffness: DynamicStiffness, sector: Sector, found: list[Mode]) -> N
     try:
         missing = _missing(stiffness, sector, found)
     except CountError:
-        # whoever asked for this part has counted the other one and knows that some are here
+        # the caller has counted the other part and knows that some are here
         missing = 1
     if missing <= 0 or max(sector.extent) < SMALLEST_CELL:
         return

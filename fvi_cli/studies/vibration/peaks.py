@@ -80,7 +80,7 @@ def modes_in_range(scene: Scene, low: float, high: float) -> ModesInRange:
         try:
             table = find_modes(scene, count, near=near)
         except ValueError:
-            # nothing oscillates; of a large structure it is not known
+            # no mode oscillates; of a large structure it is not known
             return ModesInRange(modes=(), are_all=d <= LARGEST_DENSE)
         sizes = [abs(mode.frequency) / (2 * math.pi) for mode in table.modes]
         if near is None or max(abs(size - near) for size in sizes) > high - near:

@@ -16,6 +16,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.data import per_coordinate
+from fvi_cli.studies.members import Member, label_of
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.peaks import (
     NO_MODES,
@@ -36,19 +37,24 @@ class ResponseTable:
     name: str
     load: str
     outputs: tuple[str, ...]
-    """What is told of: coordinates, or combinations of them."""
+    """Outputs to report: coordinates, or combinations of them."""
     hertz: Array
     """Frequencies, oscillations per unit of time, shape ``(n,)``."""
     values: ComplexArray
     r"""Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``."""
     peaks: tuple[Peak, ...]
     """Maxima of the magnitudes inside of the range."""
-    member: str = ""
-    """Swept values in words; empty without a sweep."""
+    of_member: Member | None = None
+    """The member of a sweep, or design, to which it belongs."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Labels of units for figures."""
     known: ModesInRange = NO_MODES
     """The modes by which peaks were looked for."""
+
+    @property
+    def member(self) -> str:
+        """Swept values in words; empty without a sweep."""
+        return label_of(self.of_member)
 
     @property
     def magnitude(self) -> Array:
@@ -153,7 +159,7 @@ def harmonic_force(
     except ValueError:
         amplitude = math.nan
     if not math.isfinite(amplitude):
-        raise ValueError(f"{text!r}: what follows = must be a number")
+        raise ValueError(f"{text!r}: write a number after =")
     if where.strip() == GROUND:
         along = per_coordinate(ground_direction, scene.dimension)
         return np.asarray(-amplitude * times(along, scene.inertia.form))

@@ -87,7 +87,7 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
     # slower modes turn the argument evenly around a sector that does not hold 0
     below = 0 if stiffness.is_small else stiffness.number_below(sector.least)
     if below >= stiffness.dimension:
-        raise CountError("how many modes are slower than those of the region is not known")
+        raise CountError("the number of modes slower than the region is unknown")
 
     def log_rest(s: ComplexArray) -> ComplexArray:
         """Logarithm of det T without the zeros that are known."""

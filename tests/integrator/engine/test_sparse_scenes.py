@@ -146,17 +146,6 @@ def test_the_entry_that_is_wrong_is_named():
         Inertia(mass=csr_array(diags_array(np.append(np.ones(39), 0.0))))
 
 
-@pytest.mark.parametrize("n_steps", [40, 80])
-def test_memory_by_groups_of_steps_is_that_of_single_steps(n_steps):
-    # 40 and 80 equal steps: whole groups of 16 and what is left of one
-    scene = row_of_masses(48, sparse=True)
-    method = Method(cq="gauss", degree=2, start="none")
-    grouped = integrate(scene, method, n_steps)
-    plain = integrate(row_of_masses(48, sparse=False), method, n_steps)
-    assert np.abs(grouped.position - plain.position).max() < 1e-12
-    assert np.abs(grouped.momentum - plain.momentum).max() < 1e-11
-
-
 def test_a_tall_frame_is_sparse_and_the_same():
     storeys = 250
     stiffness = np.linspace(2.0, 1.0, storeys)

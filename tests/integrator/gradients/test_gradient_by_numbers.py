@@ -21,8 +21,8 @@ from fvi_cli.integrator.gradients.numbers import numbers_of
 from fvi_cli.integrator.gradients.quantity import Quantity, position_at, quantity_at
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator
 
 STEP = 1e-30
 

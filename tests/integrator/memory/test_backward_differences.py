@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from spread import spread
 
-from fvi_cli.integrator.memory.backward_differences import NEAR_LAGS, lag_exponentials
+from fvi_cli.integrator.memory.lags import NEAR_LAGS, lag_exponentials
 from fvi_cli.mathematics.bdf import difference_weights, quotient_polynomial
 
 ORDERS = (0.02, 0.5, 1.0, 1.5, 1.98)

@@ -11,7 +11,6 @@ from mesh_powers import Array, mesh_function, meshes
 from spread import spread
 
 from benchmarks.talbot import talbot_inverse
-from fvi_cli.config.method_names import method_named
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.inertia import Inertia
@@ -26,7 +25,6 @@ from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.kernel import power_kernel
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import effects_of_scene, plan_run
@@ -177,15 +175,6 @@ def test_laws_have_full_order_in_every_kind_of_scene(name):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.15)
 
 
-def test_a_run_with_laws_goes_on_from_a_checkpoint_bit_for_bit():
-    method = Method(cq="gauss", degree=3, start="graded")
-    whole = integrate(SCENE, method, 9000)
-    first = integrate_part(SCENE, method, 9000, until=4000)
-    assert first.checkpoint is not None
-    rest = integrate_part(SCENE, method, 9000, checkpoint=first.checkpoint)
-    np.testing.assert_array_equal(rest.trajectory.position[-1], whole.position[-1])
-
-
 def test_springpots_and_laws_share_their_rates_and_point_masses_are_their_own():
     def states(*terms: float | RelaxationKernel) -> int:
         return power_kernel(terms, shortest_step=1e-3, final_time=10.0, stages=3).n_states
@@ -256,12 +245,6 @@ def test_energy_with_what_the_law_stores_falls_in_every_step(steps):
     assert np.diff(total).max() < 1e-14
     # the mechanical energy alone gets back what was stored
     assert np.diff(run.energy).max() > 1e-3
-
-
-@pytest.mark.parametrize("method", ["bdf2", "implicit-euler"])
-def test_methods_that_have_no_laws_say_so(method):
-    with pytest.raises(ValueError, match=r"method: .* not made for relaxation laws"):
-        integrate(SCENE, method_named(method), 8)
 
 
 @pytest.mark.parametrize("power", [-300, -60, -4, 20, 150, 300])

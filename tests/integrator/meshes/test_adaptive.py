@@ -61,15 +61,6 @@ def test_break_points_and_the_end_are_met_exactly(breaks, tolerance):
         assert ends[at + 1] - begin <= FIRST_STEP * 8.0 * (1 + 1e-9)
 
 
-def test_sizes_are_powers_of_the_root_of_two():
-    sizes = np.diff(steps(controller(1e-12), of_order(5.0, 3.0)))
-    ratio = 2.0 * np.log2(sizes / 8.0)
-    # the last two share what is left
-    assert np.abs(ratio - np.round(ratio))[:-2].max() < 1e-6
-    assert len(sizes) > 200
-    assert len({round(r) for r in ratio[:-2]}) < 60
-
-
 @pytest.mark.parametrize("order", [3.0, 5.0, 8.0])
 def test_the_estimate_is_kept_at_the_tolerance(order):
     """Steady steps are as long as the tolerance allows, up to the rounding and the safety."""

@@ -115,6 +115,7 @@ def _run_with_memory(case: LinearBounces, n_steps: int, final_time: float) -> fv
         n_steps,
         output=np.linspace(0.0, final_time, 60),
         impacts={"floor": {"when": when, "restitution": case.restitution}},
+        quantities={"left": f"ax - dx + {case.stiffness}*x + {case.gravity!r}"},
     )
 
 
@@ -131,6 +132,8 @@ def test_flights_remember_all_impacts_before(order, floor):
         found = run.observed.events["floor"]
         assert run.status == "ok"
         assert found.time.size == 3
+        # the equation of motion, with the memory of all impacts before
+        assert np.abs(run.observed.quantities["left"]).max() < 1e-9
         off = np.abs(run.position[:, 0] - case.motion(run.time)[0]).max()
         wrong = np.abs(found.velocity[:, 0] - speeds).max()
         errors.append(max(off, wrong, np.abs(found.time - times).max()))
@@ -277,6 +280,28 @@ def test_in_a_corner_both_walls_push(seed):
     assert all(run.observed.events[name].time.size >= 1 for name in walls)
 
 
+def test_the_length_of_a_gap_does_not_say_which_wall_is_met_first():
+    """In a corner that takes some of the speed the order of the walls matters."""
+
+    def end(*lengths: float) -> Array:
+        walls, half, velocity = {}, math.pi / 5.4, np.array([-1.0, -0.35])
+        for side, length in zip((-1, 1), lengths, strict=True):
+            a, b = (length * f(side * (half - 0.5 * math.pi)) for f in (math.cos, math.sin))
+            walls[f"w{side + 1}"] = {"when": f"({a!r})*x + ({b!r})*y", "restitution": 0.6}
+        scene = fvi.lagrangian_scene(
+            coordinates=["x", "y"],
+            lagrangian="(vx**2 + vy**2)/2",
+            initial_position=(-velocity).tolist(),
+            initial_velocity=velocity.tolist(),
+            final_time=2.5,
+        )
+        run = fvi.integrate(scene, "gauss3", 10, coordinates=["x", "y"], impacts=walls)
+        return run.position[-1]
+
+    assert end(1e3, 1.0) == pytest.approx(end(1.0, 1.0), abs=1e-9)
+    assert end(1.0, 1e3) == pytest.approx(end(1.0, 1.0), abs=1e-9)
+
+
 @pytest.mark.parametrize("place", [0.0, -3.7, 1e5])
 def test_a_start_behind_a_surface_or_through_it_is_refused(place):
     def run(x: float, v: float, when: str = "x - ({place!r})") -> fvi.Trajectory:
@@ -301,3 +326,38 @@ def test_what_does_not_bounce_is_lifted_off_again():
     at = float(run.observed.events["f"].time[0])
     assert run.remarks == ()
     assert run.position[-1, 0] == pytest.approx(0.3 + 5.0 * (1.0 - at) ** 2, abs=1e-12)
+
+
+def test_a_frictionless_wall_turns_the_normal_velocity_only():
+    scene = fvi.lagrangian_scene(
+        coordinates=["x", "y"],
+        lagrangian="(vx**2 + 2*vy**2)/2",
+        initial_position=[0.0, 0.0],
+        initial_velocity=[1.0, 0.25],
+        final_time=4.0,
+    )
+    run = fvi.integrate(
+        scene,
+        "gauss3",
+        8,
+        coordinates=["x", "y"],
+        impacts={"wall": {"when": "1 - x - y", "restitution": 1.0}},
+    )
+    assert run.observed.events["wall"].time == pytest.approx([0.8])
+    assert run.energy == pytest.approx(np.full(run.time.size, run.energy[0]))
+    assert run.momentum is not None
+    along = run.momentum @ [1.0, -1.0]
+    assert along == pytest.approx(np.full(run.time.size, along[0]))
+
+
+def test_surfaces_that_are_none_are_refused():
+    ball = spring((0.5, 0.2), T=1.0, m=1.0, k=0.0, x=1.0, forcing="-10")
+    for when, message in (
+        ("vx", "vx is not a position"),
+        ("t - 1", "it contains no coordinate"),
+        ("abs(x)", "abs has no normal everywhere"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            fvi.integrate(ball, "gauss3", 10, impacts={"floor": {"when": when}})
+    with pytest.raises(ValueError, match=r"restitution: 2\.0 is not allowed"):
+        fvi.integrate(ball, "gauss3", 10, impacts={"floor": {"when": "x", "restitution": 2.0}})

@@ -1,5 +1,7 @@
 """Trajectories as lines, pictures, data frames and datasets."""
 
+import re
+
 import numpy as np
 import pytest
 from letters import spring
@@ -42,6 +44,14 @@ def test_a_notebook_shows_a_picture_and_a_table(run):
     assert text.count("<tr>") == 9
     assert "<th>drift</th>" in text
     assert len(text) < 20_000
+    (height,) = re.findall(r'<svg width="\d+" height="(\d+)"', text)
+    curves = [
+        np.array(re.findall(r",(\S+?)[ \"]", one), float) for one in text.split("points=")[1:]
+    ]
+    assert (np.min(curves), np.max(curves)) == (0.0, float(height))
+    # what rests has a picture too
+    still = fvi.integrate(spring(T=1.0, k=0.0, x=1.0), "gauss2", 4)
+    assert ",0.0 " in still._repr_html_()
 
 
 def test_runs_of_a_configuration_know_their_coordinates():

@@ -19,7 +19,7 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.run.on_mesh import path_from
-from fvi_cli.integrator.stability.exact_modes import growing_frequencies
+from fvi_cli.integrator.stability.modes import growing_frequencies
 from fvi_cli.integrator.stability.systems import matrix_pencil
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 

@@ -13,7 +13,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run import regular, scenes_run
-from fvi_cli.integrator.run.parts import integrate_part
+from fvi_cli.integrator.run.on_mesh import integrate_part
 
 Array = NDArray[np.float64]
 
@@ -107,6 +107,10 @@ def test_what_keeps_the_error_is_said():
     assert not fvi.integrate(scene, EQUAL, 40).remarks
     both = scene_of("riemann-liouville", (1.75, 0.4), (0.6, 0.1))
     works = {"w": "work_1 + work_2", "v": "vx"}
+    # the energy gives the work of one such damper, not those of two
+    assert not fvi.integrate(both, EQUAL, 40, quantities=works).remarks
+    both = scene_of("riemann-liouville", (1.75, 0.4), (1.2, 0.1))
+    works = {"w": "work_1", "v": "vx"}
     (said,) = fvi.integrate(both, EQUAL, 40, quantities=works).remarks
     assert said.startswith("work_1 keeps an error like h**0.25 of the first step")
     assert not integrate(scene_of("caputo", (1.75, 0.4)), EQUAL, 40, diagnostics=asked).remarks

@@ -12,12 +12,12 @@ from fvi_cli.integrator.loop import loop
 from fvi_cli.integrator.loop.checkpoint import (
     OF_ANOTHER_RUN,
     UnfinishedRun,
-    digest_of,
+    arrays_digest,
     fingerprint,
 )
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
-from fvi_cli.integrator.run.parts import integrate_part
+from fvi_cli.integrator.run.on_mesh import integrate_part
 
 HEAD = ("seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
 N, T = 96, 8.0
@@ -147,7 +147,7 @@ def test_a_checkpoint_that_lacks_something_says_so():
     for missing in arrays:
         left = {name: values for name, values in arrays.items() if name != missing}
         stream = io.BytesIO()
-        np.savez(stream, digest=np.array(digest_of(left)), **left)
+        np.savez(stream, digest=np.array(arrays_digest(left)), **left)
         kept = Kept(stream.getvalue())
         if missing in ("label", *HEAD):
             with pytest.raises(ValueError, match=r"another run|is of another version \("):

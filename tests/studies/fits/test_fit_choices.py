@@ -1,14 +1,18 @@
 """Bounds, ties, own and shared parameters, and what is told of doubtful fits: on responses."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from measured_responses import response_data
 
+from fvi_cli.reports.kinds.fit import fit_report
+from fvi_cli.reports.writers.text import to_markdown
 from fvi_cli.studies.fits.fitting import fit_model
-from fvi_cli.studies.fits.model import Evaluation
-from fvi_cli.studies.fits.result import ModelFit
+from fvi_cli.studies.fits.model import Evaluation, MotionModel
+from fvi_cli.studies.fits.result import FitResult, ModelFit
+from fvi_cli.studies.fits.search import least_squares_from
 from fvi_cli.studies.fits.settings import (
     DataSet,
     FitModel,
@@ -124,7 +128,7 @@ def test_several_minima_that_fit_alike_are_told():
     )
     here = np.array([one.value for one in found.estimates])
     np.testing.assert_allclose(sorted(here[:2]), [0.4, 1.5], atol=0.02)
-    assert any("another minimum fits alike" in one for one in found.warnings)
+    assert any("another minimum fits as well" in one for one in found.warnings)
     np.testing.assert_allclose(found.others[0], here[[1, 0, 3, 2, 4]], rtol=1e-2)
 
 
@@ -139,3 +143,30 @@ def test_a_parameter_without_influence_has_no_error():
     inverse = np.linalg.inv(slopes.T @ slopes)
     assert is_told
     np.testing.assert_allclose(errors, np.sqrt(0.5 * np.diag(inverse)), rtol=1e-12)
+
+
+def test_what_failed_says_what_cannot_be_separated_and_comes_last():
+    narrow = np.linspace(0.30, 0.36, 40)
+    data = [measured("a", narrow, receptance(narrow, 5.0, (0.6, 0.5)), 0.001)]
+    found = fitted(data, parameter("stiffness", 5.0), ORDER, COEFFICIENT)
+    described = replace(found.model, name="not at its end")
+    failed = replace(found, model=described, is_converged=False, message="long", criterion=-1e9)
+    correlation = found.correlations[1, 2]
+    (said,) = [one for one in failed.warnings if "order and problem.damping.0.coeff" in one]
+    assert f"correlation {correlation:+.4f}" in said
+    assert said.endswith("; if one of them is known, hold it with fixed:")
+    good = replace(found, model=replace(found.model, name="at its end"))
+    settings = FitSettings(data=tuple(data), models=(described, good.model))
+    result = FitResult(name="two", settings=settings, models=(failed, good))
+    words = to_markdown(fit_report("two", [result]).blocks)
+    assert words.index("| at its end") < words.index("| not at its end")
+    assert "No fit: long. The best point so far:" in words
+
+
+def test_a_search_without_end_is_told_in_one_sentence():
+    data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5)), 0.002)]
+    specification = fitted(data, STIFFNESS, ORDER, COEFFICIENT).model
+    model = MotionModel(specification, data, [1e-3] * 2)
+    found = least_squares_from(model, model.start, model.bounds, most=1)
+    assert not found.is_converged
+    assert not found.message.endswith(".")

@@ -181,7 +181,7 @@ def test_parameters_that_can_be_traded_have_no_interval(seed):
     ]
     found = fitted(data, springpots, keys, noise)
     assert not found.is_converged
-    assert "some can be traded" in found.message
+    assert "some can change together" in found.message
     assert all(np.isnan([one.low, one.high]).all() for one in found.estimates)
     # the control: one of them alone
     alone = fitted(data, springpots[:1], dict(list(keys.items())[:2]), noise)

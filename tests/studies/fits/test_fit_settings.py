@@ -54,8 +54,8 @@ def test_noise_belongs_to_the_column_of_its_data_set(folder):
     [
         ("{xb: 10}", "a standard deviation for column 'xa' is missing"),
         ("{xa: 10}", "a standard deviation for column 'xb' is missing"),
-        ("{xa: 1, xb: 1, xc: 1}", "fit.noise.xc: no column of the data"),
-        ("{x: 1}", "fit.noise.x: no column of the data"),
+        ("{xa: 1, xb: 1, xc: 1}", "fit.noise.xc: not a column of the data"),
+        ("{x: 1}", "fit.noise.x: not a column of the data"),
     ],
 )
 def test_missing_and_unknown_columns_of_noise(folder, noise, said):

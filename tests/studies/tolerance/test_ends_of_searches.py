@@ -6,10 +6,10 @@ from letters import spring
 from oracles.volterra import solve_volterra
 
 import fvi_cli as fvi
-from fvi_cli.scenes.nonlinear import duffing
+from fvi_cli.scenes.data import duffing
 from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 from fvi_cli.studies.tolerance import search
-from fvi_cli.studies.tolerance.differences import shifted
+from fvi_cli.studies.tolerance.differences import perturb_start
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 
 
@@ -40,7 +40,7 @@ def test_round_off_is_probed_with_riemann_liouville_derivatives(order: float) ->
     assert run.outcome == "met"
     assert np.abs(run(times) - known.position(times)).max() <= 1e-10
     # the probe moves what may move
-    moved = shifted(scene, run)
+    moved = perturb_start(scene, run)
     assert moved.initial_velocity != scene.initial_velocity
     assert moved.initial_position == 0.0
 
@@ -49,7 +49,7 @@ def test_the_position_is_probed_where_it_may_begin_anywhere() -> None:
     """The control."""
     for order, derivative in ((0.5, "riemann-liouville"), (1.5, "caputo")):
         scene = spring((order, 0.3), k=1.0, T=2.0, v=1.0, derivative=derivative)
-        assert shifted(scene, fvi.solve(scene, tolerance=1e-6)).initial_position != 0.0
+        assert perturb_start(scene, fvi.solve(scene, tolerance=1e-6)).initial_position != 0.0
 
 
 @pytest.mark.parametrize("order", [0.3, 1.0, 1.7])
@@ -57,7 +57,7 @@ def test_the_position_is_probed_where_it_may_begin_anywhere() -> None:
 def test_equal_steps_for_what_does_not_move(order: float, position: float) -> None:
     scene = spring((order, 0.3), k=0.0, T=4.0, x=position, v=0.0)
     for methods in (USUAL_CANDIDATES, USUAL_CANDIDATES[-1:]):
-        _, run = solve_on_equal_steps(scene, methods, tolerance=1e-6 * abs(position))
+        _, run, _ = solve_on_equal_steps(scene, methods, tolerance=1e-6 * abs(position))
         assert run.assessment is not None
         assert run.assessment.outcome == "met"
         assert (run.position == position).all()
@@ -73,7 +73,7 @@ def test_a_search_whose_steps_run_out_makes_no_further_runs(
     assert run.outcome == "refused"
     assert run.assessment is not None
     assert len(run.assessment.attempts) == 1
-    assert "the most steps are done" in run.assessment.reason
+    assert "the largest number of steps is reached" in run.assessment.reason
 
 
 @pytest.mark.parametrize("speed", [200.0, 300.0, -300.0, 3.0, 0.3])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fvi_cli.config import load_config
+from fvi_cli.studies.cost import measure_tolerance
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.norms import error_norm
-from fvi_cli.studies.tolerance.price import measure_tolerance
 from fvi_cli.studies.tolerance.search import solve
 
 TEXT = """\
@@ -56,7 +56,7 @@ def test_l2_of_a_price_is_the_integral_over_time(tmp_path, seed):
     (run,) = one.runs()
     scene = one.problem.scene
     tolerance = 1e-3 * scene.final_time**power
-    found = measure_tolerance(one, tolerance).error
+    found = measure_tolerance(run, tolerance).error
     # the same search again, and Gauss-Legendre's rule on the motion between its points
     motion = solve(scene, tolerance=tolerance).steps
     nodes, weights = np.polynomial.legendre.leggauss(4)

@@ -12,8 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.loop.points import why_unsolved
-from fvi_cli.integrator.loop.source import Proposal
+from fvi_cli.integrator.loop.points import Proposal, why_unsolved
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
@@ -120,7 +119,7 @@ class Bouncing:
 
     def accept(self, count: int) -> float:
         """Every step is judged."""
-        raise ValueError("steps: those with impacts are taken one by one")
+        raise ValueError("steps: with impacts they are taken one by one")
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The end of a step that meets no surface, or ends on one; None: another one is needed."""
@@ -201,13 +200,15 @@ class Bouncing:
         surface, basis = self._surfaces[name], lobatto_basis(self._degree)
 
         def variables(_: Places, tau: Array) -> dict[str, Array | float]:
-            position = step.position + step.size * (basis.values(tau)[1:].T @ step.unknowns)
-            return surface.values(position, step.begin + tau * step.size)
+            flat = tau.ravel()
+            position = step.position + step.size * (basis.values(flat)[1:].T @ step.unknowns)
+            found = surface.values(position, step.begin + flat * step.size)
+            return {n: np.reshape(v, tau.shape) if np.ndim(v) else v for n, v in found.items()}
 
         return FormulaAlong(surface.impact.when, variables)
 
     def _tolerance(self, name: str, step: SceneStep) -> float:
-        """Gaps in a step smaller than this are not told from 0."""
+        """Gaps in a step smaller than this count as 0."""
         contact = self._contacts.get(name)
         found = self._surfaces[name].round_off(step.position, step.reach, step.end)
         if contact is None:
@@ -244,7 +245,7 @@ class Bouncing:
                 here[name] = slack + 4.0 * abs(gap)
         push, pushing = law.push(list(here), position, momentum, time)
         if not np.isfinite(push).all():
-            self._fail(StepFailedError(f"the push of {met} is not finite", reason="not finite"))
+            self._fail(StepFailedError(f"the impulse of {met} is not finite", reason="not finite"))
             return np.zeros_like(momentum)
         self.jumps[-1] = self.jumps[-1] + push
         velocity = law.scene.velocity(position, momentum + push, time)

@@ -24,8 +24,8 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST
 from fvi_cli.integrator.loop.checkpoint import RunKeeper
+from fvi_cli.integrator.loop.points import Proposal
 from fvi_cli.integrator.loop.recorder import Recorder
-from fvi_cli.integrator.loop.source import Proposal
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members

@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of
 
 ROUND_OFF = 32 * 2.0**-52
-"""Relative to the terms of g: values smaller than this are not told from 0."""
+"""Relative to the terms of g: values smaller than this count as 0."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

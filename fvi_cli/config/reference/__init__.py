@@ -1,1 +1,0 @@
-"""What is told of the keys: schema for editors, page to read, file to begin with."""

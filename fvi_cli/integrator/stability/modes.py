@@ -1,0 +1,168 @@
+"""The modes that grow: of exact linear scenes, and of the equations of steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.stability.determinants import (
+    StepDeterminants,
+    log_determinants,
+    step_determinants,
+)
+from fvi_cli.integrator.stability.systems import MatrixPencil
+from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.transforms.zeros import (
+    UNDECIDED,
+    ZeroCountError,
+    count_zeros,
+    find_zeros,
+    largest_root,
+)
+
+LARGEST_FREQUENCY = 1e3
+"""Times the step size: faster growth of the exact scene is beyond every method and number."""
+
+LEAST_GROWTH = 0.05
+"""Logarithm of the growth over the whole time that is none."""
+
+NO_FREQUENCIES: ComplexArray = np.empty(0, dtype=np.complex128)
+
+
+def growing_frequencies(
+    system: MatrixPencil, final_time: float, step_size: float
+) -> ComplexArray | None:
+    r"""Zeros s of the exact scene with Re s > 0 that a step h can follow, :math:`|Im s| h < \pi`.
+
+    By :math:`s = c (1 + \zeta) / (1 - \zeta)` the right half-plane is a disc, in which the
+    determinant of :math:`s^2 M + \sum_j s^{\gamma_j} D_j + K`, divided by :math:`(s + c)^{2 d}`,
+    is analytic; it is det M at 1. Growth by less than a twentieth over `final_time` is none. None
+    where the zeros cannot be separated.
+    """
+    if system.is_dissipative:
+        return NO_FREQUENCIES
+    least, c = LEAST_GROWTH / final_time, _scale(system, step_size)
+    if least >= c:
+        return NO_FREQUENCIES
+
+    def frequency(zeta: ComplexArray) -> ComplexArray:
+        return np.asarray(c * (1.0 + zeta) / (1.0 - zeta))
+
+    def log_determinant(zeta: ComplexArray) -> ComplexArray:
+        s = frequency(zeta)[:, None, None]
+        matrix = s**2 * system.mass + system.stiffness
+        for order, coefficient in system.damping:
+            matrix = matrix + s**order * coefficient
+        return log_determinants(matrix / (s + c) ** 2)
+
+    # a little different where a zero lies on the circle itself
+    for nudge in (1.0, 1.1, 0.9):
+        ratio = nudge * least / c
+        try:
+            zeros = find_zeros(log_determinant, (1.0 - ratio) / (1.0 + ratio), 4 * system.dimension)
+        except ZeroCountError:
+            continue
+        if zeros is not None:
+            s = frequency(zeros)
+            return np.asarray(s[np.abs(s.imag) * step_size < math.pi])
+    return None
+
+
+def _scale(system: MatrixPencil, step_size: float) -> float:
+    """The c at which no zero is larger, or no step of h can follow."""
+    fastest, sizes = LARGEST_FREQUENCY / step_size, system.sizes
+    # where s^2 outweighs all other terms
+    scale = largest_root(*map(np.array, zip(*sizes, strict=True))) if sizes else math.inf
+    return min(scale, fastest)
+
+
+def largest_rate(system: MatrixPencil, frequencies: ComplexArray | None, step_size: float) -> float:
+    """Largest Re s of the :func:`growing_frequencies` of a system; 0 where none grows."""
+    if frequencies is None:
+        # modes that cannot be separated are not held against the method
+        return _scale(system, step_size)
+    return float(frequencies.real.max(initial=0.0))
+
+
+FASTEST = 700.0
+"""Growth per step, as a logarithm, beyond every number."""
+
+FEW = 8
+"""Modes up to which the worst is found among all."""
+
+ACCURACY = 1e-9
+"""Relative, of the growth of modes that cannot be separated."""
+
+# a little different where a zero lies on the circle itself
+_SHARES = (10.0, 10.7, 9.1)
+
+
+@dataclass(frozen=True)
+class GrowingModes:
+    """What grows by a tenth or more over the run."""
+
+    count: int  # with multiplicity
+    growth: float  # log(1/|z|) of the worst; 0 where none grows
+
+
+def growing_modes(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, n_steps: int
+) -> GrowingModes:
+    """The growing modes of independent systems in steps of `method`.
+
+    Raises
+    ------
+    ZeroCountError
+        Where they cannot be counted.
+    """
+    determinants = step_determinants(systems, method, step_size)
+    counts = np.full(len(systems), UNDECIDED)
+    for share in _SHARES:
+        left = np.flatnonzero(counts == UNDECIDED)
+        if left.size:
+            counts[left] = count_zeros(determinants[left], 1.0 - 1.0 / (share * n_steps))
+    if np.any(counts == UNDECIDED):
+        raise ZeroCountError("a mode lies too close to the circle of no growth to be counted")
+    count = int(counts.sum())
+    if not count:
+        return GrowingModes(0, 0.0)
+    least = -math.log1p(-1.0 / (_SHARES[-1] * n_steps))
+    return GrowingModes(count, _worst(determinants[np.flatnonzero(counts)], least, count))
+
+
+def _worst(determinants: StepDeterminants, low: float, count: int) -> float:
+    """Growth of the worst mode, which exceeds `low`: located where few modes are that fast."""
+    high, located = FASTEST, 0
+    while high > (1.0 + ACCURACY) * low:
+        if count <= FEW and count != located:
+            growth, located = _located(determinants, math.exp(-low)), count
+            if growth is not None:
+                return growth
+        middle = math.sqrt(low * high)
+        counts = count_zeros(determinants, math.exp(-middle))
+        if counts.any():
+            determinants = determinants[np.flatnonzero(counts)]
+            low, count = middle, int(np.abs(counts).sum())
+        else:
+            high = middle
+    return low
+
+
+def _located(determinants: StepDeterminants, radius: float) -> float | None:
+    """The same by the modes themselves; None where they cannot be separated."""
+    smallest = math.inf
+    for number in range(determinants.number):
+        try:
+            zeros = find_zeros(determinants.of(number), radius, determinants.degree)
+        except ZeroCountError:
+            return None
+        if zeros is None:
+            return None
+        smallest = min(smallest, float(np.abs(zeros).min(initial=math.inf)))
+    if smallest == math.inf:
+        return None
+    return -math.log(smallest) if smallest > math.exp(-FASTEST) else FASTEST

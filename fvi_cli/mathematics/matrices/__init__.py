@@ -1,1 +1,0 @@
-"""Functions of small matrices."""

@@ -1,1 +1,0 @@
-"""Kinds of structures: by their matrices, and by finite elements."""

@@ -1,0 +1,187 @@
+"""Digests: of what determines the numbers of a run, by which it is looked up, and of inputs.
+
+Norms, names, figures, fits and permissions are no part of it.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from itertools import chain
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.storage.code import own_code
+from fvi_cli.studies.experiment import Experiment, Run
+from fvi_cli.studies.members import with_values, without_values
+
+FORMAT = 3
+"""Number of the file format; a program reads files of its own number."""
+
+SOLVER_VERSION = 14
+"""To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
+
+INPUT: Final = "input@"
+"""Key of what stands in the place of many numbers: their digest."""
+
+MOST_INLINE: Final = 64
+"""Numbers of a list that are written where they belong; more are kept once, by their digest."""
+
+Inputs = dict[str, NDArray[Any]]
+"""Lists of numbers by their digest."""
+
+
+def canonical_json(value: object) -> str:
+    """JSON with sorted keys and without spaces: equal values give equal text."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def sha256(text: str) -> str:
+    """Hexadecimal SHA-256 of a text in UTF-8."""
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def identity_of(run: Run) -> str:
+    """SHA-256 of what determines the numbers of a run: its values, and by which code they are made.
+
+    That is the format, the version of the solver, its sources and the libraries that calculate. A
+    run for a tolerance has the identity of the search that chooses its method and steps.
+    """
+    return answered_by_own_code(request_of(run))
+
+
+def answered_by_own_code(request: str) -> str:
+    """The identity of what is asked for, as this code answers."""
+    return sha256(f"{FORMAT} {SOLVER_VERSION} {own_code().digest} {request}")
+
+
+def request_of(run: Run) -> str:
+    """SHA-256 of what is asked for, by whatever code it is answered."""
+    settings = _settings_text(run.experiment, run.method, run.n_steps)
+    return sha256(settings + canonical_json(problem_of(run)))
+
+
+def refusal_of(request: str) -> str:
+    """The request that a refusal answers, of a run that is predicted to blow up."""
+    return sha256(f"refused {request}")
+
+
+def specification_of(run: Run) -> tuple[str, Inputs]:
+    """What determines the numbers of a run as JSON text, and the long lists that it names.
+
+    Of a member of a sweep it is what all have in common, with ``swept`` in the place of values.
+    """
+    member = run.member
+    template = "" if member is None else member.template
+    keys = () if member is None else tuple(member.values)
+    return _specification(run.experiment, run.method, run.n_steps, template, keys)
+
+
+@functools.lru_cache(maxsize=256)
+def _specification(
+    experiment: Experiment, method: Any, n_steps: int, template: str, keys: tuple[str, ...]
+) -> tuple[str, Inputs]:
+    settings = Run(experiment=experiment, method=method, n_steps=n_steps).settings()
+    problem, inputs = _problem_template(experiment, template, keys)
+    return canonical_json({"problem": problem, **settings}), inputs
+
+
+def problem_template_of(run: Run) -> tuple[Mapping[str, Any], Inputs]:
+    """The problem, of a member with ``swept`` in the place of values, and the lists it names."""
+    if run.member is None:
+        return _problem_template(run.experiment, "", ())
+    return _problem_template(run.experiment, run.member.template, tuple(run.member.values))
+
+
+@functools.lru_cache(maxsize=64)
+def _problem_template(
+    experiment: Experiment, template: str, keys: tuple[str, ...]
+) -> tuple[Mapping[str, Any], Inputs]:
+    if not keys:
+        return _stowed_problem(experiment)
+    problem, inputs = _stowed_template(template, _changed(keys))
+    return without_values(problem, keys), inputs
+
+
+@functools.lru_cache(maxsize=1024)
+def _settings_text(experiment: Experiment, method: Any, n_steps: int) -> str:
+    settings = Run(experiment=experiment, method=method, n_steps=n_steps).settings()
+    if experiment.accuracy is not None:
+        del settings["method"], settings["n_steps"]
+    return canonical_json(settings)
+
+
+def problem_of(run: Run) -> Mapping[str, Any]:
+    """The problem of a run, its long lists by their digests."""
+    if run.member is None:
+        return _stowed_problem(run.experiment)[0]
+    values = run.member.values
+    changed = _changed(tuple(values))
+    found = with_values(_stowed_template(run.member.template, changed)[0], values)
+    return found | {name: stowed(found[name]) for name in changed if name in found}
+
+
+@functools.lru_cache(maxsize=64)
+def _changed(keys: tuple[str, ...]) -> frozenset[str]:
+    """The entries of a problem in which members differ."""
+    return frozenset(path.split(".")[1] for path in keys)
+
+
+@functools.lru_cache(maxsize=64)
+def _stowed_problem(experiment: Experiment) -> tuple[Mapping[str, Any], Inputs]:
+    inputs: Inputs = {}
+    return stowed(json.loads(json.dumps(dict(experiment.problem_specification))), inputs), inputs
+
+
+@functools.lru_cache(maxsize=64)
+def _stowed_template(template: str, changed: frozenset[str]) -> tuple[Mapping[str, Any], Inputs]:
+    """A problem, stowed but for the entries in which members differ."""
+    inputs: Inputs = {}
+    values = json.loads(template)
+    return {k: v if k in changed else stowed(v, inputs) for k, v in values.items()}, inputs
+
+
+def stowed(value: Any, inputs: Inputs | None = None) -> Any:
+    """JSON values with every long list of numbers replaced by its digest, which `inputs` learns."""
+    if isinstance(value, Mapping):
+        return {key: stowed(one, inputs) for key, one in value.items()}
+    if not isinstance(value, list | tuple):
+        return value
+    numbers = _numbers(value)
+    if numbers is None:
+        return [stowed(one, inputs) for one in value]
+    digest = digest_of(numbers)
+    if inputs is not None:
+        inputs[digest] = numbers
+    return {INPUT: digest}
+
+
+def digest_of(numbers: NDArray[Any]) -> str:
+    """SHA-256 of type, shape and numbers."""
+    digest = hashlib.sha256(f"{numbers.dtype.str}{numbers.shape}".encode())
+    digest.update(np.ascontiguousarray(numbers).data)
+    return digest.hexdigest()
+
+
+def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
+    """A long list, or list of lists, as an array; None where that would change what it says."""
+    rows = value if value and all(isinstance(one, list | tuple) for one in value) else [value]
+    if len({len(row) for row in rows}) != 1 or len(rows) * len(rows[0]) <= MOST_INLINE:
+        return None
+    kinds = set(map(type, chain.from_iterable(rows)))
+    if kinds == {float} or (kinds == {int} and all(abs(n) < 2**63 for n in chain(*rows))):
+        return np.array(value, dtype="<f8" if kinds == {float} else "<i8")
+    return None
+
+
+def restored(value: Any, lookup: Callable[[str], NDArray[Any]]) -> Any:
+    """What :func:`stowed` was given."""
+    if isinstance(value, Mapping):
+        if value.keys() == {INPUT}:
+            return lookup(value[INPUT]).tolist()
+        return {key: restored(one, lookup) for key, one in value.items()}
+    return [restored(one, lookup) for one in value] if isinstance(value, list) else value

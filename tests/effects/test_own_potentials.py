@@ -1,0 +1,152 @@
+"""Objects of the user as potentials: the numbers of the same potential as a formula."""
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+
+SHARED = {
+    "damping": [fvi.FractionalDamping(order=0.5, coefficient=0.2 * np.eye(2))],
+    "initial_position": [0.7, -0.4],
+    "initial_velocity": [0.0, 0.3],
+    "final_time": 6.0,
+}
+ENERGY = "depth*(1 - exp(-x))**2 + x**2*y**2/2 + y**2"
+
+
+class Bond:
+    def __init__(self, depth=2.0):
+        self.depth = depth
+
+    def energy(self, position):
+        x, y = position[..., 0], position[..., 1]
+        return self.depth * (1 - np.exp(-x)) ** 2 + x**2 * y**2 / 2 + y**2
+
+    def gradient(self, position):
+        x, y = position[..., 0], position[..., 1]
+        decay = np.exp(-x)
+        first = 2 * self.depth * (1 - decay) * decay + x * y**2
+        return np.stack([first, x**2 * y + 2 * y], axis=-1)
+
+    def hessian(self, position):
+        x, y = position[..., 0], position[..., 1]
+        decay = np.exp(-x)
+        first = 2 * self.depth * (2 * decay - 1) * decay + y**2
+        rows = [[first, 2 * x * y], [2 * x * y, x**2 + 2]]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+class Uncut(Bond):
+    """With one function in another form."""
+
+    def __init__(self, **functions):
+        super().__init__()
+        vars(self).update(functions)
+
+
+def own(depth=2.0, potential=None, **changes):
+    potential = Bond(depth) if potential is None else potential
+    return fvi.Scene(inertia=fvi.Inertia(mass=np.eye(2)), potential=potential, **SHARED | changes)
+
+
+def formula(depth=2.0, **changes):
+    return fvi.lagrangian(
+        coordinates=["x", "y"],
+        parameters={"depth": depth},
+        lagrangian=f"vx**2/2 + vy**2/2 - ({ENERGY})",
+        **SHARED | changes,
+    )
+
+
+@pytest.mark.parametrize(
+    "method",
+    ["gauss3", "gauss2-none", "radau-iia2", "bdf2", "bdf3-nodes", "implicit-euler", "dop853"],
+)
+def test_runs_are_those_of_the_formula(method):
+    changes = {}
+    if method == "dop853":
+        changes["damping"] = [fvi.FractionalDamping(order=1, coefficient=0.2 * np.eye(2))]
+    ours, known = (fvi.integrate(make(**changes), method, 60) for make in (own, formula))
+    assert ours.status == known.status == "ok"
+    assert np.abs(ours.position - known.position).max() < 1e-13
+    assert np.abs(ours.energy - known.energy).max() < 1e-13
+
+
+def test_adaptive_steps_and_tolerances_do_as_well():
+    steps = fvi.AdaptiveSteps(tolerance=1e-8)
+    ours, known = (fvi.integrate(make(), "gauss6", steps) for make in (own, formula))
+    assert ours.status == "ok"
+    assert np.abs(ours.position[-1] - known.position[-1]).max() < 1e-8
+    pulse = fvi.Forcing.from_text("exp(-400*(t-3)**2)", "0")
+    ours, known = (fvi.solve(make(forcing=pulse), tolerance=1e-7) for make in (own, formula))
+    assert ours.outcome == known.outcome == "met"
+    assert np.abs(ours.position[-1] - known.position[-1]).max() < 1e-7
+
+
+def test_a_shared_object_makes_a_batch_and_others_do_not_mix():
+    shared = Bond()
+    places = [[x, -0.4] for x in np.linspace(0.1, 0.9, 12)]
+    scenes = [own(potential=shared, initial_position=one) for one in places]
+    scenes += [own(depth, initial_position=places[3]) for depth in (1.0, 3.0)]
+    for scene, run in zip(scenes, fvi.integrate_members(scenes, "gauss3", 40), strict=True):
+        alone = fvi.integrate(scene, "gauss3", 40)
+        assert np.abs(run.position - alone.position).max() < 1e-13
+
+
+def test_laws_add_their_relaxed_stiffness():
+    law = fvi.fractional_zener(
+        order=0.5, time=0.3, relaxed=1.5, unrelaxed=4.0, coefficient=np.eye(2)
+    )
+    ours, known = (fvi.integrate(make(laws=[law]), "gauss3", 60) for make in (own, formula))
+    assert np.abs(ours.position - known.position).max() < 1e-13
+
+
+def test_gradients_by_numbers_of_the_scene_and_of_the_object():
+    quantity = fvi.position_at(5.0, component=1)
+    names = ["damping.0.order", "mass", "initial_position"]
+    ours, known = (fvi.gradient(make(), "gauss3", 60, quantity, names) for make in (own, formula))
+    for name in names:
+        assert np.abs(ours[name] - known[name]).max() < 1e-12
+    by_depth = fvi.gradient(own, "gauss3", 60, quantity, {"depth": 2.0})
+    known = fvi.gradient(formula(), "gauss3", 60, quantity, ["potential.depth"])
+    assert abs(by_depth["depth"] - known["potential.depth"]) < 1e-9
+    with pytest.raises(ValueError, match=r"'potential\.depth' is not one of mass, "):
+        fvi.gradient(own(), "gauss3", 60, quantity, ["potential.depth"])
+
+
+@pytest.mark.parametrize(
+    ("potential", "words"),
+    [
+        (object(), r"object has no function energy\(position\)"),
+        (Uncut(energy=lambda q: q[..., :1]), r"energy returns the shape \(3, 1\).*return \(3,\)"),
+        (Uncut(gradient=lambda q: np.zeros(2)), r"gradient returns .*return \(3, 2\)"),
+        (Uncut(hessian=lambda q: np.eye(2)), r"hessian returns .*return \(3, 2, 2\)"),
+        (Uncut(gradient=lambda q: -Bond().gradient(q)), "gradient is not the derivative of .*ene"),
+        (Uncut(hessian=lambda q: 2 * Bond().hessian(q)), "hessian is not the derivative of .*grad"),
+        (Uncut(energy=lambda q: np.log(q[..., 1])), "not finite at the start"),
+    ],
+)
+def test_functions_that_do_not_fit_are_refused(potential, words):
+    with pytest.raises(ValueError, match=words):
+        own(potential=potential)
+
+
+def test_a_motion_into_what_is_not_defined_fails():
+    class Wall:
+        def energy(self, position):
+            return np.sqrt(1 - position[..., 0])
+
+        def gradient(self, position):
+            return -0.5 / np.sqrt(1 - position)
+
+        def hessian(self, position):
+            return -0.25 * (1 - position[..., None]) ** -1.5
+
+    scene = fvi.Scene(
+        inertia=fvi.Inertia(mass=1.0),
+        potential=Wall(),
+        initial_position=0.0,
+        initial_velocity=1.0,
+        final_time=5.0,
+    )
+    assert fvi.integrate(scene, "gauss3", 50).status != "ok"

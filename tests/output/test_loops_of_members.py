@@ -1,0 +1,147 @@
+"""Loops of members, whose dampers act on different deformations."""
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.config import parse_config
+from fvi_cli.errors import ConfigError
+from fvi_cli.plotting.motions.section import hysteresis_figure
+from fvi_cli.reports.kinds.quantities import quantities_report
+from fvi_cli.reports.writers.text import to_markdown
+
+LAW = "law: zener, order: 0.6, time: 0.5, relaxed: 0.5, unrelaxed: 5.0"
+REST = """  final_time: 12.0
+  exact: none
+ladder: {steps: [240]}
+output: {step: 0.05}
+quantities: {force: force_d}
+figures: [hysteresis]
+"""
+FRAME = """name: a
+problem:
+  kind: frame
+  masses: [1.2, 1.0, 0.8]
+  stiffnesses: [12.0, 10.0, 8.0]
+  ground_acceleration: sin(2*t)
+  dampers: [{storey: %s, name: d, %s}]
+"""
+STRUCTURE = """name: a
+problem:
+  kind: structure
+  mass: [[1.2, 0, 0], [0, 1, 0], [0, 0, 0.8]]
+  stiffness: [[22, -10, 0], [-10, 18, -8], [0, -8, 8]]
+  ground_acceleration: sin(2*t)
+  damping:
+    - {acts_on: %s, name: %s, %s}
+    - {acts_on: [x2], name: %s, %s}
+"""
+
+
+def frames() -> tuple[str, list[str]]:
+    storeys = np.random.default_rng(7).permutation(3) + 1
+    whole = FRAME % (storeys[0], LAW) + REST
+    sweep = f"sweep: {{problem.dampers.0.storey: {storeys.tolist()}}}\n"
+    return whole + sweep, [FRAME % (one, LAW) + REST for one in storeys]
+
+
+def structures() -> tuple[str, list[str]]:
+    factors = np.random.default_rng(8).uniform(-2, 2, (3, 3)).round(3).tolist()
+    acts = ["[" + " + ".join(f"({f})*x{k + 1}" for k, f in enumerate(one)) + "]" for one in factors]
+    whole = STRUCTURE % (acts[0], "d", LAW, "e", LAW) + REST
+    designs = "".join(
+        f"  n{k}: {{problem.damping.0.acts_on: {one}}}\n" for k, one in enumerate(acts)
+    )
+    alone = [STRUCTURE % (one, "d", LAW, "e", LAW) + REST for one in acts]
+    return whole + "designs:\n" + designs, alone
+
+
+@pytest.mark.parametrize("drawn", [frames, structures])
+def test_a_member_has_the_loop_of_its_own_deformation(drawn):
+    text, alone = drawn()
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    experiment = outcome.finished[0].run.experiment
+    loops = quantities_report("a", outcome.finished).sheets[2].rows
+    (axes,) = hysteresis_figure(experiment, outcome.finished).axes
+    lines = [line for line in axes.lines if len(line.get_xdata()) > 10]
+    assert len(loops) == len(lines) == len(alone) == 3
+    for found, line, one in zip(loops, lines, alone, strict=True):
+        (by_itself,) = fvi.run(parse_config(one, "a"))
+        (expected,) = quantities_report("a", by_itself.finished).sheets[2].rows
+        for name in ("amplitude", "stiffness", "loss_factor", "work"):
+            assert found[name] == pytest.approx(expected[name], rel=1e-6), name
+        (own,) = hysteresis_figure(by_itself.finished[0].run.experiment, by_itself.finished).axes
+        (drawn_alone,) = [one for one in own.lines if len(one.get_xdata()) > 10]
+        np.testing.assert_allclose(line.get_xdata(), drawn_alone.get_xdata(), atol=1e-9)
+        np.testing.assert_allclose(line.get_ydata(), drawn_alone.get_ydata(), atol=1e-9)
+
+
+def test_a_damper_without_force_has_no_loss_factor():
+    bare = (
+        "designs: {bare: {problem.damping.0.relaxed: 0, problem.damping.0.unrelaxed: 0}, a: {}}\n"
+    )
+    text = STRUCTURE % ("[x1]", "d", LAW, "e", LAW) + REST + bare
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    report = quantities_report("a", outcome.finished)
+    without, usual = report.sheets[2].rows
+    assert without["work"] == without["stiffness"] == 0.0 < without["amplitude"]
+    assert np.isnan(without["loss_factor"])
+    assert usual["loss_factor"] > 0.1
+    assert "inf" not in to_markdown(report.blocks)
+
+
+def test_the_force_of_a_given_motion_is_that_of_all_dampers_of_a_member():
+    text = (
+        "name: a\nproblem: {{kind: material, law: {}, displacement: '0.02*sin(6*t)', "
+        "final_time: 3}}\nladder: {{steps: [120]}}\nmethod: {{rk: gauss, degree: 4}}\n"
+    )
+    rng = np.random.default_rng(9)
+    terms = [f"{{order: {a:.2f}, coefficient: {b:.2f}}}" for a, b in rng.uniform(0.1, 0.9, (3, 2))]
+    laws = [f"[{', '.join(terms[:count])}]" for count in (1, 2, 3)]
+    swept = text.format(laws[0]) + f"sweep: {{problem.law: [{', '.join(laws)}]}}\n"
+    (outcome,) = fvi.run(parse_config(swept, "a"))
+    for found, law in zip(outcome.finished, laws, strict=True):
+        (alone,) = fvi.run(parse_config(text.format(law), "a"))
+        expected = alone.finished[0].trajectory.observed.quantities["force"]
+        assert found.status == "ok"
+        np.testing.assert_allclose(
+            found.trajectory.observed.quantities["force"], expected, rtol=1e-9, atol=1e-12
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("sweep: {problem.damping.0.name: [d, f]}", "quantities.force: force_d does not exist"),
+        (
+            "designs: {a: {}, b: {problem.damping.0.name: e, problem.damping.1.name: d}}",
+            "force_d is that of another damper",
+        ),
+        ("designs: {a: {}, b: {problem.damping: []}}", "force_d does not exist here; write"),
+        ("sweep: {problem.damping.0.acts_on: [[x1], [x1, x2]]}", "force_d does not exist"),
+    ],
+)
+def test_names_mean_the_same_in_every_member(change, said):
+    with pytest.raises(ConfigError, match=said):
+        parse_config(STRUCTURE % ("[x1]", "d", LAW, "e", LAW) + REST + change, "a")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "sweep: {problem.ground_acceleration.scale: [1, g]}",
+        "designs: {a: {}, b: {problem.ground_acceleration.scale: g}}",
+        "designs: {a: {}, b: {problem.ground_acceleration: {file: q.csv, column: a, time: t, "
+        "scale: g}}}",
+    ],
+)
+def test_no_member_is_in_g_where_lengths_are_not_in_metres(change, tmp_path):
+    samples = "".join(f"{0.1 * k},{np.sin(k)}\n" for k in range(130))
+    (tmp_path / "q.csv").write_text(f"t,a\n{samples}")
+    record = f"{{file: {tmp_path}/q.csv, column: a, time: t, scale: 1}}"
+    text = (FRAME % (1, LAW) + REST).replace("sin(2*t)", record) + "units: {length: mm}\n"
+    place = str(tmp_path / "a.yaml")
+    change = change.replace("q.csv", f"{tmp_path}/q.csv")
+    parse_config(text, place)
+    with pytest.raises(ConfigError, match="g is in m/s"):
+        parse_config(text + change, place)

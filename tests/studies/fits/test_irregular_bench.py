@@ -1,0 +1,42 @@
+"""Fits of a damper on the bench to samples at any times: what their steps are worth."""
+
+import numpy as np
+
+from benchmarks.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
+from fvi_cli.config import parse_config
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.run.prescribed_run import prescribed_mesh
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.studies.fits.predictions import METHOD, predict_motion
+from fvi_cli.studies.fits.settings import DataSet, Series
+
+
+def test_steps_behind_kinks_at_any_times_share_their_sizes(tmp_path):
+    inside = np.random.default_rng(8).uniform(0.05, 3.0, 19)
+    times = np.sort(np.concatenate([[0.0, 3.0], inside]))
+    values = 0.01 * np.sin(4.0 * times)
+    lines = [f"{t!r},{u!r}" for t, u in zip(times.tolist(), values.tolist(), strict=True)]
+    (tmp_path / "bench.csv").write_text("\n".join(["t,u", *lines]) + "\n")
+    config = (
+        "name: a\nproblem:\n  kind: material\n  law: {law: zener, order: 0.6, time: 0.3, "
+        f"relaxed: {BENCH_RELAXED}, unrelaxed: {BENCH_UNRELAXED}}}\n"
+        f"  displacement: {{file: {tmp_path}/bench.csv, column: u, time: t}}\n"
+        "ladder: {steps: [20]}\n"
+    )
+    (experiment,) = parse_config(config, str(tmp_path / "a.yaml")).experiments
+    scene = experiment.problem.scene
+    mesh = prescribed_mesh(scene.prescribed, METHOD, AdaptiveSteps(tolerance=1e-12))
+    sizes = np.array([one.step_size for one in mesh.stretches])
+    assert set(times[1:]) <= {one.end for one in mesh.stretches}
+    # what is left of every part has a size of its own
+    assert np.unique(sizes).size < 0.5 * sizes.size
+    force = Expression.parse("force", variables=("force",))
+    series = Series(name="force", column="f", times=times[1:], values=times[1:], formula=force)
+    data = DataSet(name="a", series=(series,), coordinates=("u",))
+    ((found, _),) = predict_motion(scene, mesh, data, (), lambda *_: {})
+    changes = np.diff(np.append(0.0, np.diff(values) / np.diff(times)))
+    exact = [
+        sum(c * ramp(t - b) for c, b in zip(changes, times, strict=False) if t > b)
+        for t in times[1:].tolist()
+    ]
+    assert np.abs(found - exact).max() < 2e-8 * np.abs(exact).max()
