@@ -20,6 +20,7 @@ import pytest
 import test_executor as local
 from command_line import fvi
 from distributed import LocalCluster
+from distributed.utils import LoopRunner
 
 import fvi_cli
 from fvi_cli.errors import ExecutorError
@@ -41,6 +42,10 @@ pytestmark = [
 
 
 MOST_SECONDS = 600
+
+# the garbage collector closes clients whose scheduler never answered; it may do so in a thread that
+# holds this lock, which then takes it once more
+LoopRunner._lock = threading.RLock()
 
 
 @contextlib.contextmanager
@@ -212,6 +217,7 @@ def test_a_worker_with_other_code_is_refused_by_name(cluster, monkeypatch):
 
 SCHEDULER = """
 from distributed import LocalCluster
+from distributed.utils import LoopRunner
 
 if __name__ == "__main__":
     cluster = LocalCluster(
