@@ -22,7 +22,6 @@ from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.keys.complaints import Complaints, excerpt, listed, no_member, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
-from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.scenes.registry import KINDS, build_problem
@@ -158,10 +157,8 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
         return found
     # keys beside the outermost one are read alike for all values
     outermost = key.split(".")[1]
-    kind = KINDS[template["kind"]]
-    shape = next((one.shape for one in keys_of(kind) if one.name == outermost), None)
-    if shape is None:
-        known = [one.name for one in keys_of(kind)]
+    known = KINDS[template["kind"]].keys
+    if outermost not in known:
         hint = suggestion(outermost, known)
         at.under(DESIGNS).refuse(f"{excerpt(key)}: not known{hint} (known here: {listed(known)})")
         return found
@@ -175,7 +172,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
             node=with_value(at.node, key, value, sweep),
             names=tuple(template.get("parameters", ())),
         )
-        read = {outermost: shape.read(tree.under(PROBLEM, outermost))}
+        read = {outermost: known[outermost].shape.read(tree.under(PROBLEM, outermost))}
         if not is_complete(read) or not leads_somewhere(read, key):
             continue
         if with_values(read, {key: None}) != shared:

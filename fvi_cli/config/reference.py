@@ -16,7 +16,6 @@ from fvi_cli.integrator.observations.request import names_of
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import Missing
 from fvi_cli.keys.scalars import Schema
-from fvi_cli.keys.settings import keys_of
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.material import Material
 from fvi_cli.scenes.problem import Problem
@@ -306,7 +305,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         "problem:",
         f"  kind: {kind}",
     ]
-    for key in keys_of(described):
+    for key in described.keys.values():
         default = "{}" if isinstance(key.default, Missing) else yaml_line(key.default)
         value = described.example.get(key.name) or default
         lines += [*_comment(key.description, "  "), f"  {key.name}: {value}"]
@@ -322,7 +321,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         shown |= _switched_off(described, problem) if isinstance(problem, Problem) else {}
     elif described is Material:
         shown |= OF_MATERIAL
-    for key in EXPERIMENT.keys:
+    for key in EXPERIMENT.keys.values():
         if key.name in shown:
             lines += ["", *_comment(key.description, ""), shown[key.name]]
     return "\n".join(lines) + "\n"

@@ -45,7 +45,7 @@ class ListOf(Shape):
 
     def _meant(self, at: Cursor) -> str:
         """How something that would do as an entry is written; else nothing."""
-        word = at.word_for(self.shape)
+        word = self.shape.word_at(at)
         written = f"[{', '.join([word] * max(self.least, 1))}]" if self.least < 4 else ""
         return f"; write {written}" if word and written and written != self.example else ""
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import Complaints, KeyPath, excerpt
@@ -53,13 +53,6 @@ def is_complete(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(is_complete(entry) for entry in value)
     return value is not INVALID
-
-
-class Readable(Protocol):
-    """What reads what stands at a place."""
-
-    def read(self, at: Cursor) -> Any:
-        """The value, or INVALID with complaints."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,14 +106,6 @@ class Cursor:
     def has(self, name: str) -> bool:
         """Whether a mapping with this key stands here."""
         return isinstance(self.node, MappingNode) and name in self.node.entries
-
-    def word_for(self, shape: Readable) -> str:
-        """The number or word that stands here, where a shape takes it; else nothing."""
-        node, trial = self.node, replace(self, complaints=Complaints())
-        if not isinstance(node, ScalarNode) or node.value is None:
-            return ""
-        fits = shape.read(trial) is not INVALID and not len(trial.complaints)
-        return node.text if fits else ""
 
     @property
     def scalar(self) -> Any:

@@ -14,7 +14,7 @@ MOST_NUMBERS: Final = 100_000
 LARGEST: Final = 1e300
 
 
-class Range(Setting, words="{from: 1, to: 100, number: 50, spacing: linear|log}"):
+class Range(Setting, expected="{from: 1, to: 100, number: 50, spacing: linear|log}"):
     """A range, read as the list of its numbers."""
 
     from_: float = key("The first number.")

@@ -11,12 +11,12 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.complaints import Complaints, listed, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
@@ -41,6 +41,14 @@ class Shape(ABC):
     def build(self, value: Any) -> Any:
         """What plain values that were read make."""
         return value
+
+    def word_at(self, at: Cursor) -> str:
+        """The number or word at a place, where it fits; else nothing."""
+        node, trial = at.node, replace(at, complaints=Complaints())
+        if not isinstance(node, ScalarNode) or node.value is None:
+            return ""
+        fits = self.read(trial) is not INVALID and not len(trial.complaints)
+        return node.text if fits else ""
 
     @abstractmethod
     def schema(self, defs: Schema) -> Schema:

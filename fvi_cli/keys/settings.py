@@ -13,61 +13,93 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import FrozenInstanceError, replace
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition
-from fvi_cli.keys.containers import ListOf, Named
-from fvi_cli.keys.cursor import OPTIONAL, REQUIRED, Built, Cursor
-from fvi_cli.keys.nodes import node_of
-from fvi_cli.keys.records import Key, Record
-from fvi_cli.keys.scalars import Choice, Flag, Number, Shape, Text
+from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, listed, suggestion
+from fvi_cli.keys.containers import ListOf, MappingShape, Named
+from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Built, Cursor, Missing, is_complete
+from fvi_cli.keys.nodes import MappingNode, ScalarNode, node_of
+from fvi_cli.keys.scalars import Choice, Flag, Number, Schema, Shape, Text, referred
+from fvi_cli.mathematics.algebra.syntax import difference_of_sides
 
 Positive = Annotated[float, Number(above=0.0)]
 NotNegative = Annotated[float, Number(least=0.0)]
 Fraction = Annotated[float, Number(above=0.0, below=1.0)]
+Refusal = str | Callable[[Cursor], str]
 
 
-class _Field:
-    """What a field says beside its annotation."""
+@dataclass(frozen=True, kw_only=True)
+class Key:
+    """A key of a setting: what may stand under it, and for readers what that means."""
 
-    def __init__(self, meaning: str, unit: str, default: Any) -> None:
-        self.meaning, self.unit, self.default = meaning, unit, default
+    name: str
+    attribute: str  # the field of the setting
+    shape: Shape = field(hash=False)
+    meaning: str
+    unit: str = ""  # in words, such as ``mass per time^2``
+    # the plain value of an absent key, REQUIRED, or OPTIONAL for none
+    default: Any = field(hash=False)
+
+    @property
+    def description(self) -> str:
+        """The meaning with the unit."""
+        return f"{self.meaning.removesuffix('.')} ({self.unit})." if self.unit else self.meaning
 
 
 def key(meaning: str, *, unit: str = "", default: Any = REQUIRED) -> Any:
     """A field that is a key; `default` is the plain value of an absent one, None: there is none."""
-    return _Field(meaning, unit, OPTIONAL if default is None else default)
+    return partial(
+        Key, meaning=meaning, unit=unit, default=OPTIONAL if default is None else default
+    )
 
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(key,))
 class Setting(Built):
     """A mapping with known keys, and the value that it makes.
 
-    A name that Python has taken stands with ``_`` behind it. Class arguments are fields of
-    :class:`Record`: `refused` keys with reasons, `forms`, groups of keys of which exactly one is
-    given (``?`` behind those that it can do without), the key whose names the expressions under
-    all keys may hold (`declares`), and `words` in place of *a mapping with ...*.
+    A name that Python has taken stands with ``_`` behind it. Class variables can be given as
+    arguments of the class.
     """
 
-    options: ClassVar[Mapping[str, Any]] = {}
-    keys: ClassVar[tuple[Key, ...]] = ()
-    plan: ClassVar[tuple[tuple[str, str, Any, Callable[[Any], Any] | None], ...]] = ()
+    refused: ClassVar[Mapping[str, Refusal]] = {}
+    """Keys that deserve a reason, with it."""
+    forms: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """Groups of keys of which exactly one is given; ``?`` behind those that it can do without."""
+    declares: ClassVar[str] = ""
+    """The key whose names the expressions under all keys may hold."""
+    expected: ClassVar[str] = ""
+    """What is allowed, in place of *a mapping with ...*."""
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        cls.options = {**cls.options, **options}
+    keys: ClassVar[Mapping[str, Key]] = {}
+    """By their names, its own before those that it shares with others."""
+
+    def __init_subclass__(cls, **variables: Any) -> None:
+        for name, value in variables.items():
+            setattr(cls, name, value)
+        hints = typing.get_type_hints(cls, include_extras=True)
+        found: dict[str, Key] = {}
+        # what a class sets to something else is no key of its
+        known: set[str] = set()
+        for owner in cls.__mro__:
+            for name, one in vars(owner).items():
+                if isinstance(one, partial) and name not in known:
+                    word, shape = name.rstrip("_"), shape_of(hints[name])
+                    found[word] = one(name=word, attribute=name, shape=shape)
+                known.add(name)
+        cls.keys = found
 
     def __init__(self, **given: Any) -> None:
-        names = {one.attribute: one.name for one in keys_of(type(self))}
+        names = {one.attribute: one.name for one in self.keys.values()}
         if unknown := [name for name in given if name not in names]:
             raise TypeError(f"{type(self).__name__} has no {unknown[0]}")
         values = {names[name]: as_plain(one) for name, one in given.items() if one is not None}
-        read = record_of(type(self)).read(
-            Cursor(node=node_of(values), complaints=RaisingComplaints())
+        self._fill(
+            record_of(type(self)).read(Cursor(node=node_of(values), complaints=RaisingComplaints()))
         )
-        self._fill(read)
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
@@ -80,18 +112,11 @@ class Setting(Built):
         return made
 
     def _fill(self, values: Mapping[str, Any]) -> None:
-        keys_of(type(self))
-        found = self.__dict__
-        for name, attribute, default, build in self.plan:
-            value = values.get(name, default)
-            if value is OPTIONAL:
-                value = None
-            elif value is REQUIRED:
-                (wanted,) = (one.shape for one in self.keys if one.name == name)
-                raise ArgumentError(name, f"missing; it must be {wanted.expected}")
-            elif build is not None:
-                value = build(value)
-            found[attribute] = value
+        for one in self.keys.values():
+            value = values.get(one.name, one.default)
+            if value is REQUIRED:
+                raise ArgumentError(one.name, f"missing; it must be {one.shape.expected}")
+            self.__dict__[one.attribute] = None if value is OPTIONAL else one.shape.build(value)
 
     def value(self) -> Any:
         """What stands where this is built."""
@@ -140,41 +165,114 @@ class RaisingComplaints(Complaints):
         raise ArgumentError(".".join(map(str, path)), message)
 
 
-def keys_of(setting: type[Setting]) -> tuple[Key, ...]:
-    """The keys of a setting, its own before those that it shares with others."""
-    if "keys" in vars(setting):
-        return setting.keys
-    hints = typing.get_type_hints(setting, include_extras=True)
-    found: dict[str, Key] = {}
-    # what a class sets to something else is no key of its
-    gone: set[str] = set()
-    for owner in setting.__mro__:
-        for name, one in vars(owner).items():
-            if not isinstance(one, _Field):
-                gone.add(name)
-            elif name not in found and name not in gone:
-                word, shape = name.rstrip("_"), shape_of(hints[name])
-                more = {"unit": one.unit, "default": one.default, "attribute": name}
-                found[name] = Key(word, shape, one.meaning, **more)
-    setting.keys = tuple(found.values())
-    setting.plan = tuple(
-        (one.name, one.attribute, one.default, one.shape.build)
-        if type(one.shape).build is not Shape.build
-        else (one.name, one.attribute, one.default, None)
-        for one in found.values()
-    )
-    return setting.keys
+@dataclass(frozen=True, kw_only=True)
+class Record(MappingShape):
+    """The mapping of a setting, its keys in the order in which they are filled in and shown.
+
+    `variant` stands behind its name in the schema where its keys are not those of the setting.
+    """
+
+    of: type[Setting] = field(hash=False)
+    keys: Mapping[str, Key] = field(hash=False)
+    variant: str = ""
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return self.of.expected or f"a mapping with {listed(self.keys)}"
+
+    def has_any(self, names: Container[str]) -> bool:
+        """Whether any of the keys is among those of a mapping."""
+        return any(name in names for name in self.keys)
+
+    def read(self, at: Cursor) -> Any:
+        """A dict with every key that is given or has a default."""
+        if not isinstance(at.node, MappingNode):
+            return at.needs(self.expected, self._meant(at))
+        for name, under in at.entries():
+            if name not in self.keys:
+                at.refuse_key(name, self._unknown(name, under, at.node))
+        values: dict[str, Any] = {}
+        declares = self.of.declares
+        if declares and at.has(declares):
+            at = replace(at, names=tuple(name for name, _ in at.under(declares).entries()))
+        for name, one in self.keys.items():
+            if at.has(name):
+                values[name] = one.shape.read(at.under(name))
+            elif one.default is REQUIRED:
+                values[name] = at.refuse(f"missing; it must be {one.shape.expected}", name)
+            elif one.default is not OPTIONAL:
+                values[name] = as_plain(one.default)
+        self.of.check_presence(at)
+        if self.of.check is Setting.check:
+            return values
+        return self.of.of(values).check(at, values) if is_complete(values) else INVALID
+
+    def build(self, value: Any) -> Any:
+        """The value that a mapping makes."""
+        return self.of.of(value).value() if isinstance(value, Mapping) else value
+
+    def _meant(self, at: Cursor) -> str:
+        """How a number or word is written where it fits under the first key; else nothing."""
+        first = next(iter(self.keys.values()))
+        word = first.shape.word_at(at)
+        # an equation is refused there: an expression that is 0 says the same
+        word = difference_of_sides(word) or word
+        return f"; write {{{first.name}: {word}}}" if word else ""
+
+    def _unknown(self, name: str, under: Cursor, node: MappingNode) -> str:
+        reason = self.of.refused.get(name)
+        if reason is not None:
+            return reason if isinstance(reason, str) else reason(under)
+        if name.isdecimal() and (number := _with_comma(name, node)):
+            return f"not known; numbers have a decimal point, no comma: write {number}"
+        return f"not known{suggestion(name, self.keys)} (known here: {listed(self.keys)})"
+
+    def schema(self, defs: Schema) -> Schema:
+        """A reference."""
+        return referred(self.of.__name__ + self.variant, defs, self.whole)
+
+    def whole(self, defs: Schema) -> Schema:
+        """All of it."""
+        properties = {}
+        for name, one in self.keys.items():
+            described = {"description": one.description, **one.shape.schema(defs)}
+            if not isinstance(one.default, Missing):
+                described["default"] = as_plain(one.default)
+            properties[name] = described
+        return {
+            "type": "object",
+            "properties": properties,
+            "required": [name for name, one in self.keys.items() if one.default is REQUIRED],
+            **({"allOf": [{"oneOf": list(self._one_form())}]} if self.of.forms else {}),
+            "additionalProperties": False,
+        }
+
+    def _one_form(self) -> Iterator[Schema]:
+        every = [name.rstrip("?") for form in self.of.forms for name in form]
+        for form in self.of.forms:
+            names = [name.rstrip("?") for name in form]
+            others = [{"required": [name]} for name in every if name not in names]
+            needed = [name for name in form if not name.endswith("?")]
+            yield {"required": needed, "not": {"anyOf": others}}
+
+
+def _with_comma(name: str, node: MappingNode) -> str:
+    """``1.5``, where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
+    names = list(node.entries)
+    before = node.entries[names[names.index(name) - 1]].node if name != names[0] else None
+    single = node.entries[name].node
+    if not (isinstance(before, ScalarNode) and isinstance(single, ScalarNode)):
+        return ""
+    is_number = isinstance(before.value, int) and not isinstance(before.value, bool)
+    return f"{before.text}.{name}" if is_number and not single.text else ""
 
 
 def record_of(setting: type[Setting], **defaults: Any) -> Record:
     """The mapping of a setting, with other defaults for some of its keys."""
-    keys = tuple(
-        replace(one, default=defaults[one.name]) if one.name in defaults else one
-        for one in keys_of(setting)
-    )
+    changed = {name: replace(setting.keys[name], default=one) for name, one in defaults.items()}
     variant = "".join(f"-{name}-{value}" for name, value in defaults.items())
-    check = None if setting.check is Setting.check else setting.check
-    return Record(keys=keys, of=setting, variant=variant, check=check, **setting.options)
+    return Record(of=setting, keys={**setting.keys, **changed}, variant=variant)
 
 
 def shape_of(hint: Any) -> Shape:
@@ -199,7 +297,7 @@ def shape_of(hint: Any) -> Shape:
 def as_plain(value: Any) -> Any:
     """A value as JSON ones: what would be written in a configuration."""
     if isinstance(value, Setting):
-        given = ((one.name, getattr(value, one.attribute)) for one in keys_of(type(value)))
+        given = ((one.name, getattr(value, one.attribute)) for one in value.keys.values())
         return {name: as_plain(one) for name, one in given if one is not None}
     if isinstance(value, Mapping):
         return {name: as_plain(one) for name, one in value.items()}

@@ -134,7 +134,7 @@ class Scale(Number):
 
 class Samples(
     PlainSetting,
-    words="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",
+    expected="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",
     refused=dict.fromkeys(
         ("unit", "units"), "not a key: write scale: g for a record in g, in metres and seconds"
     ),

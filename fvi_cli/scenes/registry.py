@@ -11,8 +11,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import OPTIONAL, REQUIRED
-from fvi_cli.keys.records import ByKind, Key
-from fvi_cli.keys.settings import keys_of, record_of
+from fvi_cli.keys.kinds import ByKind
+from fvi_cli.keys.settings import Key, record_of
 from fvi_cli.scenes.data import check_arguments
 from fvi_cli.scenes.kinds.fractional_derivative import FractionalDerivative
 from fvi_cli.scenes.kinds.kind import Kind
@@ -100,7 +100,7 @@ def _kind(specification: Mapping[str, Any]) -> type[Kind]:
     name = specification["kind"]
     if name not in KINDS:
         raise ArgumentError("kind", f"{name!r} is not one of {', '.join(KINDS)}")
-    known = [one.name for one in keys_of(KINDS[name])]
+    known = KINDS[name].keys
     for key in specification:
         if key not in known and key != "kind":
             hint = suggestion(key, known)
@@ -127,6 +127,6 @@ def _argument(of: Key) -> inspect.Parameter:
 
 
 _BEAM: Final = inspect.Signature(
-    [_argument(one) for one in keys_of(SandwichBeam)], return_annotation="Scene"
+    [_argument(one) for one in SandwichBeam.keys.values()], return_annotation="Scene"
 )
 sandwich_beam.__signature__ = _BEAM  # type: ignore[attr-defined]

@@ -17,7 +17,7 @@ EXAMPLE: Final = "{plot: peak_drift, against: problem.damping.0.coefficient}"
 class FigureSettings(
     Setting,
     forms=(("plot", "against", "of?", "after?"), ("section", "after?")),
-    words=f"a figure such as {EXAMPLE} or {{section: turn, after: 50}}",
+    expected=f"a figure such as {EXAMPLE} or {{section: turn, after: 50}}",
     refused={
         **dict.fromkeys(("y", "quantity"), "not a key: write plot"),
         **dict.fromkeys(("x", "over", "by", "versus", "vs"), "not a key: write against"),

@@ -47,7 +47,7 @@ Rising = Annotated[tuple[float, ...], PositiveRange()]
 Orders = Annotated[tuple[float, ...], OneOrMany(shape=Number(above=0.0, below=2.0), most=20)]
 
 
-class Region(Setting, words="{orders: [...], stiffness: {...}, damping: {...}}"):
+class Region(Setting, expected="{orders: [...], stiffness: {...}, damping: {...}}"):
     """A part of the plane in which stability regions are drawn."""
 
     orders: Orders = key("Orders of damping, in (0, 2): one plane for each.")

@@ -17,7 +17,6 @@ from fvi_cli.config.keys.fit import Fit, Model, Parameter
 from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import NowhereError, with_node
-from fvi_cli.keys.settings import keys_of
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.registry import KINDS
@@ -115,9 +114,9 @@ def _changed(
             return None
     names = tuple(described.get("parameters", ()))
     whole = replace(tree, node=node, names=names)
-    shapes = {one.name: one.shape for one in keys_of(KINDS[described["kind"]])}
+    keys = KINDS[described["kind"]].keys
     read = {
-        outer: shapes[outer].read(whole.under(outer))
+        outer: keys[outer].shape.read(whole.under(outer))
         for outer in dict.fromkeys(key.split(".")[1] for key in changes)
     }
     if len(at.complaints) > before or not is_complete(read):

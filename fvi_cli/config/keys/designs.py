@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -31,9 +32,8 @@ from fvi_cli.keys.nodes import (
     with_node,
     without_node,
 )
-from fvi_cli.keys.records import Key
 from fvi_cli.keys.scalars import Schema, Shape
-from fvi_cli.keys.settings import keys_of
+from fvi_cli.keys.settings import Key
 from fvi_cli.scenes.registry import KINDS
 
 DESIGNS: Final = "designs"
@@ -223,10 +223,10 @@ def _node_of_key(tree: Node, key: str) -> Node | None:
     return node if found == path[2:] else None
 
 
-def _known_keys(tree: Node) -> dict[str, Key]:
+def _known_keys(tree: Node) -> Mapping[str, Key]:
     """The keys of the kind of problem; none where that is not known."""
     kind = plain(node_at(tree, (PROBLEM, "kind"))[0])
-    return {one.name: one for one in keys_of(KINDS[kind])} if kind in KINDS else {}
+    return KINDS[kind].keys if isinstance(kind, str) and kind in KINDS else {}
 
 
 def _word(name: str, place: SourcePosition) -> ScalarNode:

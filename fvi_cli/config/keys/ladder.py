@@ -26,7 +26,7 @@ Exponent = Annotated[int | None, Integer(least=0, most=30)]
 
 class Ladder(
     Setting,
-    words=EXAMPLE,
+    expected=EXAMPLE,
     forms=(("steps",), ("from", "to", "base?")),
     refused={
         **dict.fromkeys(("dt", "h", "step", "step_size"), "not a key: write steps: final_time / h"),

@@ -20,9 +20,17 @@ from fvi_cli.effects.matrices import Factored, SparseMatrix, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.records import ByKind, Refusal
+from fvi_cli.keys.kinds import ByKind
 from fvi_cli.keys.scalars import Integer, Matrix, Number, Text
-from fvi_cli.keys.settings import Fraction, NotNegative, Positive, Setting, key, record_of
+from fvi_cli.keys.settings import (
+    Fraction,
+    NotNegative,
+    Positive,
+    Refusal,
+    Setting,
+    key,
+    record_of,
+)
 from fvi_cli.scenes.structures.matrix_keys import MATRIX_FILE, matrix_of
 
 Coefficient = ArrayLike | SparseMatrix | Factored
@@ -255,7 +263,7 @@ _AT_STOREYS: Final[Mapping[str, type[Setting]]] = {
     word: types.new_class(
         f"Storey{law.__name__}",
         (AtStorey, law),
-        {"refused": {**law.options.get("refused", {}), **_STOREYS}},
+        {"refused": {**law.refused, **_STOREYS}},
         partial(_describe, law),
     )
     for word, law in _LAWS.items()

@@ -9,9 +9,8 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 
 from fvi_cli.keys.containers import ByForm, ListOf, Named
-from fvi_cli.keys.records import Refusal
 from fvi_cli.keys.scalars import FormulaText, Matrix, Number
-from fvi_cli.keys.settings import PlainSetting, Setting, key, record_of
+from fvi_cli.keys.settings import PlainSetting, Record, Refusal, Setting, key, record_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Damper, per_coordinate
 from fvi_cli.scenes.forces import by_coordinate
@@ -62,7 +61,7 @@ Numbers = Annotated[float | tuple[float, ...] | Mapping[str, Any], _NUMBERS]
 
 class Initial(
     Setting,
-    words="a mapping such as {position: 1.0, velocity: 0.0}",
+    expected="a mapping such as {position: 1.0, velocity: 0.0}",
     refused={
         **dict.fromkeys(("x", "q", "u", "x0", "displacement"), "not a key: write position"),
         **dict.fromkeys(("v", "v0", "vx", "dx", "speed"), "not a key: write velocity"),
@@ -116,9 +115,11 @@ class DamperKeys(Setting, refused=WRONG_NAMES):
 
 def dampers(unit: str, where: str = "") -> ListOf:
     """A list of dampers in many places; `where` describes that with another unit in the schema."""
-    record = record_of(DamperKeys)
-    order, coefficient, *others = record.keys
-    shape = replace(record, keys=(order, replace(coefficient, unit=unit), *others), variant=where)
+    keys = {
+        **DamperKeys.keys,
+        "coefficient": replace(DamperKeys.keys["coefficient"], unit=unit),
+    }
+    shape = Record(of=DamperKeys, keys=keys, variant=where)
     return ListOf(shape=shape, least=0, example="[{order: 0.5, coefficient: 0.2}]")
 
 

@@ -9,7 +9,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.scalars import Integer, Number
-from fvi_cli.keys.settings import Fraction, NotNegative, Positive, Setting, as_plain, key, keys_of
+from fvi_cli.keys.settings import Fraction, NotNegative, Positive, Setting, as_plain, key
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import NUMBER_OR_SYMMETRIC
 from fvi_cli.scenes.kinds.kind import SceneKind
@@ -125,5 +125,5 @@ class SandwichBeam(SceneKind):
         return beam_coordinates(int(self.elements))
 
 
-_SIZES: Final = tuple(one.name for one in keys_of(SandwichBeam)[1:8])
+_SIZES: Final = tuple(SandwichBeam.keys)[1:8]
 """What the matrices are made of."""

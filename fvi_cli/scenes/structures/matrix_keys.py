@@ -160,7 +160,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     return filled
 
 
-class MatrixFileShape(PlainSetting, words="a matrix from a file, such as {file: K.mtx}"):
+class MatrixFileShape(PlainSetting, expected="a matrix from a file, such as {file: K.mtx}"):
     """A symmetric matrix from a file, read together with the configuration."""
 
     file: Annotated[str, Text(what="the path of a file, from the configuration's folder")] = key(

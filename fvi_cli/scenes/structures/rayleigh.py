@@ -22,7 +22,7 @@ LARGEST_DENSE: Final = 400
 
 class Rayleigh(
     Setting,
-    words="a mapping such as {ratios: [0.02, 0.05], modes: [1, 3]}",
+    expected="a mapping such as {ratios: [0.02, 0.05], modes: [1, 3]}",
     refused=dict.fromkeys(
         ("alpha", "beta", "mass", "stiffness"),
         "not a key: write ratios and modes; a structure also has proportional: {mass: a, "

@@ -1,0 +1,106 @@
+"""Mappings of several kinds, which differ by the word under a key of theirs."""
+
+from __future__ import annotations
+
+import logging
+import re
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from fvi_cli.keys.complaints import excerpt
+from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
+from fvi_cli.keys.nodes import MappingNode
+from fvi_cli.keys.scalars import Choice, Schema, Shape, referred
+from fvi_cli.keys.settings import Key, Record, Refusal, Setting
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByKind(Shape):
+    """Records that differ by the word under a key of theirs.
+
+    Where the `default` stands, what is read is without the key, as where none stands. `aliases` are
+    other words for kinds, `meant` says what to write in place of words that are not known here, all
+    in small letters; `name` is that in the schema.
+    """
+
+    kinds: Mapping[str, Record] = field(hash=False)
+    word: str = "kind"
+    meaning: str = "which equation"
+    default: str = ""
+    meant: Mapping[str, str] = field(default_factory=dict, hash=False)
+    aliases: Mapping[str, str] = field(default_factory=dict, hash=False)
+    name: str = ""
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return f"a mapping with {self.word} and the keys of that {self.word}"
+
+    def read(self, at: Cursor) -> Any:
+        """A dict that begins with the key, unless the default stands there."""
+        if not isinstance(at.node, MappingNode):
+            return at.needs(self.expected)
+        choice = Choice(words=tuple(self.kinds))
+        kind: Any = self.default
+        word = at.under(self.word).scalar if at.has(self.word) else None
+        plain = re.sub(r"[\s_]+", "-", word.lower()) if isinstance(word, str) else ""
+        if plain in self.meant:
+            # the keys beside it are those of what is not known
+            return at.refuse(f"{plain}: {self.meant[plain]}", self.word)
+        if plain in self.aliases or (plain != word and plain in self.kinds):
+            kind = self.aliases.get(plain, plain)
+            _logger.info("%s: %s: %s is read as %s", at.node.place, self.word, word, kind)
+        elif plain not in self.kinds and (inside := [k for k in self.kinds if k in plain]):
+            message = f"{excerpt(plain)!r} is not known; did you mean {inside[0]!r}?"
+            kind = at.refuse(message, self.word)
+        elif at.has(self.word):
+            kind = choice.read(at.under(self.word))
+        elif not self.default:
+            kind = at.refuse(f"missing; it must be {choice.expected}", self.word)
+        record = self.kinds[kind] if kind is not INVALID else self._of_any_kind()
+        rest = {name: entry for name, entry in at.node.entries.items() if name != self.word}
+        node = MappingNode(place=at.node.place, entries=rest)
+        values = record.read(Cursor(node=node, complaints=at.complaints, path=at.path))
+        is_default = self.default and kind == self.default
+        return values if is_default or values is INVALID else {self.word: kind, **values}
+
+    def _of_any_kind(self) -> Record:
+        """Every key of every kind, none of them required."""
+        keys: dict[str, Key] = {}
+        refused: dict[str, Refusal] = {"type": f"not a key: write {self.word}"}
+        for record in self.kinds.values():
+            refused.update(record.of.refused)
+            for name, key in record.keys.items():
+                keys.setdefault(name, replace(key, default=OPTIONAL))
+        of_any_kind = types.new_class("OfAnyKind", (Setting,), {"refused": refused})
+        return Record(of=of_any_kind, keys=keys)
+
+    def build(self, value: Any) -> Any:
+        """What the mapping of its kind makes."""
+        if not isinstance(value, Mapping):
+            return value
+        record = self.kinds.get(value.get(self.word, self.default))
+        return value if record is None else record.build(value)
+
+    def schema(self, defs: Schema) -> Schema:
+        """A reference, where there is a name for it; else all of it."""
+        return referred(self.name, defs, self._whole) if self.name else self._whole(defs)
+
+    def _whole(self, defs: Schema) -> Schema:
+        variants = []
+        for kind, record in self.kinds.items():
+            variant = record.whole(defs)
+            also = [alias for alias, meant in self.aliases.items() if meant == kind]
+            word: Schema = {"description": self.meaning}
+            word |= {"enum": [kind, *also]} if also else {"const": kind}
+            if self.default:
+                word["default"] = self.default
+            variant["properties"] = {self.word: word, **variant["properties"]}
+            if kind != self.default:
+                variant["required"] = [self.word, *variant["required"]]
+            variants.append(variant)
+        return {"oneOf": variants}
