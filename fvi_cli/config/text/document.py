@@ -1,15 +1,14 @@
 """YAML text to a tree of nodes that know their places.
 
 Words and numbers are read by the core schema of YAML 1.2: ``1e-3`` is a number, ``no`` and ``on``
-are text, ``0o17`` is 15 and ``017`` is 17. The tree is built from the parser's events without
-recursion, and with limits, because the text may come from strangers.
+are text, ``0o17`` is 15 and ``017`` is 17. The tree is built from the parser's events with limits,
+because the text may come from strangers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 
@@ -30,14 +29,8 @@ def read_document(
     of everything in it. Complaints are of syntax, tags, repeated keys, several documents, and texts
     that are too large, too deep or grow too large by their anchors.
     """
-    builder = _Builder(text=text, origin=origin, complaints=complaints, prefix=path)
-    if len(text) > LARGEST_DOCUMENT:
-        complaints.add(
-            origin, path, f"the text has more than {LARGEST_DOCUMENT} characters: too large"
-        )
-        return None
     try:
-        return builder.build()
+        return _Reader(text, origin, complaints, path).document()
     except _GivenUpError:
         return None
 
@@ -46,61 +39,45 @@ class _GivenUpError(Exception):
     """Reading cannot go on; the complaint is noted."""
 
 
-@dataclass(kw_only=True, eq=False)
-class _Open:
-    """A list or mapping whose end has not been read; `key` waits for its value."""
+class _Reader:
+    """Reads a document; `prefix` is where it stands in a configuration."""
 
-    place: SourcePosition
-    anchor: str | None
-    is_mapping: bool
-    items: list[Node] = field(default_factory=list)
-    entries: dict[str, NodeEntry] = field(default_factory=dict)
-    key: ScalarNode | None = None
-    size: int = 1
+    def __init__(
+        self, text: str, origin: SourcePosition, complaints: Complaints, prefix: KeyPath
+    ) -> None:
+        self.text, self.origin = text, origin
+        self.complaints, self.prefix = complaints, prefix
+        self.events = self.parsed()
+        # what anchors name, with its number of nodes; None: its end has not been read
+        self.anchors: dict[str, tuple[Node, int] | None] = {}
+        self.size = 0
 
-
-@dataclass(kw_only=True, eq=False)
-class _Builder:
-    text: str
-    origin: SourcePosition
-    complaints: Complaints
-    prefix: KeyPath
-    stack: list[_Open] = field(default_factory=list)
-    anchors: dict[str, tuple[Node, int]] = field(default_factory=dict)
-    root: Node | None = None
-    size: int = 0
-
-    def build(self) -> Node | None:
-        documents = 0
-        for event in self.events():
-            place = self.place(event.start_mark)
+    def document(self) -> Node:
+        if len(self.text) > LARGEST_DOCUMENT:
+            message = f"the text has more than {LARGEST_DOCUMENT} characters: too large"
+            self.give_up(self.origin, message)
+        root: Node | None = None
+        for event in self.events:
             if isinstance(event, yaml.DocumentStartEvent):
-                documents += 1
-                if documents > 1:
+                place = self.place(event.start_mark)
+                if root is not None:
                     self.give_up(place, "a second document begins here; one file holds one")
                 self.check_directives(event, place)
-            elif isinstance(event, yaml.AliasEvent):
-                self.alias(event, place)
-            elif isinstance(event, yaml.NodeEvent):
-                self.check_tag(event, place)
-                if isinstance(event, yaml.ScalarEvent):
-                    self.attach(self.scalar(event, place), event.anchor, 1)
-                else:
-                    self.open(event, place)
-            elif isinstance(event, yaml.CollectionEndEvent):
-                self.close()
-        if self.root is None or (isinstance(self.root, ScalarNode) and not self.root.text):
+                root = self.node(next(self.events), self.prefix, 0)
+        if root is None or (isinstance(root, ScalarNode) and not root.text):
             self.give_up(self.origin, "the text is empty")
-        return self.root
+        return root
 
-    def events(self) -> Iterator[yaml.Event]:
+    def parsed(self) -> Iterator[Any]:
         loader: yaml.SafeLoader | None = None
         try:
             loader = yaml.SafeLoader(self.text)
             while loader.check_event():
                 yield loader.get_event()  # type: ignore[no-untyped-call]
         except yaml.reader.ReaderError as error:
-            self.give_up(self.place_of(error.position), "a character that is not allowed in YAML")
+            before = self.text[: error.position]
+            place = self.at(before.count("\n"), error.position - (before.rfind("\n") + 1))
+            self.give_up(place, "a character that is not allowed in YAML")
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
             context = f" {error.context}" if error.context else ""
@@ -120,130 +97,100 @@ class _Builder:
     def check_directives(self, event: yaml.DocumentStartEvent, place: SourcePosition) -> None:
         if event.version not in (None, (1, 2)):
             version = ".".join(str(part) for part in event.version)
-            self.complain(place, f"%YAML {version} is not allowed; it must be 1.2, or left out")
+            message = f"%YAML {version} is not allowed; it must be 1.2, or left out"
+            self.complaints.add(place, self.prefix, message)
         if event.tags:
-            self.complain(place, "%TAG is not allowed; tags are not understood")
+            message = "%TAG is not allowed; tags are not understood"
+            self.complaints.add(place, self.prefix, message)
 
-    def check_tag(self, event: yaml.NodeEvent, place: SourcePosition) -> None:
-        tag = getattr(event, "tag", None)
-        if tag is not None:
-            self.complain(place, f"the tag {excerpt(tag)!r} is not allowed; write the plain value")
-
-    def alias(self, event: yaml.AliasEvent, place: SourcePosition) -> None:
-        name = str(event.anchor)
-        if name not in self.anchors:
-            inside = any(frame.anchor == name for frame in self.stack)
-            reason = "it stands inside of what it names" if inside else "no such anchor before it"
-            self.give_up(place, f"*{excerpt(name)}: {reason}")
-        node, size = self.anchors[name]
-        self.attach(node, None, size)
-
-    def open(self, event: yaml.NodeEvent, place: SourcePosition) -> None:
-        if len(self.stack) >= DEEPEST_NESTING:
+    def node(self, event: Any, path: KeyPath, depth: int) -> Node:
+        """What begins with an event, at a path, inside of so many lists and mappings."""
+        place = self.place(event.start_mark)
+        if isinstance(event, yaml.AliasEvent):
+            return self.alias(str(event.anchor), place)
+        if event.tag is not None:
+            message = f"the tag {excerpt(event.tag)!r} is not allowed; write the plain value"
+            self.complaints.add(place, path, message)
+        before = self.size
+        node: Node
+        if isinstance(event, yaml.ScalarEvent):
+            node = self.scalar(event, place, path)
+        elif depth >= DEEPEST_NESTING:
             self.give_up(place, f"nested more than {DEEPEST_NESTING} deep")
-        is_mapping = isinstance(event, yaml.MappingStartEvent)
-        self.stack.append(_Open(place=place, anchor=event.anchor, is_mapping=is_mapping))
+        else:
+            if event.anchor is not None:
+                self.anchors[event.anchor] = None
+            is_mapping = isinstance(event, yaml.MappingStartEvent)
+            inside = self.rest_of_mapping if is_mapping else self.rest_of_list
+            node = inside(place, path, depth + 1)
+        self.count(node, 1)
+        if event.anchor is not None:
+            self.anchors[event.anchor] = node, self.size - before
+        return node
 
-    def close(self) -> None:
-        frame = self.stack.pop()
-        node: Node = (
-            MappingNode(place=frame.place, entries=frame.entries)
-            if frame.is_mapping
-            else ListNode(place=frame.place, items=tuple(frame.items))
-        )
-        self.attach(node, frame.anchor, frame.size)
+    def count(self, node: Node, size: int) -> None:
+        self.size += size
+        if self.size > MOST_NODES:
+            self.give_up(node.place, f"more than {MOST_NODES} entries, counting repeated anchors")
 
-    def scalar(self, event: yaml.ScalarEvent, place: SourcePosition) -> ScalarNode:
-        written = event.value
+    def alias(self, name: str, place: SourcePosition) -> Node:
+        known = self.anchors.get(name)
+        if known is None:
+            is_open = name in self.anchors
+            reason = "it stands inside of what it names" if is_open else "no such anchor before it"
+            self.give_up(place, f"*{excerpt(name)}: {reason}")
+        self.count(*known)
+        return known[0]
+
+    def rest_of_list(self, place: SourcePosition, path: KeyPath, depth: int) -> ListNode:
+        items: list[Node] = []
+        while not isinstance(event := next(self.events), yaml.CollectionEndEvent):
+            items.append(self.node(event, (*path, len(items)), depth))
+        return ListNode(place=place, items=tuple(items))
+
+    def rest_of_mapping(self, place: SourcePosition, path: KeyPath, depth: int) -> MappingNode:
+        entries: dict[str, NodeEntry] = {}
+        while not isinstance(event := next(self.events), yaml.CollectionEndEvent):
+            key = self.node(event, path, depth)
+            word = key.text if isinstance(key, ScalarNode) else ""
+            if not isinstance(key, ScalarNode):
+                message = "a list or mapping is not allowed as a key; use a word"
+                self.complaints.add(key.place, path, message)
+            elif not word:
+                self.complaints.add(key.place, path, "a key is missing before ':'")
+            node = self.node(next(self.events), (*path, word), depth)
+            if word == "<<":
+                message = "merging with << is not part of YAML 1.2; repeat the keys"
+                self.complaints.add(key.place, path, message)
+            elif word in entries:
+                line = entries[word].key_place.line
+                message = f"given twice, first in line {line}" if line else "given twice"
+                self.complaints.add(key.place, (*path, word), message)
+            elif word:
+                entries[word] = NodeEntry(key_place=key.place, node=node)
+        return MappingNode(place=place, entries=entries)
+
+    def scalar(self, event: Any, place: SourcePosition, path: KeyPath) -> ScalarNode:
+        written, mark = event.value, event.start_mark
         quoted = event.style in ("'", '"')
-        mark: Any = event.start_mark
         start = mark.index + (1 if quoted else 0)
         literally = event.style not in ("|", ">") and self.text.startswith(written, start)
         if any(0xD800 <= ord(character) <= 0xDFFF for character in written):
-            self.complain(place, "half of a character pair is not text")
+            self.complaints.add(place, path, "half of a character pair is not text")
             written = ""
-        plain = event.style is None or event.style == ""
         return ScalarNode(
             place=place,
-            value=read_scalar(written) if plain else written,
+            value=written if event.style else read_scalar(written),
             text=written,
             text_place=place.shifted(1 if quoted else 0) if literally else None,
         )
 
-    def attach(self, node: Node, anchor: str | None, size: int) -> None:
-        """Give a finished node to whatever is open."""
-        self.size += size
-        if self.size > MOST_NODES:
-            self.give_up(node.place, f"more than {MOST_NODES} entries, counting repeated anchors")
-        if anchor is not None:
-            self.anchors[anchor] = (node, size)
-        if not self.stack:
-            self.root = node
-            return
-        frame = self.stack[-1]
-        frame.size += size
-        if not frame.is_mapping:
-            frame.items.append(node)
-        elif frame.key is None:
-            frame.key = self.key(node)
-        else:
-            key, frame.key = frame.key, None
-            self.enter(frame, key, node)
-
-    def key(self, node: Node) -> ScalarNode:
-        if not isinstance(node, ScalarNode):
-            self.complain(node.place, "a list or mapping is not allowed as a key; use a word")
-            return ScalarNode(place=node.place, value=None, text="")
-        if not node.text:
-            self.complain(node.place, "a key is missing before ':'")
-        return node
-
-    def enter(self, frame: _Open, key: ScalarNode, node: Node) -> None:
-        if not key.text:
-            return
-        if key.text == "<<" and key.value == "<<":
-            self.complain(key.place, "merging with << is not part of YAML 1.2; repeat the keys")
-        elif key.text in frame.entries:
-            first = frame.entries[key.text].key_place
-            self.complaints.add(
-                key.place,
-                (*self.path(), key.text),
-                f"given twice, first in line {first.line}" if first.line else "given twice",
-            )
-        else:
-            frame.entries[key.text] = NodeEntry(key_place=key.place, node=node)
-
-    def path(self) -> KeyPath:
-        """Keys that lead to the innermost open list or mapping."""
-        outer = list(self.prefix)
-        for frame in self.stack[:-1]:
-            if frame.is_mapping:
-                outer.append(frame.key.text if frame.key is not None else "?")
-            else:
-                outer.append(len(frame.items))
-        return tuple(outer)
-
-    def complain(self, place: SourcePosition, message: str) -> None:
-        inner: KeyPath = ()
-        if self.stack:
-            frame = self.stack[-1]
-            if not frame.is_mapping:
-                inner = (len(frame.items),)
-            elif frame.key is not None:
-                inner = (frame.key.text,)
-        self.complaints.add(place, (*self.path(), *inner), message)
-
-    def give_up(self, place: SourcePosition, message: str) -> None:
+    def give_up(self, place: SourcePosition, message: str) -> NoReturn:
         self.complaints.add(place, self.prefix, message)
         raise _GivenUpError
 
     def place(self, mark: Any) -> SourcePosition:
         return self.at(mark.line, mark.column)
-
-    def place_of(self, index: int) -> SourcePosition:
-        before = self.text[:index]
-        line_start = before.rfind("\n") + 1
-        return self.at(before.count("\n"), index - line_start)
 
     def at(self, line: int, column: int) -> SourcePosition:
         if not self.origin.line:
