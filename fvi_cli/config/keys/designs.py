@@ -11,12 +11,12 @@ from fvi_cli.config.keys.sweep import (
     PROBLEM,
     SWEEP,
     Sweep,
-    check_name,
+    indexed,
     is_absent,
+    objection_to_name,
     read_sweep,
     swept_keys,
     too_many,
-    value_text,
 )
 from fvi_cli.keys.complaints import SourcePosition, excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, Missing
@@ -25,7 +25,6 @@ from fvi_cli.keys.nodes import (
     Node,
     NodeEntry,
     NowhereError,
-    ScalarNode,
     node_at,
     node_of,
     plain,
@@ -114,10 +113,11 @@ def _read_designs(at: Cursor) -> Sweep | None:
         return None
     before = len(at.complaints)
     trees: dict[str, Node] = {}
+    names: dict[str, str] = {}
     places: dict[str, SourcePosition] = {}
-    for name, entry in under.node.entries.items():
-        here = under.under(name)
-        check_name(name, list(trees), replace(here, node=_word(name, entry.key_place)))
+    for name, here in under.entries():
+        if reason := objection_to_name(name, names):
+            under.refuse_key(name, reason)
         trees[name] = _changed(at.node, here, places)
     # of keys inside of others, the outer ones say it all
     keys = [key for key in places if not any(key.startswith(f"{one}.") for one in places)]
@@ -126,27 +126,23 @@ def _read_designs(at: Cursor) -> Sweep | None:
     if not keys:
         under.refuse(f"a change is missing; it must be {_EXPECTED}")
         return None
-    values: dict[str, list[Node]] = {key: [] for key in keys}
-    combinations: list[tuple[int, ...]] = []
+    rows: list[dict[str, Node]] = []
     for name, tree in trees.items():
-        chosen = []
+        rows.append({})
         for key in keys:
             node = _node_of_key(tree, key)
             if node is None:
-                under.under(name).refuse(
+                under.refuse(
                     f"does not give {excerpt(key)}, and the problem has no such key; write it "
-                    "in every design"
+                    "in every design",
+                    name,
                 )
                 return None
-            texts = [value_text(one) for one in values[key]]
-            if value_text(node) not in texts:
-                values[key].append(node)
-                texts.append(value_text(node))
-            chosen.append(texts.index(value_text(node)))
-        if tuple(chosen) in combinations:
-            other = list(trees)[combinations.index(tuple(chosen))]
-            under.refuse_key(name, f"is the same as the design {excerpt(other)!r}")
-        combinations.append(tuple(chosen))
+            rows[-1][key] = node
+    values, combinations, repeated = indexed(keys, rows)
+    for later, earlier in repeated:
+        name, other = (list(trees)[number] for number in (later, earlier))
+        under.refuse_key(name, f"is the same as the design {excerpt(other)!r}")
     if len(at.complaints) > before:
         return None
     return Sweep(
@@ -227,7 +223,3 @@ def _known_keys(tree: Node) -> Mapping[str, Key]:
     """The keys of the kind of problem; none where that is not known."""
     kind = plain(node_at(tree, (PROBLEM, "kind"))[0])
     return KINDS[kind].keys if isinstance(kind, str) and kind in KINDS else {}
-
-
-def _word(name: str, place: SourcePosition) -> ScalarNode:
-    return ScalarNode(place=place, value=name, text=name)

@@ -182,10 +182,9 @@ def _listed_members(at: Cursor) -> Sweep | None:
     first = items[0]
     entries = first.node.entries if isinstance(first.node, MappingNode) else {}
     keys = swept_keys(first.node, first) if isinstance(first.node, MappingNode) else []
-    names: list[str] = []
-    values: dict[str, list[Node]] = {key: [] for key in keys}
-    indices: dict[str, dict[str, int]] = {key: {} for key in keys}
-    combinations: dict[tuple[int, ...], None] = {}
+    names: dict[str, str] = {}
+    rows: list[Mapping[str, Node]] = []
+    taken: list[Cursor] = []
     for item in items:
         if not isinstance(item.node, MappingNode) or not item.node.entries:
             item.needs("a mapping such as {problem.stiffness: 2}")
@@ -195,26 +194,22 @@ def _listed_members(at: Cursor) -> Sweep | None:
             shown += " (and name)" if NAME in entries else ""
             item.refuse(f"every member must have the same keys: {shown}")
             continue
-        chosen = []
-        for key in keys:
-            value = item.node.entries[key].node
-            index = indices[key].setdefault(value_text(value), len(values[key]))
-            if index == len(values[key]):
-                values[key].append(value)
-            chosen.append(index)
-        if tuple(chosen) in combinations:
-            item.refuse("these values are given twice")
-        combinations[tuple(chosen)] = None
+        rows.append({key: item.node.entries[key].node for key in keys})
+        taken.append(item)
         if NAME in item.node.entries:
-            names.append(str(item.under(NAME).scalar))
-            check_name(names[-1], names[:-1], item.under(NAME))
+            word = item.under(NAME)
+            if reason := objection_to_name(word.scalar, names):
+                word.refuse(reason)
+    values, combinations, repeated = indexed(keys, rows)
+    for later, _ in repeated:
+        taken[later].refuse("these values are given twice")
     return Sweep(
-        names=names,
+        names=list(names.values()),
         named=tuple(keys) if names else (),
         place=at.node.place,
         key_places={key: entries[key].key_place for key in keys},
         values=values,
-        combinations=list(combinations),
+        combinations=combinations,
     )
 
 
@@ -223,16 +218,41 @@ def is_absent(node: Node) -> bool:
     return isinstance(node, ScalarNode) and node.value is None
 
 
-def check_name(name: str, others: Sequence[str], at: Cursor) -> None:
-    """Complain of a name that is none, or that others have."""
-    if not isinstance(at.scalar, str | int | float) or not name.strip() or not name.isprintable():
-        at.refuse("not a name; write a word, such as bare")
-    elif len(name) > LONGEST_NAME:
-        at.refuse(f"{len(name)} characters; at most {LONGEST_NAME} are allowed")
-    elif name in others:
-        at.refuse(f"{excerpt(name)!r} is the name of another one already")
-    elif name.casefold() in [one.casefold() for one in others]:
-        at.refuse(f"{excerpt(name)!r} differs from another name in capital letters only")
+def indexed(
+    keys: Sequence[str], rows: Sequence[Mapping[str, Node]]
+) -> tuple[dict[str, list[Node]], list[tuple[int, ...]], list[tuple[int, int]]]:
+    """The values of every key that occur, each once, their indices row by row, and equal rows."""
+    values: dict[str, list[Node]] = {key: [] for key in keys}
+    known: dict[str, dict[str, int]] = {key: {} for key in keys}
+    first: dict[tuple[int, ...], int] = {}
+    combinations, repeated = [], []
+    for number, row in enumerate(rows):
+        chosen = []
+        for key in keys:
+            index = known[key].setdefault(value_text(row[key]), len(values[key]))
+            if index == len(values[key]):
+                values[key].append(row[key])
+            chosen.append(index)
+        combinations.append(tuple(chosen))
+        if (earlier := first.setdefault(tuple(chosen), number)) != number:
+            repeated.append((number, earlier))
+    return values, combinations, repeated
+
+
+def objection_to_name(given: object, names: dict[str, str]) -> str:
+    """Why a name is none, or which others have it; empty: it stands among `names` now."""
+    name = str(given)
+    if not isinstance(given, str | int | float) or not name.strip() or not name.isprintable():
+        return "not a name; write a word, such as bare"
+    if len(name) > LONGEST_NAME:
+        return f"{len(name)} characters; at most {LONGEST_NAME} are allowed"
+    other = names.get(name.casefold())
+    if other == name:
+        return f"{excerpt(name)!r} is the name of another one already"
+    if other is not None:
+        return f"{excerpt(name)!r} differs from another name in capital letters only"
+    names[name.casefold()] = name
+    return ""
 
 
 def swept_keys(node: MappingNode, at: Cursor) -> list[str]:

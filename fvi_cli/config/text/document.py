@@ -151,7 +151,8 @@ class _Reader:
     def rest_of_mapping(self, place: SourcePosition, path: KeyPath, depth: int) -> MappingNode:
         entries: dict[str, NodeEntry] = {}
         while not isinstance(event := next(self.events), yaml.CollectionEndEvent):
-            key = self.node(event, path, depth)
+            is_word = isinstance(event, yaml.ScalarEvent)
+            key = self.node(event, path if is_word else (*path, "?"), depth)
             word = key.text if isinstance(key, ScalarNode) else ""
             if not isinstance(key, ScalarNode):
                 message = "a list or mapping is not allowed as a key; use a word"
