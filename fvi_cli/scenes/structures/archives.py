@@ -13,7 +13,7 @@ import math
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
@@ -34,13 +34,13 @@ from fvi_cli.scenes.structures.declared import (
 
 HEADER: Final = 128
 _MATRIX: Final = 14
-_SPARSE: Final = 5
+_COMPRESSED: Final = 15
 _CLASSES: Final = (
     *("", "cell", "struct", "object", "char", "sparse", "double", "single"),
     *("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"),
     *("function", "opaque"),
 )
-_NUMBERS: Final = range(_SPARSE, 16)
+_NUMBERS: Final = _CLASSES[5:16]
 _TYPES: Final = MappingProxyType(
     {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 )
@@ -48,82 +48,105 @@ _LOGICAL, _COMPLEX = 1 << 9, 1 << 11
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MatVariable:
+class _MatVariable:
     """A variable of a file, of which only the head was read."""
 
     name: str
     kind: str  # its class, ``double``, ``sparse``, ``cell``
     shape: tuple[int, ...]
     is_complex: bool
-    order: str  # ``<`` or ``>``: which byte comes first
-    rest: memoryview  # bytes behind the head
-
-    @property
-    def is_matrix_of_numbers(self) -> bool:
-        """Whether it holds real or complex numbers."""
-        return self.kind in [_CLASSES[number] for number in _NUMBERS]
+    parts: Iterator[NDArray[Any]]  # its arrays, read when they are asked for
 
     def value(self) -> Any:
         """The matrix, dense or sparse."""
-        places = _places(self.rest, self.order)
-        parts = [_numbers(kind, part, self.order) for kind, part, _ in places]
+        if self.kind not in _NUMBERS:
+            raise ValueError(
+                f"{excerpt(self.name)} is {self.kind}; it must be a matrix of real numbers"
+            )
+        parts = list(self.parts)
         if self.kind != "sparse":
-            values = _with_imaginary(parts, 0, self)
+            values = self._with_imaginary(parts)
             if values.size != math.prod(self.shape) or min(self.shape, default=-1) < 0:
                 raise ValueError(f"{values.size} entries for {' x '.join(map(str, self.shape))}")
             return values.reshape(self.shape, order="F")
         check_rows(self.shape, sparse=True)
         if len(parts) < 3:
             raise ValueError("a sparse matrix without its entries")
-        rows, ends, data = parts[0], parts[1], _with_imaginary(parts, 2, self)
+        rows, ends, data = *parts[:2], self._with_imaginary(parts[2:])
         # room that was set aside for more entries is not taken
         count = int(ends[-1]) if ends.size else 0
         if not 0 <= count <= min(rows.size, data.size):
             raise ValueError(f"{count} entries are declared, {data.size} are there")
-        held: Mapping[str, NDArray[Any]] = {
-            "indices": rows[:count],
-            "indptr": ends,
-            "data": data[:count],
-        }
+        held = {"indices": rows[:count], "indptr": ends, "data": data[:count]}
         return sparse_matrix("csc", self.shape, held)
 
+    def _with_imaginary(self, parts: list[NDArray[Any]]) -> NDArray[Any]:
+        """The entries, complex where there is an imaginary part."""
+        if len(parts) != 1 + self.is_complex:
+            raise ValueError(f"{len(parts)} parts where there must be {1 + self.is_complex}")
+        if not self.is_complex:
+            return parts[0]
+        if parts[0].size != parts[1].size:
+            raise ValueError("real and imaginary parts of different lengths")
+        return parts[0] + 1j * parts[1]
 
-def mat_variables(plain: bytes) -> list[MatVariable]:
-    """The variables of a file whose elements are not compressed."""
-    order = "<" if plain[126:128] == b"IM" else ">"
-    found = []
-    for kind, data, _ in _places(memoryview(plain)[HEADER:], order, padded=False):
+
+def read_mat(content: bytes, name: str, variable: str | None) -> Any:
+    """A matrix of a ``.mat`` file up to MATLAB's version 7."""
+    if len(content) < HEADER or 0 in content[:4]:
+        return _mat_4(content, name, variable)
+    order, version = ("<", 125) if content[126:128] == b"IM" else (">", 124)
+    if content[version] != 1:
+        raise DataFileError(
+            f"{name}: not a .mat file, or one of MATLAB 7.3; save it with -v7, or as Matrix Market"
+        )
+    variables = [_variable(data, order) for data in _matrices(content, order)]
+    # a workspace of functions has no name
+    named = [one for one in variables if one.name and not one.name.startswith("__")]
+    which = chosen([one.name for one in named], name, variable)
+    return next(one.value() for one in named if one.name == which)
+
+
+def _matrices(content: bytes, order: str) -> Iterator[memoryview]:
+    """The elements of a file, unpacked: then nothing in them is larger than it is."""
+    size = 0
+    for kind, data in _elements(memoryview(content)[HEADER:], order, padded=False):
+        if kind == _COMPRESSED:
+            unpacking = zlib.decompressobj()
+            most = max(LARGEST_ARRAY, 4 * len(content)) - size
+            body = unpacking.decompress(data, most + 1)
+            size += len(body)
+            _check_unpacked(size, len(content))
+            if not unpacking.eof or len(body) < 8:
+                raise ValueError("a compressed element is cut off")
+            # its own length may say anything
+            (kind,), data = struct.unpack_from(f"{order}I", body), memoryview(body)[8:]
         if kind != _MATRIX:
             raise ValueError(f"an element of type {kind} where a matrix is needed")
-        variable = _variable(data, order)
-        # a workspace of functions has no name
-        if variable.name and not variable.name.startswith("__"):
-            found.append(variable)
-    return found
+        yield data
 
 
-def _variable(data: memoryview, order: str) -> MatVariable:
-    places = list(itertools.islice(_places(data, order), 3))
-    head = [_numbers(kind, part, order) for kind, part, _ in places]
+def _variable(data: memoryview, order: str) -> _MatVariable:
+    parts = (_numbers(kind, part, order) for kind, part in _elements(data, order))
+    head = list(itertools.islice(parts, 3))
     if len(head) < 3 or head[0].size < 1 or head[1].size > 32:
         raise ValueError("a variable without flags, dimensions and name")
     flags = int(head[0][0])
     number = flags & 0xFF
     name = _CLASSES[number] if 0 < number < len(_CLASSES) else f"of class {number}"
-    return MatVariable(
+    return _MatVariable(
         name=head[2].tobytes().decode("latin-1"),
         kind="logical" if flags & _LOGICAL else name,
         shape=tuple(head[1].tolist()),
         is_complex=bool(flags & _COMPLEX),
-        order=order,
-        rest=data[places[-1][2] :],
+        parts=parts,
     )
 
 
-def _places(
+def _elements(
     data: memoryview, order: str, *, padded: bool = True
-) -> Iterator[tuple[int, memoryview, int]]:
-    """Types and bytes of elements, one after the other, and where each ends."""
+) -> Iterator[tuple[int, memoryview]]:
+    """Types and bytes of elements, one after the other."""
     place = 0
     while place + 8 <= len(data):
         kind, length = struct.unpack_from(f"{order}II", data, place)
@@ -138,7 +161,7 @@ def _places(
             place = begin + length + (-length % 8 if padded else 0)
         if begin + length > len(data):
             raise ValueError(f"{length} bytes are declared, {len(data) - begin} are there")
-        yield kind, data[begin : begin + length], place
+        yield kind, data[begin : begin + length]
 
 
 def _numbers(kind: int, data: memoryview, order: str) -> NDArray[Any]:
@@ -151,16 +174,17 @@ def _numbers(kind: int, data: memoryview, order: str) -> NDArray[Any]:
     return np.frombuffer(data, dtype=dtype)
 
 
-def _with_imaginary(parts: list[NDArray[Any]], index: int, of: MatVariable) -> NDArray[Any]:
-    """The entries, complex where there is an imaginary part."""
-    wanted = index + 1 + of.is_complex
-    if len(parts) != wanted:
-        raise ValueError(f"{len(parts)} parts where there must be {wanted}")
-    if not of.is_complex:
-        return parts[index]
-    if parts[index].size != parts[index + 1].size:
-        raise ValueError("real and imaginary parts of different lengths")
-    return parts[index] + 1j * parts[index + 1]
+def _mat_4(content: bytes, name: str, variable: str | None) -> Any:
+    """A matrix of a file of MATLAB's version 4, which SciPy reads without compiled code."""
+    from scipy.io import loadmat, whosmat
+
+    known = whosmat(io.BytesIO(content))  # type: ignore[arg-type]
+    which = chosen([one[0] for one in known], name, variable)
+    shape, kind = next((shape, kind) for found, shape, kind in known if found == which)
+    if kind == "sparse":
+        check_rows(shape, sparse=True)
+    value = loadmat(io.BytesIO(content), variable_names=[which], spmatrix=False)[which]  # type: ignore[arg-type]
+    return checked_sparse(value) if kind == "sparse" else np.asarray(value)
 
 
 _ENDING: Final = ".npy"
@@ -170,7 +194,6 @@ _HEADERS: Final = {
 }
 _KINDS: Final = "biufcSU"
 _SPARSE_PARTS: Final = ("data", "indices", "indptr", "row", "col", "offsets")
-_COMPRESSED: Final = 15
 
 
 def read_npy(content: bytes) -> NDArray[Any]:
@@ -240,72 +263,14 @@ def _check_unpacked(size: int, packed: int) -> None:
         )
 
 
-def read_mat(content: bytes, name: str, variable: str | None) -> Any:
-    """A matrix of a ``.mat`` file up to MATLAB's version 7."""
-    if len(content) < HEADER or 0 in content[:4]:
-        return _mat_4(content, name, variable)
-    if content[125 if content[126:127] == b"I" else 124] != 1:
-        raise DataFileError(
-            f"{name}: not a .mat file, or one of MATLAB 7.3; save it with -v7, or as Matrix Market"
-        )
-    variables = mat_variables(_plain_mat(content))
-    which = chosen([one.name for one in variables], name, variable)
-    found = [one for one in variables if one.name == which]
-    if len(found) > 1:
-        raise ValueError(f"{excerpt(which)} stands in it {len(found)} times")
-    if not found[0].is_matrix_of_numbers:
-        raise ValueError(
-            f"{excerpt(which)} is {found[0].kind}; it must be a matrix of real numbers"
-        )
-    return found[0].value()
-
-
-def _mat_4(content: bytes, name: str, variable: str | None) -> Any:
-    """A matrix of a file of MATLAB's version 4, which SciPy reads without compiled code."""
-    from scipy.io import loadmat, whosmat
-
-    known = whosmat(io.BytesIO(content))  # type: ignore[arg-type]
-    which = chosen([one[0] for one in known], name, variable)
-    shapes = [(shape, kind) for found, shape, kind in known if found == which]
-    if len(shapes) > 1:
-        raise ValueError(f"{excerpt(which)} stands in it {len(shapes)} times")
-    shape, kind = shapes[0]
-    if kind == "sparse":
-        check_rows(shape, sparse=True)
-    value = loadmat(io.BytesIO(content), variable_names=[which], spmatrix=False)[which]  # type: ignore[arg-type]
-    return checked_sparse(value) if kind == "sparse" else np.asarray(value)
-
-
-def _plain_mat(content: bytes) -> bytes:
-    """The file with every compressed element unpacked: then nothing in it is larger than it is."""
-    order = "<" if content[126:128] == b"IM" else ">"
-    plain, place = [content[:HEADER]], HEADER
-    size = 0
-    while place + 8 <= len(content):
-        kind, length = struct.unpack(f"{order}II", content[place : place + 8])
-        body = content[place + 8 : place + 8 + length]
-        if kind == _COMPRESSED:
-            unpacking = zlib.decompressobj()
-            most = max(LARGEST_ARRAY, 4 * len(content)) - size
-            body = unpacking.decompress(body, most + 1)
-            size += len(body)
-            _check_unpacked(size, len(content))
-            if not unpacking.eof or len(body) < 8:
-                raise ValueError("a compressed element is cut off")
-            # its own length may say anything
-            plain.append(body[:4] + struct.pack(f"{order}I", len(body) - 8) + body[8:])
-        else:
-            plain.append(content[place : place + 8 + length])
-        place += 8 + length
-    return b"".join(plain)
-
-
 def chosen(names: list[str], name: str, variable: str | None) -> str:
     """The name of the matrix that is meant."""
-    if variable in names:
-        return str(variable)
     if variable is None and len(names) == 1:
         return names[0]
+    if variable in names:
+        if names.count(variable) > 1:
+            raise ValueError(f"{excerpt(variable)} stands in it {names.count(variable)} times")
+        return variable
     shown = listed(excerpt(one) for one in names[:10])
     if not names:
         raise DataFileError(f"{name}: it contains no matrix")
