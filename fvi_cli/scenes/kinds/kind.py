@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from fvi_cli.scenes.lagrangian import check_names
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_size
 
-_SHARED: Final = ("damping", "forcing", "ground_acceleration")
+_SHARED: Final = {"damping", "forcing", "ground_acceleration"}
 """Shared keys that kinds declare on their own."""
 
 
@@ -77,7 +77,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
     """A kind of scene: own keys, and those that all scenes share."""
 
     make: ClassVar[Callable[..., Scene]]
-    """The scene of arguments that are called like the own keys, and of :class:`SceneData`."""
+    """Its scene, by own keys and :class:`SceneData`."""
     size: ClassVar[int | None] = None
     """Number of coordinates where no other is possible."""
     size_key: ClassVar[str] = ""
@@ -140,11 +140,18 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         drivers = {name: self._driver(name, names) for name in forces}
         if sum(driver is not None for driver in drivers.values()) > 1:
             raise ArgumentError(forces[1], f"give this or {forces[0]}, not both")
-        fields = type(self).__annotations__
-        own = {n: one for n, one in vars(self).items() if n in fields and n not in _SHARED}
-        scene = type(self).make(**{**own, **data, **drivers})
+        scene = self.make_scene(**data, **drivers)
         check_names_of_dampers((*scene.damping, *scene.laws), "damping")
         return scene
+
+    def own_values(self) -> dict[str, Any]:
+        """What stands under its own keys."""
+        own = set(type(self).__annotations__) - _SHARED
+        return {name: one for name, one in vars(self).items() if name in own}
+
+    def make_scene(self, **data: Any) -> Scene:
+        """The scene of its own keys and what all scenes share."""
+        return type(self).make(**self.own_values(), **data)
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
         return build_forcing(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, ClassVar, Final, Unpack
+from functools import partial
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fvi_cli.effects.directions import Directions
-from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
@@ -18,10 +16,9 @@ from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Fraction, Positive, Setting, key
 from fvi_cli.scenes.chains import Ends, chain, frame, neighbour_rows, string
-from fvi_cli.scenes.data import Damper, SceneData
+from fvi_cli.scenes.data import Damper
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import (
-    AtStorey,
     Coefficient,
     Term,
     damping_effects,
@@ -34,49 +31,15 @@ from fvi_cli.scenes.structures.rayleigh import Rayleigh
 USUAL_STOREYS: Final = 3
 
 
-def frame_of_keys(
-    *,
-    storeys: int | None,
-    mass: ArrayLike,
-    masses: ArrayLike | None,
-    stiffness: ArrayLike,
-    stiffnesses: ArrayLike | None,
-    dampers: Sequence[Term],
-    rayleigh: Rayleigh | None,
-    ground_acceleration: Forcing | None = None,
-    **data: Unpack[SceneData],
-) -> Scene:
-    """The scene of a building; terms of its `dampers` stand before those of its damping."""
-    count = int(np.size(data["initial_position"]))
-
-    def between_floors(term: Term, factor: object) -> Coefficient:
-        value = np.asarray(factor, dtype=float)
-        if value.ndim:
-            raise ArgumentError("coefficient", "a damper between two floors has a number here")
-        storey = term.storey if isinstance(term, AtStorey) else None
-        if storey is None:
-            return Directions(rows=neighbour_rows(count, "left")).factored(value)
-        if storey > count:
-            raise ArgumentError("storey", f"{storey} is not allowed; there are {count} storeys")
-        row = np.zeros((1, count))
-        row[0, storey - 1] = 1.0
-        if storey > 1:
-            row[0, storey - 2] = -1.0
-        return Directions(rows=row).factored(value)
-
-    others = *data.get("damping", ()), *data.get("laws", ())
-    before = max((one.number for one in others), default=0)
-    damping, laws = damping_effects(dampers, between_floors, "dampers", before=before)
-    data["damping"] = (*damping, *data.get("damping", ()))
-    data["laws"] = (*laws, *data.get("laws", ()))
-    return frame(
-        storeys=count,
-        mass=mass if masses is None else masses,
-        stiffness=stiffness if stiffnesses is None else stiffnesses,
-        rayleigh=None if rayleigh is None else (rayleigh.ratios, rayleigh.modes),
-        ground_acceleration=ground_acceleration,
-        **data,
-    )
+def _between_floors(count: int, term: Term, factor: object) -> Coefficient:
+    """The coefficient of a damper of a building of so many storeys."""
+    value = np.asarray(factor, dtype=float)
+    if value.ndim:
+        raise ArgumentError("coefficient", "a damper between two floors has a number here")
+    rows, storey = neighbour_rows(count, "left"), getattr(term, "storey", None)
+    if storey is not None and storey > count:
+        raise ArgumentError("storey", f"{storey} is not allowed; there are {count} storeys")
+    return Directions(rows=rows if storey is None else rows[[storey - 1]]).factored(value)
 
 
 Count = Annotated[int, Integer(least=1, most=1000)]
@@ -139,7 +102,6 @@ class FrameKind(
         "mass_i x_i'' + s_i - s_(i+1) + sum mu D^gamma x_i = -mass_i a(t), s_i = (stiffness_i "
         "+ sum c D^gamma) (x_i - x_(i-1))"
     )
-    make = staticmethod(frame_of_keys)
     forces = ("ground_acceleration",)
     size_key = "storeys"
     example: ClassVar = {
@@ -187,6 +149,21 @@ class FrameKind(
         for one, several in (("mass", "masses"), ("stiffness", "stiffnesses")):
             if at.has(several) and at.has(one) and at.under(one).scalar != 1.0:
                 at.refuse_key(several, f"give this or {one}, not both")
+
+    def make_scene(self, **data: Any) -> Scene:
+        """The scene; terms of its dampers stand before those of its damping."""
+        count = int(np.size(data["initial_position"]))
+        before = max((one.number for one in (*data["damping"], *data["laws"])), default=0)
+        between, damped = partial(_between_floors, count), self.rayleigh
+        damping, laws = damping_effects(self.dampers, between, "dampers", before=before)
+        data["damping"], data["laws"] = (*damping, *data["damping"]), (*laws, *data["laws"])
+        return frame(
+            storeys=count,
+            mass=self.mass if self.masses is None else self.masses,
+            stiffness=self.stiffness if self.stiffnesses is None else self.stiffnesses,
+            rayleigh=None if damped is None else (damped.ratios, damped.modes),
+            **data,
+        )
 
     def stated_size(self) -> tuple[KeyPath, int]:
         """The key that says the number of storeys, and that number."""

@@ -78,16 +78,6 @@ class Core(Setting):
     )
 
 
-def _make(elements: int, core: Core, **given: Any) -> Scene:
-    own = {name: given.pop(name) for name in _SIZES}
-    mass, faces, shear = beam_matrices(elements, **own)
-    try:
-        law = fractional_zener(**vars(core), coefficient=shear)
-    except ArgumentError as error:
-        raise error.below("core") from None
-    return beam_scene(mass, faces, law, **given)
-
-
 class SandwichBeam(SceneKind):
     """A clamped beam."""
 
@@ -96,7 +86,6 @@ class SandwichBeam(SceneKind):
         "M x'' + G(D) K_v x + sum mu D^gamma x + K x = f(t), G(s) = relaxed + (unrelaxed - "
         "relaxed) (s time)^order / (1 + (s time)^order)"
     )
-    make = staticmethod(_make)
     example: ClassVar = {
         "elements": "6",
         "initial": "{velocity: {at: {w6: 1.0}}}",
@@ -124,6 +113,13 @@ class SandwichBeam(SceneKind):
         """Four for every node."""
         return beam_coordinates(int(self.elements))
 
-
-_SIZES: Final = tuple(SandwichBeam.keys)[1:8]
-"""What the matrices are made of."""
+    def make_scene(self, **data: Any) -> Scene:
+        """The scene of the matrices and the law."""
+        sizes = self.own_values()
+        core = sizes.pop("core")
+        mass, faces, shear = beam_matrices(**sizes)
+        try:
+            law = fractional_zener(**vars(core), coefficient=shear)
+        except ArgumentError as error:
+            raise error.below("core") from None
+        return beam_scene(mass, faces, law, **data)
