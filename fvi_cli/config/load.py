@@ -16,7 +16,7 @@ from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError
 from fvi_cli.keys.complaints import ChecksMember, Complaints, SourcePosition, every_member, excerpt
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.nodes import MappingNode, Node, ScalarNode, describe, node_of
+from fvi_cli.keys.nodes import ListNode, MappingNode, Node, ScalarNode, describe, node_of
 from fvi_cli.studies.experiment import Experiment
 
 
@@ -118,18 +118,15 @@ def _loaded(
 ) -> LoadedConfig:
     if isinstance(root, ScalarNode) and root.value is None:
         complaints.add(start, (), "the configuration is empty; `fvi new` writes one")
-        root = None
-    if root is None:
-        complaints.raise_if_any()
-        raise ConfigError(f"{start}: the configuration is empty; `fvi new` writes one")
-    if not isinstance(root, MappingNode):
+    elif isinstance(root, ScalarNode | ListNode):
         complaints.add(
             root.place,
             (),
             f"{describe(root)} is not allowed; it must be a mapping with "
             "name, problem, method and ladder, or with experiments",
         )
-        complaints.raise_if_any()
+    if not isinstance(root, MappingNode):
+        raise complaints.error()
     changed = nodes_with_sweeps(apply_overrides(root, overrides, complaints), complaints)
     name, read = _read(changed, Path(source_name).stem, complaints)
     complaints.raise_if_any()

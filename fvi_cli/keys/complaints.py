@@ -80,14 +80,17 @@ class Complaints:
             self._found[place, f"{message}{addition}"] = None
 
     def raise_if_any(self) -> None:
-        """Tell everything in the order of the text."""
-        if not self._found:
-            return
+        """Raise the error of what was noted."""
+        if self._found:
+            raise self.error()
+
+    def error(self) -> ConfigError:
+        """Everything that was noted, in the order of the text."""
         lines = [f"{place}: {message}" for place, message in sorted(self._found, key=itemgetter(0))]
         if len(lines) > MOST_COMPLAINTS:
             left = len(lines) - MOST_COMPLAINTS
             lines = [*lines[:MOST_COMPLAINTS], f"... and {left} more"]
-        raise ConfigError(*lines)
+        return ConfigError(*lines)
 
 
 def show_path(path: KeyPath) -> str:

@@ -319,28 +319,22 @@ def make_method(
     """
     if "baseline" in values:
         baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
-        resolved_baseline: dict[str, Any] = {"baseline": baseline.name}
-        if baseline.tolerance is not None:
-            resolved_baseline["tolerance"] = baseline.tolerance
-        return baseline, resolved_baseline
-    family: dict[str, Any]
+        tolerance = {} if baseline.tolerance is None else {"tolerance": baseline.tolerance}
+        return baseline, {"baseline": baseline.name, **tolerance}
+    sampling = values.get("sampling", "points")
+    resolved: dict[str, Any]
     if "bdf" in values:
-        order = values["bdf"]
-        cq, family = BDF_NAMES[order - 1], {"bdf": order}
-        sampling = values.get("sampling", "points")
-        nodes = sampling == "nodes"
+        order, nodes = values["bdf"], sampling == "nodes"
+        cq, resolved = BDF_NAMES[order - 1], {"bdf": order}
         degree = values.get("degree", 1 if nodes else math.ceil(order / 2))
-        start = values.get("start", "none")
-        forcing_quadrature = values.get("forcing_quadrature", "galerkin" if nodes else "exact")
+        usual_start, usual_quadrature = "none", "galerkin" if nodes else "exact"
     else:
         cq = values.get("rk", "gauss")
-        family = {"rk": cq}
-        sampling = values.get("sampling", "points")
-        degree = values.get("degree", 3)
-        if "stages" in values:
-            degree = values["stages"] - (1 if cq == "lobatto-iiic" else 0)
-        start = values.get("start", usual_start if cq == "gauss" else "none")
-        forcing_quadrature = values.get("forcing_quadrature", "galerkin")
+        resolved = {"rk": cq}
+        stages = values.get("stages", 3 + (cq == "lobatto-iiic"))
+        degree = values.get("degree", stages - (cq == "lobatto-iiic"))
+        usual_start, usual_quadrature = usual_start if cq == "gauss" else "none", "galerkin"
+    start = values.get("start", usual_start)
     exponents: tuple[float, ...] = ()
     if start == "graded" and cq != "gauss":
         raise ArgumentError("start", "graded is for rk: gauss only; use none")
@@ -357,15 +351,15 @@ def make_method(
         sampling=sampling,
         start=start,
         start_exponents=exponents,
-        forcing_quadrature=forcing_quadrature,
+        forcing_quadrature=values.get("forcing_quadrature", usual_quadrature),
         history=values.get("history", "auto"),
     )
-    resolved = {**family, "degree": degree}
+    resolved["degree"] = degree
     if "bdf" in values:
         resolved["sampling"] = sampling
         resolved["quadrature"] = {"rule": method.rule.rule, "points": method.rule.points}
     resolved["start"] = {"weights": list(exponents)} if exponents else start
-    resolved["forcing_quadrature"] = forcing_quadrature
+    resolved["forcing_quadrature"] = method.forcing_quadrature
     resolved["history"] = method.history
     return method, resolved
 

@@ -255,16 +255,11 @@ _STOREYS: Final[Mapping[str, Refusal]] = {
 }
 
 
-def _describe(law: type[Setting], members: dict[str, Any]) -> None:
-    members["__doc__"] = law.__doc__
-
-
 _AT_STOREYS: Final[Mapping[str, type[Setting]]] = {
     word: types.new_class(
         f"Storey{law.__name__}",
         (AtStorey, law),
         {"refused": {**law.refused, **_STOREYS}},
-        partial(_describe, law),
     )
     for word, law in _LAWS.items()
 }
