@@ -18,7 +18,7 @@ import numpy as np
 
 from fvi_cli.keys.complaints import Complaints, listed, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
-from fvi_cli.keys.nodes import ListNode, ScalarNode, describe
+from fvi_cli.keys.nodes import ListNode, ScalarNode, describe, plain
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import Expression
@@ -138,6 +138,26 @@ class Integer(Shape):
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
         return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
+
+def _anything(defs: Schema) -> Schema:
+    return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class AsWritten(Shape):
+    """What stands there, as it is written: it is read where its meaning is known."""
+
+    expected: str = "what may stand under that key"
+    described: Callable[[Schema], Schema] = _anything
+
+    def read(self, at: Cursor) -> Any:
+        """Plain values."""
+        return plain(at.node)
+
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema."""
+        return self.described(defs)
 
 
 @dataclass(frozen=True, kw_only=True)

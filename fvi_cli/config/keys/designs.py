@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import replace
+from typing import Annotated, Any, Final
 
 from fvi_cli.config.keys.sweep import (
     MOST_MEMBERS,
@@ -31,7 +31,7 @@ from fvi_cli.keys.nodes import (
     with_node,
     without_node,
 )
-from fvi_cli.keys.scalars import Schema, Shape
+from fvi_cli.keys.scalars import AsWritten, Schema
 from fvi_cli.keys.settings import Key
 from fvi_cli.scenes.registry import KINDS
 
@@ -42,26 +42,12 @@ _EXPECTED: Final = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class DesignsShape(Shape):
-    """What may stand under ``designs``."""
+def _described(defs: Schema) -> Schema:
+    changes = {"type": ["object", "null"], "propertyNames": {"pattern": r"^problem\."}}
+    return {"type": "object", "additionalProperties": changes, "minProperties": 1}
 
-    expected: str = _EXPECTED
 
-    def read(self, at: Cursor) -> Any:
-        """Plain values; what they mean is read with the problem."""
-        if not isinstance(at.node, MappingNode) or not at.node.entries:
-            return at.needs(_EXPECTED)
-        # the reader of members reports what is wrong
-        return plain(at.node)
-
-    def schema(self, defs: Schema) -> Schema:
-        """The shape in JSON schema."""
-        changes = {
-            "type": ["object", "null"],
-            "propertyNames": {"pattern": r"^problem\."},
-        }
-        return {"type": "object", "additionalProperties": changes, "minProperties": 1}
+Designs = Annotated[Any, AsWritten(expected=_EXPECTED, described=_described)]
 
 
 def read_members(at: Cursor) -> Sweep | None:
@@ -110,6 +96,7 @@ def _read_designs(at: Cursor) -> Sweep | None:
     """The members that designs make: of each the values of all keys that any of them changes."""
     under = at.under(DESIGNS)
     if not isinstance(under.node, MappingNode) or not under.node.entries:
+        under.needs(_EXPECTED)
         return None
     before = len(at.complaints)
     trees: dict[str, Node] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
-from fvi_cli.config.keys.designs import DesignsShape
+from fvi_cli.config.keys.designs import Designs
 from fvi_cli.config.keys.fit import Fit
 from fvi_cli.config.keys.ladder import Ladder
 from fvi_cli.config.keys.methods import METHODS
@@ -18,7 +18,7 @@ from fvi_cli.config.keys.observations import (
     Units,
 )
 from fvi_cli.config.keys.store import StoreKeys
-from fvi_cli.config.keys.sweep import SweepShape
+from fvi_cli.config.keys.sweep import Members
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.scalars import Choice, Number, Text
 from fvi_cli.keys.settings import Setting, key, record_of
@@ -97,12 +97,12 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "are chosen for a tolerance, which an estimate is held against.",
         default=None,
     )
-    designs: Annotated[Any, DesignsShape()] = key(
+    designs: Designs = key(
         "Members by name, each with what it changes of the problem (null: the key is left out): "
         "one table and one figure compare them. With sweep: every design with every value.",
         default=None,
     )
-    sweep: Annotated[Any, SweepShape()] = key(
+    sweep: Members = key(
         "Members: every combination of values of some keys of the problem, or a list of mappings "
         "with the values of each member, and its name if it has one. They are computed together.",
         default=None,

@@ -8,26 +8,11 @@ from typing import Annotated, Any, Final
 
 from fvi_cli.keys.containers import ByForm, Named, OneOrMany
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.nodes import MappingNode, plain
-from fvi_cli.keys.scalars import Number, Schema, Shape, Text
+from fvi_cli.keys.nodes import MappingNode
+from fvi_cli.keys.scalars import AsWritten, Number, Schema, Shape, Text
 from fvi_cli.keys.settings import Setting, key, record_of
 
 MOST_SETS: Final = 100
-
-
-@dataclass(frozen=True, kw_only=True)
-class Anything(Shape):
-    """Whatever stands there, read again where it is used."""
-
-    expected: str = "what may stand under that key"
-
-    def read(self, at: Cursor) -> Any:
-        """Plain values."""
-        return plain(at.node)
-
-    def schema(self, defs: Schema) -> Schema:
-        """The shape in JSON schema."""
-        return {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +134,7 @@ class Model(Setting):
 
     set: Annotated[
         Mapping[str, Any],
-        Named(shape=Anything(), names="key paths", example="{problem.damping.0.order: 1}"),
+        Named(shape=AsWritten(), names="key paths", example="{problem.damping.0.order: 1}"),
     ] = key("What is different from the problem of the experiment.", default={})
     parameters: Annotated[Mapping[str, Parameter] | None, _PARAMETERS] = key(
         "What is fitted; default: those of the fit that are not set.", default=None

@@ -6,11 +6,11 @@ import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
 
 from fvi_cli.keys.complaints import SourcePosition, excerpt, listed
-from fvi_cli.keys.cursor import INVALID, Cursor
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import (
     ListNode,
     MappingNode,
@@ -19,7 +19,7 @@ from fvi_cli.keys.nodes import (
     plain,
 )
 from fvi_cli.keys.ranges import RANGE
-from fvi_cli.keys.scalars import Schema, Shape
+from fvi_cli.keys.scalars import AsWritten, Schema
 
 DEEPEST: Final = 50
 MOST_MEMBERS: Final = 100_000
@@ -63,41 +63,20 @@ class Sweep:
         }
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepShape(Shape):
-    """What may stand under ``sweep``."""
+def _described(defs: Schema) -> Schema:
+    key = {"propertyNames": {"pattern": r"^problem\."}, "minProperties": 1}
+    named = {**key, "propertyNames": {"pattern": r"^(problem\.|name$)"}}
+    several = {"anyOf": [{"type": "array", "minItems": 1}, RANGE.schema(defs)]}
+    return {
+        "title": "mapping of lists or ranges, or list of mappings",
+        "oneOf": [
+            {"type": "object", "additionalProperties": several, **key},
+            {"type": "array", "minItems": 1, "items": {"type": "object", **named}},
+        ],
+    }
 
-    expected: str = _EXPECTED
 
-    def read(self, at: Cursor) -> Any:
-        """Plain values, ranges written out; what the values mean is read with the problem."""
-        own = at.complaints.separate()
-        sweep = read_sweep(replace(at, complaints=own))
-        at.complaints.adopt(own)
-        if sweep is None or len(own):
-            return INVALID
-        if isinstance(at.node, MappingNode):
-            return {key: [plain(value) for value in sweep.values[key]] for key in sweep.values}
-        return [
-            {
-                **({NAME: sweep.names[place]} if sweep.names else {}),
-                **{key: plain(value) for key, value in sweep.nodes_of(combination).items()},
-            }
-            for place, combination in enumerate(sweep.combinations)
-        ]
-
-    def schema(self, defs: Schema) -> Schema:
-        """The shape in JSON schema."""
-        key = {"propertyNames": {"pattern": r"^problem\."}, "minProperties": 1}
-        named = {**key, "propertyNames": {"pattern": r"^(problem\.|name$)"}}
-        several = {"anyOf": [{"type": "array", "minItems": 1}, RANGE.schema(defs)]}
-        return {
-            "title": "mapping of lists or ranges, or list of mappings",
-            "oneOf": [
-                {"type": "object", "additionalProperties": several, **key},
-                {"type": "array", "minItems": 1, "items": {"type": "object", **named}},
-            ],
-        }
+Members = Annotated[Any, AsWritten(expected=_EXPECTED, described=_described)]
 
 
 def read_sweep(at: Cursor) -> Sweep | None:
