@@ -42,6 +42,7 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.settings import as_plain
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form
@@ -125,7 +126,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         # runs do not depend on what was measured
         **{key: value for key, value in values.items() if key != "fit"},
         "name": name,
-        **_methods_of(methods, values.get("accuracy"), accuracy),
+        **_methods_of(methods, accuracy),
         **({} if members is None else members[1]),
     }
     if problem is None or len(at.complaints) > before or not is_complete(resolved):
@@ -194,14 +195,12 @@ def _explain_negative_factor(value: object) -> str:
     return "the matrix has a negative eigenvalue"
 
 
-def _methods_of(
-    methods: Sequence[ListedMethod], given: object, accuracy: Accuracy | None
-) -> dict[str, Any]:
+def _methods_of(methods: Sequence[ListedMethod], accuracy: Accuracy | None) -> dict[str, Any]:
     """The methods of an experiment; with adaptive steps these follow from the tolerance."""
     found = {"method": [listed_method.resolved for listed_method in methods]}
-    if accuracy is None or not isinstance(given, Mapping):
+    if accuracy is None:
         return found
-    own = {"accuracy": {**given, "mesh": accuracy.mesh}}
+    own = {"accuracy": as_plain(accuracy)}
     return own if accuracy.mesh == "adaptive" else {**found, **own}
 
 
@@ -224,7 +223,7 @@ def _make_members(
         _check_meeting(problem, methods, at)
         check_member(observed, first, problem, at)
 
-    return make_members(template, at, check)
+    return make_members(template, first, at, check)
 
 
 def _check_break_points(

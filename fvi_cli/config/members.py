@@ -24,7 +24,7 @@ from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
-from fvi_cli.scenes.registry import KINDS, build_problem
+from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
 
 
@@ -90,19 +90,24 @@ ReadMembers = tuple[tuple[Member, ...], dict[str, Any]]
 """Members, and what makes them with every value as it was understood, by keys."""
 
 
-def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
+def make_members(
+    template: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
+) -> ReadMembers | None:
     """The members of an experiment; None, with complaints, where something is wrong.
 
-    Every value of every key is read like the file; then every member's problem is checked.
+    Every value of every key is read like the file; then every member's problem is checked. The
+    problem of the `first` is that of `template`.
     """
     # the same mistake may have been noted before
     own = at.complaints.separate()
-    made = _made(template, replace(at, complaints=own), check)
+    made = _made(template, first, replace(at, complaints=own), check)
     at.complaints.adopt(own)
     return None if len(own) else made
 
 
-def _made(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
+def _made(
+    template: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
+) -> ReadMembers | None:
     sweep = read_members(at)
     if sweep is None:
         return None
@@ -112,7 +117,6 @@ def _made(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMe
     if len(at.complaints) or not is_whole:
         return None
     text = json.dumps(template)
-    first = build_problem(template, search=False)
     members = tuple(
         Member(
             number=number,

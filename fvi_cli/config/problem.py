@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -56,20 +56,22 @@ def _force(problem: Kind) -> Any:
     return getattr(problem, _force_key(problem), None)
 
 
-def _pieces(problem: Kind) -> Sequence[Any]:
-    """What was read of the pieces of the forcing; none where it has none."""
-    forcing = _force(problem)
-    pieces = forcing.get("pieces") if isinstance(forcing, Mapping) else None
-    return pieces if isinstance(pieces, list | tuple) else ()
+def _pieces(force: object) -> list[tuple[Any, Any]]:
+    """Ends and values of the pieces of a force, as far as they were read; else INVALID."""
+    pieces = force.get("pieces") if isinstance(force, Mapping) else None
+    return [
+        (piece.get("until"), piece.get("value")) if isinstance(piece, Mapping) else (INVALID,) * 2
+        for piece in (pieces if isinstance(pieces, list | tuple) else ())
+    ]
 
 
 def break_points(problem: Kind) -> list[float]:
     """Ends of the pieces of the forcing, as far as they are valid and inside of (0, T)."""
-    final_time = getattr(problem, "final_time", None)
+    final_time: Any = problem.final_time
+    force = _force(problem)
     if not isinstance(final_time, float):
         return []
-    ends = [piece.get("until") for piece in _pieces(problem) if isinstance(piece, Mapping)]
-    every = (*ends, *_ends_of_samples(_force(problem), final_time))
+    every = (*(until for until, _ in _pieces(force)), *_ends_of_samples(force, final_time))
     return [end for end in every if isinstance(end, float) and end < final_time]
 
 
@@ -144,9 +146,8 @@ def _sized(problem: Kind) -> Iterator[tuple[KeyPath, object]]:
         if isinstance(given, Mapping) and given.get("acts_on") is None:
             for name in ("coefficient", "matrix", "stiffness"):
                 yield ("damping", index, name), given.get(name)
-    for index, piece in enumerate(_pieces(problem)):
-        if isinstance(piece, Mapping):
-            yield (_force_key(problem), "pieces", index, "value"), piece.get("value")
+    for index, (_, value) in enumerate(_pieces(_force(problem))):
+        yield (_force_key(problem), "pieces", index, "value"), value
 
 
 def _coordinates(size: int) -> str:
@@ -155,10 +156,9 @@ def _coordinates(size: int) -> str:
 
 def _check_pieces(problem: Kind, at: Cursor) -> None:
     """Every piece but the last has an end; the ends increase and lie inside of (0, T)."""
-    pieces, final_time = _pieces(problem), getattr(problem, "final_time", None)
+    pieces, final_time = _pieces(_force(problem)), problem.final_time
     earlier = 0.0
-    for index, piece in enumerate(pieces):
-        until: Any = piece.get("until") if isinstance(piece, Mapping) else INVALID
+    for index, (until, _) in enumerate(pieces):
         is_last = index == len(pieces) - 1
         wrong = ""
         if until is INVALID or (until is None and is_last):
@@ -178,7 +178,7 @@ def _check_pieces(problem: Kind, at: Cursor) -> None:
 
 def _check_values(problem: Kind, at: Cursor) -> None:
     """Expressions must be finite: forces inside of the interval, known functions at 0 as well."""
-    final_time = getattr(problem, "final_time", None)
+    final_time: Any = problem.final_time
     if not isinstance(final_time, float):
         return
     values = with_parameters(vars(problem))
@@ -191,12 +191,11 @@ def _check_values(problem: Kind, at: Cursor) -> None:
     elif isinstance(given.get("at"), Mapping):
         for name, value in given["at"].items():
             _try(value, at, (force, "at", name), (0.0, final_time))
-    pieces = given.get("pieces") if isinstance(given, Mapping) else None
-    for index, piece in enumerate(pieces if isinstance(pieces, list | tuple) else ()):
-        end = piece.get("until", final_time) if isinstance(piece, Mapping) else INVALID
+    for index, (until, value) in enumerate(_pieces(given)):
+        end = final_time if until is None else until
         if not isinstance(end, float) or not begin < end <= final_time:
             return
-        _try(piece.get("value"), at, (force, "pieces", index, "value"), (begin, end))
+        _try(value, at, (force, "pieces", index, "value"), (begin, end))
         begin = end
 
 

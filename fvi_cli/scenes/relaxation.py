@@ -86,12 +86,12 @@ def law_response(
     for kernel, size in laws:
         sizes[kernel] = sizes.get(kernel, 0.0) + size
     fractions = {kernel: fraction_of(kernel, decay) for kernel in sizes}
-    everything = product(*(one.below for one in fractions.values()))
+    everything = product(*(below for _, below in fractions.values()))
     rate = shift_powers({1.0: 1.0}, decay)
     memory: Powers = {}
     for kernel, size in sizes.items():
-        others = [one.below for other, one in fractions.items() if other != kernel]
-        memory = plus(memory, product(fractions[kernel].above, *others), size)
+        others = [below for other, (_, below) in fractions.items() if other != kernel]
+        memory = plus(memory, product(fractions[kernel][0], *others), size)
     total = product(shift_powers(dict(plain.terms), decay), everything)
     total = plus(total, product(rate, memory))
     if len(total) > MOST_TERMS:
@@ -115,14 +115,6 @@ def law_response(
         zeros=zeros,
         decay=decay,
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Fraction:
-    r"""A kernel's :math:`\hat k(s)` as a quotient of two sums of powers of p = s + l."""
-
-    above: Powers
-    below: Powers
 
 
 def plus(one: Powers, other: Powers, factor: float = 1.0) -> Powers:
@@ -157,14 +149,13 @@ def shift_powers(polynomial: Powers, decay: float) -> Powers:
     return total
 
 
-def fraction_of(kernel: RelaxationKernel, decay: float) -> Fraction:
-    """The quotient for a kernel."""
+def fraction_of(kernel: RelaxationKernel, decay: float) -> tuple[Powers, Powers]:
+    r"""Two sums of powers of p = s + l, whose quotient is a kernel's :math:`\hat k(s)`."""
     if isinstance(kernel, TemperedPower) and kernel.rate == decay:
-        return Fraction(above={kernel.order - 1.0: 1.0}, below={0.0: 1.0})
+        return {kernel.order - 1.0: 1.0}, {0.0: 1.0}
     if isinstance(kernel, ColeCole) and decay == 0:
         size = kernel.time**kernel.order
-        below = {0.0: 1.0, kernel.order: size}
-        return Fraction(above={kernel.order - 1.0: size}, below=below)
+        return {kernel.order - 1.0: size}, {0.0: 1.0, kernel.order: size}
     if kernel.ends is not None or len(kernel.masses) > MOST_RATES:
         raise ValueError(f"{kernel}: no quotient of a few powers")
     factors: list[Powers] = [{1.0: 1.0, 0.0: rate - decay} for rate, _ in kernel.masses]
@@ -172,7 +163,7 @@ def fraction_of(kernel: RelaxationKernel, decay: float) -> Fraction:
     for index, (_, weight) in enumerate(kernel.masses):
         others = [*factors[:index], *factors[index + 1 :]]
         above = plus(above, product(*others), weight)
-    return Fraction(above=above, below=product(*factors))
+    return above, product(*factors)
 
 
 def common_decay(kernels: Sequence[RelaxationKernel]) -> float:

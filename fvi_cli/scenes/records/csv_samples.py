@@ -8,7 +8,7 @@ import io
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -61,34 +61,40 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     rows = _rows(text, name)
     line, header = next(rows, (1, []))
     places = [_place(header, wanted, f"{name}:{line}") for wanted in (time_column, column)]
-    mistakes = _Mistakes(name=name)
+    # the first of them
+    mistakes: list[str] = []
+    count = 0
     found: list[tuple[float, ...]] = []
     lines: list[int] = []
     for line, row in rows:
-        if len(found) == MOST_SAMPLES:
-            mistakes.add(line, f"more than {MOST_SAMPLES} samples are too many; thin them out")
-            break
         cells = [row[place].strip() if place < len(row) else "" for place in places]
         numbers = tuple(number_or_nan(cell) for cell in cells)
-        wrong = False
-        for label, cell, number in zip((time_column, column), cells, numbers, strict=True):
-            if not math.isfinite(number):
-                mistakes.add(line, _complaint(label, cell))
-                wrong = True
-        if wrong:
-            continue
-        if found and not numbers[0] > found[-1][0]:
-            mistakes.add(
-                line,
+        wrong = [
+            _complaint(label, cell)
+            for label, cell, number in zip((time_column, column), cells, numbers, strict=True)
+            if not math.isfinite(number)
+        ]
+        is_full = len(found) == MOST_SAMPLES
+        if is_full:
+            wrong = [f"more than {MOST_SAMPLES} samples are too many; thin them out"]
+        elif found and not wrong and not numbers[0] > found[-1][0]:
+            wrong = [
                 f"{time_column} = {numbers[0]:g} is not after {found[-1][0]:g} in line "
-                f"{lines[-1]}; times must increase",
-            )
-            continue
-        found.append(numbers)
-        lines.append(line)
-    if not found and not mistakes.messages:
-        mistakes.add(line, "no samples below the names of the columns")
-    mistakes.raise_if_any()
+                f"{lines[-1]}; times must increase"
+            ]
+        count += len(wrong)
+        mistakes += [f"{name}:{line}: {one}" for one in wrong[: MOST_MISTAKES - len(mistakes)]]
+        if is_full:
+            break
+        if not wrong:
+            found.append(numbers)
+            lines.append(line)
+    if not found and not mistakes:
+        mistakes = [f"{name}:{line}: no samples below the names of the columns"]
+    if count > MOST_MISTAKES:
+        mistakes.append(f"{name}: and {count - MOST_MISTAKES} more mistakes")
+    if mistakes:
+        raise DataFileError(*mistakes)
     table = np.array(found)
     return CsvSamples(
         time=table[:, 0],
@@ -138,27 +144,6 @@ def _complaint(label: str, cell: str) -> str:
     bare = cell.replace(",", ".")
     hint = f"; write {bare}" if bare != cell and math.isfinite(number_or_nan(bare)) else ""
     return f"column {label!r} holds {excerpt(cell)!r}; it must be a finite number{hint}"
-
-
-@dataclass(kw_only=True)
-class _Mistakes:
-    """The first mistakes of a file, and how many more there are."""
-
-    name: str
-    messages: list[str] = field(default_factory=list)
-    more: int = 0
-
-    def add(self, line: int, message: str) -> None:
-        if len(self.messages) < MOST_MISTAKES:
-            self.messages.append(f"{self.name}:{line}: {message}")
-        else:
-            self.more += 1
-
-    def raise_if_any(self) -> None:
-        if self.more:
-            self.messages.append(f"{self.name}: and {self.more} more mistakes")
-        if self.messages:
-            raise DataFileError(*self.messages)
 
 
 SUFFIX: Final = ".at2"
