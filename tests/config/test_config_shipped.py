@@ -110,7 +110,7 @@ def test_a_starter_file_is_valid_and_shows_every_key_of_the_problem(kind):
     config = parse(text, "starter.yaml")
     (resolved,) = config.resolved["experiments"]
     assert config.name == f"my-{kind}"
-    for key in PROBLEM.kinds[kind].keys:
+    for key in PROBLEM.kinds[kind].keys.values():
         assert f"\n  {key.name}: " in text
         assert key.name in resolved["problem"]
     assert max(map(len, text.splitlines())) <= 100
