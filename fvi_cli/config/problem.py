@@ -83,12 +83,13 @@ def _ends_of_samples(forcing: object, final_time: float) -> list[float]:
         entries = inner.values()
     elif isinstance(forcing, tuple):
         entries = forcing
-    found = {
-        end_of_samples(one, final_time)
-        for one in entries
-        if isinstance(one, Mapping) and is_complete(one)
-    }
-    return sorted(end for end in found if end is not None)
+    return sorted(
+        {
+            end_of_samples(one, final_time)
+            for one in entries
+            if isinstance(one, Mapping) and is_complete(one)
+        }
+    )
 
 
 def make_problem(problem: Kind, at: Cursor, *, search: bool = True) -> AnyProblem | None:

@@ -303,53 +303,37 @@ def build_forcing(
     names: Sequence[str] = (),
 ) -> Forcing | None:
     """A force from what stands under its key; None when it is 0."""
+    pieces = []
     if isinstance(value, Mapping) and "pieces" in value:
-        pieces = tuple(
-            ForcingPiece(
-                components=expressions(piece["value"], dimension, f"{key}.pieces.{index}.value"),
-                until=float(piece.get("until", math.inf)),
-            )
-            for index, piece in enumerate(value["pieces"])
-        )
-        return Forcing(pieces=pieces)
+        for index, piece in enumerate(value["pieces"]):
+            components = expressions(piece["value"], dimension, f"{key}.pieces.{index}.value")
+            until = float(piece.get("until", math.inf))
+            pieces.append(ForcingPiece(components=components, until=until))
+        return Forcing(pieces=tuple(pieces))
 
-    ends: dict[int, float] = {}
-
-    def component(entry: object, place: str) -> ForceComponent:
+    def component(entry: object, place: str) -> tuple[ForceComponent, float]:
+        """A component, and the time from where on it is 0."""
         if not isinstance(entry, Mapping):
-            return _expression(entry, place)
+            return _expression(entry, place), math.inf
         try:
-            found = sampled_component(entry, final_time)
-            end = end_of_samples(entry, final_time)
+            return sampled_component(entry, final_time), end_of_samples(entry, final_time)
         except ValueError as error:
             raise ArgumentError(place, str(error)) from None
-        if end is not None:
-            ends[id(found)] = end
-        return found
 
+    zero = _expression("0", key)
     if isinstance(value, Mapping) and "at" in value:
-        zero = _expression("0", key)
         given = by_coordinate(value["at"], names, f"{key}.at")
-        components: tuple[ForceComponent, ...] = tuple(
-            component(given[name], f"{key}.at.{name}") if name in given else zero for name in names
+        found: tuple[tuple[ForceComponent, float], ...] = tuple(
+            component(given.get(name, "0"), f"{key}.at.{name}") for name in names
         )
     else:
-        components = _per_coordinate(value, dimension, key, component)
-    if all(_is_zero(component) for component in components):
+        found = _per_coordinate(value, dimension, key, component)
+    if all(_is_zero(one) for one, _ in found):
         return None
-    return Forcing(pieces=_with_ends(components, ends))
-
-
-def _with_ends(
-    components: tuple[ForceComponent, ...], ends: Mapping[int, float]
-) -> tuple[ForcingPiece, ...]:
-    """Pieces of a force whose samples end, given by the identity of the component."""
-    zero = _expression("0", "")
-    pieces = []
-    for until in (*sorted(set(ends.values())), math.inf):
-        left = tuple(c if ends.get(id(c), math.inf) >= until else zero for c in components)
+    for until in sorted({math.inf, *(end for _, end in found)}):
+        left = tuple(one if end >= until else zero for one, end in found)
         pieces.append(ForcingPiece(components=left, until=until))
-    return tuple(pieces)
+    return Forcing(pieces=tuple(pieces))
 
 
 def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> Mapping[str, T]:

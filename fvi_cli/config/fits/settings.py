@@ -138,12 +138,6 @@ def _without(
     return {key: value for key, value in left.items() if value.tied not in gone}
 
 
-def _is_of_law(described: Mapping[str, Any], key: str) -> bool:
-    """Whether a number belongs to a relaxation law."""
-    owner = value_at(described, key.rpartition(".")[0])
-    return isinstance(owner, Mapping) and "law" in owner
-
-
 def _parameters(
     given: Mapping[str, Parameter], described: Mapping[str, Any], at: Cursor
 ) -> tuple[FitParameter, ...]:
@@ -163,7 +157,9 @@ def _parameters(
             continue
         is_order = key.endswith(".order")
         low = (LEAST_ORDER if is_order else -math.inf) if value.from_ is None else value.from_
-        largest = LARGEST_LAW_ORDER if _is_of_law(described, key) else LARGEST_ORDER
+        owner = value_at(described, key.rpartition(".")[0])
+        is_of_law = isinstance(owner, Mapping) and "law" in owner
+        largest = LARGEST_LAW_ORDER if is_of_law else LARGEST_ORDER
         high = (largest if is_order else math.inf) if value.to is None else value.to
         start = float(number) if value.start is None else value.start
         if not low < high:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -142,15 +143,10 @@ def _refuse_repeated(found: Sequence[Node], at: Cursor) -> None:
 def value_text(node: Node) -> str:
     """Equal for values that mean the same."""
     value = plain(node)
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return json.dumps(_float(value) if is_number else value, sort_keys=True)
-
-
-def _float(value: float) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return float("inf")
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            value = float(value)
+    return json.dumps(value, sort_keys=True)
 
 
 def _listed_members(at: Cursor) -> Sweep | None:

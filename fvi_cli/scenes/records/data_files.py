@@ -6,6 +6,7 @@ import base64
 import contextlib
 import functools
 import hashlib
+import math
 import zlib
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
@@ -199,9 +200,9 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
     )
 
 
-def end_of_samples(specification: Mapping[str, Any], final_time: float) -> float | None:
-    """Where samples end before T with nothing behind them; None where they do not."""
+def end_of_samples(specification: Mapping[str, Any], final_time: float) -> float:
+    """Where samples end before T with nothing behind them; infinite where they do not."""
     if specification.get("beyond") != "zero" or "content" not in specification:
-        return None
+        return math.inf
     end = float(samples_from_text(str(specification["content"]))[0][-1])
-    return end if end < final_time * (1.0 - 1e-9) else None
+    return end if end < final_time * (1.0 - 1e-9) else math.inf

@@ -6,7 +6,7 @@ import hashlib
 import io
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -60,13 +60,19 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
         If it cannot be read, or the matrix is not real, square, finite and symmetric.
     """
     suffix = path.suffix.lower()
-    if suffix not in _READERS:
+    if suffix not in _SUFFIXES:
         raise DataFileError(
-            f"{name}: the ending must be one of {listed(_READERS)}, so that its format is known"
+            f"{name}: the ending must be one of {listed(_SUFFIXES)}, so that its format is known"
         )
     content = read_content(path, name, LARGEST_FILE)
     try:
-        value = _READERS[suffix](content, name, variable)
+        if suffix in _ARCHIVES:
+            value = _ARCHIVES[suffix](content, name, variable)
+        elif variable is not None:
+            message = "it holds one matrix without a name; leave out variable"
+            raise DataFileError(f"{name}: {message}")
+        else:
+            value = _READERS[suffix](content, name)
     except DataFileError:
         raise
     except DeclaredError as error:
@@ -99,10 +105,9 @@ def _symmetric(value: Any, name: str) -> Form:
         return symmetric_form(value, name)
 
 
-def _market(content: bytes, name: str, variable: str | None) -> Any:
+def _market(content: bytes, name: str) -> Any:
     from scipy.io import mminfo, mmread
 
-    _no_variable(name, variable)
     rows, columns, entries, layout, *_ = mminfo(io.BytesIO(content))
     is_sparse = layout == "coordinate"
     if is_sparse:
@@ -128,13 +133,7 @@ def _check_digits(content: bytes, name: str) -> None:
         )
 
 
-def _npy(content: bytes, name: str, variable: str | None) -> Any:
-    _no_variable(name, variable)
-    return read_npy(content)
-
-
-def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64]:
-    _no_variable(name, variable)
+def _text(content: bytes, name: str) -> NDArray[np.float64]:
     check_lines(content, name)
     rows: list[list[float]] = []
     for number, line in enumerate(content.decode("utf-8-sig").splitlines(), start=1):
@@ -163,18 +162,13 @@ def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64
     return np.array(rows, dtype=float)
 
 
-_READERS: Final = MappingProxyType[str, Callable[[bytes, str, str | None], Any]](
+_READERS: Final[Mapping[str, Callable[[bytes, str], Any]]] = MappingProxyType(
     {
         ".mtx": _market,
-        ".npy": _npy,
-        ".npz": read_npz,
-        ".mat": read_mat,
+        ".npy": lambda content, name: read_npy(content),
         ".csv": _text,
         ".txt": _text,
     }
 )
-
-
-def _no_variable(name: str, variable: str | None) -> None:
-    if variable is not None:
-        raise DataFileError(f"{name}: it holds one matrix without a name; leave out variable")
+_ARCHIVES: Final = MappingProxyType({".npz": read_npz, ".mat": read_mat})
+_SUFFIXES: Final = (".mtx", ".npy", *_ARCHIVES, ".csv", ".txt")
