@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,8 @@ def read_data(
     for one, under in zip(given if isinstance(given, tuple) else (), items, strict=False):
         if not isinstance(one, Data) or not is_complete(one):
             continue
-        changed_problem(described, one.set, under.under("set"))
+        if can_change(described, one.set, under.under("set")):
+            is_possible(with_values(described, one.set), under.under("set"))
         if not one.columns:
             under.refuse("no columns; name what was measured", "columns")
         if one.frequency is not None:
@@ -189,16 +190,12 @@ def _check_times(samples: CsvSamples, name: str, final_time: float, column: str)
             )
 
 
-def changed_problem(
-    described: Mapping[str, Any], changes: Mapping[str, Any], at: Cursor
-) -> Mapping[str, Any] | None:
-    """The problem with other values, which must make one; None with complaints."""
-    for key in changes:
-        if not may_change(described, key):
-            refuse_path(described, key, at)
-            return None
-    full = with_values(described, changes)
-    return full if is_possible(full, at) else None
+def can_change(described: Mapping[str, Any], changes: Iterable[str], at: Cursor) -> bool:
+    """Whether every key path leads to what may be changed; otherwise with a complaint."""
+    wrong = next((key for key in changes if not may_change(described, key)), None)
+    if wrong is not None:
+        refuse_path(described, wrong, at)
+    return wrong is None
 
 
 def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from fvi_cli.config.fits.data import (
+    can_change,
     is_possible,
     may_change,
     read_data,
@@ -102,10 +103,9 @@ def _changed(
 ) -> Mapping[str, Any] | None:
     """The problem with the values of a model, read like those of the file; None with complaints."""
     node, before = tree.node, len(at.complaints)
+    if not can_change(described, changes, at):
+        return None
     for key in changes:
-        if not may_change(described, key):
-            refuse_path(described, key, at)
-            return None
         try:
             place = at.under(key).node
             node = with_node(node, tuple(key.split(".")[1:]), place, place.place)
