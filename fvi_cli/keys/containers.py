@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,21 +113,13 @@ class Named(Shape):
         return {"type": "object", "additionalProperties": self.shape.schema(defs)}
 
 
-class MappingShape(Shape):
-    """What may stand under a key as a mapping."""
-
-    @abstractmethod
-    def has_any(self, names: Container[str]) -> bool:
-        """Whether any key of this shape is among the keys of a mapping."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class ByForm(Shape):
     """Different shapes for a single value, a list and mappings, distinguished by their keys."""
 
     single: Shape | None = None
     several: Shape | None = None
-    mappings: tuple[MappingShape, ...] = ()
+    mappings: tuple[Shape, ...] = ()
     example: str = ""
     name: str = ""
 
@@ -141,7 +132,7 @@ class ByForm(Shape):
     def _shapes(self) -> list[Shape]:
         return [s for s in (self.single, self.several, *self.mappings) if s is not None]
 
-    def means(self, node: MappingNode) -> MappingShape | None:
+    def means(self, node: MappingNode) -> Shape | None:
         """The mapping of which a key stands there."""
         return next((shape for shape in self.mappings if shape.has_any(node.entries)), None)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -49,6 +49,10 @@ class Shape(ABC):
             return ""
         fits = self.read(trial) is not INVALID and not len(trial.complaints)
         return node.text if fits else ""
+
+    def has_any(self, names: Container[str]) -> bool:
+        """Whether any key of a shape of mappings is among `names`."""
+        return False
 
     @abstractmethod
     def schema(self, defs: Schema) -> Schema:

@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, listed, suggestion
-from fvi_cli.keys.containers import ListOf, MappingShape, Named
+from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Built, Cursor, Missing, is_complete
 from fvi_cli.keys.nodes import MappingNode, ScalarNode, node_of
 from fvi_cli.keys.scalars import Choice, Flag, Number, Schema, Shape, Text, referred
@@ -166,7 +166,7 @@ class RaisingComplaints(Complaints):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record(MappingShape):
+class Record(Shape):
     """The mapping of a setting, its keys in the order in which they are filled in and shown.
 
     `variant` stands behind its name in the schema where its keys are not those of the setting.
@@ -182,7 +182,7 @@ class Record(MappingShape):
         return self.of.expected or f"a mapping with {listed(self.keys)}"
 
     def has_any(self, names: Container[str]) -> bool:
-        """Whether any of the keys is among those of a mapping."""
+        """Whether any of the keys is among `names`."""
         return any(name in names for name in self.keys)
 
     def read(self, at: Cursor) -> Any:
