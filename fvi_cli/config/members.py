@@ -19,7 +19,7 @@ from fvi_cli.config.keys.sweep import (
 )
 from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem import make_problem, problem_keys
-from fvi_cli.keys.complaints import Complaints, excerpt, listed, no_member, suggestion
+from fvi_cli.keys.complaints import Complaints, excerpt, no_member, not_known
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
 from fvi_cli.scenes.kinds.kind import Kind
@@ -163,8 +163,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
     outermost = key.split(".")[1]
     known = KINDS[template["kind"]].keys
     if outermost not in known:
-        hint = suggestion(outermost, known)
-        at.under(DESIGNS).refuse(f"{excerpt(key)}: not known{hint} (known here: {listed(known)})")
+        at.under(DESIGNS).refuse(f"{excerpt(key)}: {not_known(outermost, known)}")
         return found
     shared = with_values({outermost: template.get(outermost)}, {key: None})
     for value in sweep.values[key]:

@@ -124,6 +124,12 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {by_case[nearest[0]]!r}?" if nearest else ""
 
 
+def not_known(name: str, known: Iterable[str]) -> str:
+    """The complaint of a key that is none of those that are known."""
+    names = list(known)
+    return f"not known{suggestion(name, names)} (known here: {listed(names)})"
+
+
 def listed(words: Iterable[str]) -> str:
     """Words between commas."""
     return ", ".join(words)

@@ -19,7 +19,7 @@ from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, listed, suggestion
+from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, listed, not_known
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Built, Cursor, Missing, is_complete
 from fvi_cli.keys.nodes import MappingNode, ScalarNode, node_of
@@ -226,7 +226,7 @@ class Record(Shape):
             return reason if isinstance(reason, str) else reason(under)
         if name.isdecimal() and (number := _with_comma(name, node)):
             return f"not known; numbers have a decimal point, no comma: write {number}"
-        return f"not known{suggestion(name, self.keys)} (known here: {listed(self.keys)})"
+        return not_known(name, self.keys)
 
     def schema(self, defs: Schema) -> Schema:
         """A reference."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.complaints import not_known
 from fvi_cli.keys.cursor import OPTIONAL, REQUIRED
 from fvi_cli.keys.kinds import ByKind
 from fvi_cli.keys.settings import Key, record_of
@@ -103,8 +103,7 @@ def _kind(specification: Mapping[str, Any]) -> type[Kind]:
     known = KINDS[name].keys
     for key in specification:
         if key not in known and key != "kind":
-            hint = suggestion(key, known)
-            raise ArgumentError(key, f"not known{hint} (known here: {listed(known)})")
+            raise ArgumentError(key, not_known(key, known))
     return KINDS[name]
 
 
