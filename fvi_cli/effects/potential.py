@@ -140,6 +140,11 @@ class ExpressionPotential:
         # they stand direction by direction, and are symmetric
         return slopes_system(self.gradient_system, self.coordinates)[self.dimension :]
 
+    @cached_property
+    def derivatives_system(self) -> FormulaSystem:
+        """Both, one behind the other, without the stiffness."""
+        return join(self.gradient_system, self.hessian_system)
+
     def __getstate__(self) -> dict[str, object]:
         """What is pickled: all but compiled programs."""
         return {name: value for name, value in vars(self).items() if name != "_programs"}

@@ -18,7 +18,7 @@ from fvi_cli.integrator.engine.frame import Frame
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.engine.tables import apply, largest
+from fvi_cli.integrator.engine.tables import largest
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import ITERATIONS, NOISE, SLOW, UNIT
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -33,7 +33,7 @@ def follow(
 ) -> Array | None:
     """U of a step of one member, ``(1, s, e)``; None where the solution ends before.
 
-    Known loads have the sign of the left side, ``(1, (s + 1) e)``.
+    Known loads have the sign of the left side, ``(1, 1, s + 1, e)``.
     """
     s, points = frame.tables.degree, frame.tables.control_points[1:]
     unknowns = points[:, None] * law.velocity(state.x, state.p, state.t)[:, None]
@@ -59,19 +59,14 @@ def _solve(
     law: StepLaw, damping: Damping | None, frame: Frame, state: State, known: Array, guess: Array
 ) -> Array | None:
     """Newton's iteration with its own derivatives each time; None where it does not contract."""
-    begin = np.concatenate([state.x, state.p], axis=1)
-    e = state.x.shape[1]
     times = state.t + frame.h * frame.tables.points
     noise = NOISE * UNIT * np.abs(state.x) / frame.h
-    unknowns, before = guess, np.full((1, e), np.inf)
+    unknowns, before = guess, np.full(state.x.shape, np.inf)
     for _ in range(ITERATIONS):
         points = frame.points_of(unknowns[:, None]).reshape(1, times.size, -1)
-        v = points[..., e:] if law.has_rates else None
-        at = law.linearise(state.x[:, None] + points[..., :e], v, times, per_point=True)
+        at, rest = law.expand(state.x, points, times)
         op = Operator(frame, at, damping, is_linear=False)
-        rest = law.remainder(at, state.x, points, times, np.zeros_like(points))
-        found = apply(op.start, begin) - apply(op.by_load, known)
-        found += apply(op.by_load, frame.loads_of(rest, 1))
+        found = op.solve(state, known) + op.respond(rest, 1)
         found = found.reshape(guess.shape)
         change = largest(np.abs(found - unknowns))
         if (change <= CLOSE * largest(np.abs(found)) + noise).all():

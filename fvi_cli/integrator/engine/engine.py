@@ -14,14 +14,14 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import Damping, damping_of
+from fvi_cli.integrator.damping.damping import damping_of
 from fvi_cli.integrator.engine.frame import Frame, longest_block, sampling_of
 from fvi_cli.integrator.engine.law import StepLaw, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator, Operators
-from fvi_cli.integrator.engine.state import State, Steps, compensated
+from fvi_cli.integrator.engine.state import Mask, State, Steps, compensated
 from fvi_cli.integrator.engine.structures import GROUP, StructureLaw, is_structure, solve_one_by_one
-from fvi_cli.integrator.engine.tables import apply, on_steps
+from fvi_cli.integrator.engine.tables import on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
@@ -149,9 +149,9 @@ class Engine:
         """Tables of `count` steps of length h."""
         return self._operators.frame(h, count)
 
-    def operator(self, state: State, h: float, count: int) -> Operator:
+    def operator(self, h: float, count: int) -> Operator:
         """The equations of `count` steps of linear scenes."""
-        return self._operators.at(state, h, count, None)
+        return self._operators.of_linear(h, count)
 
     def guess(self, state: State, h: float) -> Array:
         """U of a step by the polynomial of the last one; uniform motion without one."""
@@ -178,42 +178,56 @@ class Engine:
             frame = self.frame(h, count)
             return solve_one_by_one(frame, self.law, self.damping, self.sampling, state, loads)
         most = max(count, most or count)
-        is_linear = self.law.is_linear
-        guess = self.guess(state, h) if most == 1 and not is_linear else None
-        op = self._operators.at(state, h, most, guess)
-        frame, e, s = op.frame, self.e, self.tables.degree
-        q = state.x.shape[0]
-        damping = self.damping
-        past = np.zeros((q, 0, e))
-        # dampers of order 1 have no states, and no past; tables of blocks have a place for it
-        if damping is not None and frame.damping is not None and (self.n_states or count > 1):
-            past = damping.past(frame.damping, state.z, state.column, count)
-        if is_linear and self.is_batch and 1 < count == frame.count:
-            return self._linear(op, state, past, loads, damping)
-        if past.size:
-            known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
-            if loads is not None:
-                known -= loads
+        if self.law.is_linear:
+            op = self.operator(h, most)
+            past = self._past(op.frame, state, count)
+            if self.is_batch and 1 < count == op.frame.count:
+                return self._linear(op, state, past, loads)
+            known = self._known(op.frame, past, count, loads)
+            u = op.solve(state, known).reshape(*known.shape[:2], -1, self.e)
+            failed = np.repeat(op.singular, self.q // len(op.singular))
+            return self._taken(op.frame, state, known, u, self._pulled(op, state, u), failed)
+        if most == 1:
+            op, points, rest = self._operators.of_step(state, h, self.guess(state, h))
         else:
-            known = np.zeros((q, count, s + 1, e)) if loads is None else -loads
-        n, c = count * s * e, count * (s + 1) * e
-        begin = np.concatenate([state.x, state.p], axis=1)
-        start, by_load = op.start, op.by_load
-        if count < frame.count:
-            start, by_load = start[:, :n], by_load[:, :n, :c]
-        unknowns = apply(start, begin) - apply(by_load, known.reshape(q, c))
-        solution: Solution | None = None
-        if not is_linear:
-            solution = Newton(
-                self.law, self.damping, op, state, unknowns, known, count, guess
-            ).run()
-            unknowns = solution.unknowns
-        u = unknowns.reshape(q, count, s, e)
-        inputs = (
-            on_steps(self.sampling.to_inputs, u) if self.method.is_runge_kutta else u
-        ).reshape(q, -1, e)
+            op = self._operators.of_block(state, h, most)
+            points, rest = None, None
+        known = self._known(op.frame, self._past(op.frame, state, count), count, loads)
+        found = Newton(self.law, self.damping, op, state, known).run(points, rest)
+        u = found.unknowns.reshape(*known.shape[:2], -1, self.e)
+        impulse = self._kicked(op, found, count)
+        return self._taken(op.frame, state, known, u, impulse, found.failed, found)
+
+    def _past(self, frame: Frame, state: State, count: int) -> Array | None:
+        """Force of the past on the first steps of a frame, ``(q, count m, e)``."""
+        # dampers of order 1 have no states, and no past; tables of blocks have a place for it
+        if self.damping is None or frame.damping is None or not (self.n_states or count > 1):
+            return None
+        return self.damping.past(frame.damping, state.z, state.column, count)
+
+    def _known(self, frame: Frame, past: Array | None, count: int, loads: Array | None) -> Array:
+        """Known loads of steps with the sign of the left side, ``(q, count, s + 1, e)``."""
+        if past is None:
+            shape = (self.q, count, self.tables.degree + 1, self.e)
+            return np.zeros(shape) if loads is None else -loads
+        known = on_steps(frame.to_loads, past.reshape(self.q, count, -1, self.e))
+        return known if loads is None else known - loads
+
+    def _taken(
+        self,
+        frame: Frame,
+        state: State,
+        known: Array,
+        u: Array,
+        impulse: Array,
+        failed: Mask,
+        found: Solution | None = None,
+    ) -> Steps:
+        """Steps with these unknowns and, in each, this impulse of the forces of the law."""
+        q, count = u.shape[:2]
+        inputs = self._inputs(u)
         change = -known.sum(axis=2)
-        z = state.z
+        z, damping = state.z, self.damping
         if damping is not None and frame.damping is not None:
             for kicks, one in zip(frame.kicks, damping.combinations, strict=True):
                 if count < frame.count:
@@ -221,33 +235,31 @@ class Engine:
                 change -= along(np.matmul(kicks, inputs), one.matrix)
             if self.n_states:
                 z = damping.push(frame.damping, state.z, inputs, count)
-        moved = h * _sums(u[:, :, -1])
-        if solution is None:
-            change -= self._pulled(op, state, u, moved)
-        else:
-            change += self._kicked(op, solution, count)
         return Steps(
-            h=h,
+            h=frame.h,
             count=count,
-            dx=moved,
-            dp=_sums(change),
+            dx=frame.h * _sums(u[:, :, -1]),
+            dp=_sums(change + impulse),
             unknowns=u,
             inputs=inputs,
             z=z,
-            iterations=np.ones(q, dtype=np.int64) if solution is None else solution.iterations,
-            failed=np.repeat(op.singular, q // len(op.singular))
-            if solution is None
-            else solution.failed,
-            attempts=() if solution is None else (solution.attempt,),
-            rest=None if solution is None else solution.rest,
+            iterations=np.ones(q, dtype=np.int64) if found is None else found.iterations,
+            failed=failed,
+            attempts=() if found is None else (found.attempt,),
+            rest=None if found is None else found.rest,
         )
 
-    def _linear(
-        self, op: Operator, state: State, past: Array, loads: Array | None, damping: Damping | None
-    ) -> Steps:
+    def _inputs(self, u: Array) -> Array:
+        """What drives the memory in steps, ``(q, B i, e)``."""
+        if self.method.is_runge_kutta:
+            u = on_steps(self.sampling.to_inputs, u)
+        return u.reshape(len(u), -1, self.e)
+
+    def _linear(self, op: Operator, state: State, past: Array | None, loads: Array | None) -> Steps:
         """A block of linear members, by one matrix for each, and one for load vectors."""
-        frame, (q, e), count = op.frame, state.x.shape, op.frame.count
-        given = np.concatenate([state.x, state.p, past.reshape(q, -1)], axis=1)
+        frame, (q, e), count, damping = op.frame, state.x.shape, op.frame.count, self.damping
+        force = [] if past is None else [past.reshape(q, -1)]
+        given = np.concatenate([state.x, state.p, *force], axis=1)
         found = np.matmul(op.outputs, given[..., None])[..., 0]
         if loads is not None:
             # added, so that those of others change no bits of a member without
@@ -274,12 +286,12 @@ class Engine:
             failed=np.zeros(q, dtype=bool),
         )
 
-    def _pulled(self, op: Operator, state: State, u: Array, moved: Array) -> Array:
-        """Impulse of the linear forces in each step, with the sign of the left side."""
-        frame, h = op.frame, op.frame.h
-        place = on_steps(frame.mean, u)[:, :, 0] + h * state.x[:, None]
-        place[:, 1:] += h * moved[:, :-1]
-        return force_of(op.at.stiffness, place)
+    def _pulled(self, op: Operator, state: State, u: Array) -> Array:
+        """Impulse of the linear forces in each step."""
+        place = on_steps(op.frame.mean, u)[:, :, 0] + op.frame.h * state.x[:, None]
+        if u.shape[1] > 1:
+            place[:, 1:] += op.frame.h * (op.frame.h * _sums(u[:, :-1, -1]))
+        return -force_of(op.at.stiffness, place)
 
     def _kicked(self, op: Operator, found: Solution, count: int) -> Array:
         """Impulse of the forces of the law in each step."""

@@ -9,8 +9,8 @@ beside these. A linear scene has no remainder. Shapes: q members, n points, e co
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -107,10 +107,11 @@ class StepLaw(Protocol):
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """The v with P = p, all ``(q, e)``; nan where there is none."""
 
-    def linearise(
-        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
-    ) -> Linearisation:
-        """Second derivatives at ``(q, n, e)``, of the first point alone or at each."""
+    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
+        """Second derivatives at one point ``(q, e)``, for all points of blocks of steps."""
+
+    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
+        """Second derivatives at each of the points, and the remainders there."""
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
@@ -130,25 +131,28 @@ def force_of(stiffness: Array, displacement: Array) -> Array:
     return np.asarray(np.matmul(stiffness, displacement[..., None])[..., 0])
 
 
-def _velocity(mass: Array, p: Array) -> Array:
-    """Inverse of M times p."""
-    if p.shape[-1] == 1:
-        return p / mass[..., 0]
-    return np.asarray(np.linalg.solve(mass, p[..., None])[..., 0])
+@dataclass(eq=False, kw_only=True)
+class _Members:
+    """Numbers of members as arrays, or as arrays by name, members first."""
+
+    def of(self, places: Places) -> Self:
+        """Those of some members."""
+        own: dict[str, object] = {}
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                own[name] = value[places]
+            elif name == "parameters":
+                own[name] = {key: one[places] for key, one in value.items()}
+        return replace(self, **own)
 
 
 @dataclass(eq=False, kw_only=True)
-class Linear:
-    """Constant mass and stiffness, each ``(q, e, e)``."""
+class _ConstantMass(_Members):
+    """Constant mass and stiffness, each ``(q, e, e)``; None: all is in formulas."""
 
     mass: Array
-    stiffness: Array
-    is_linear: bool = field(default=True, init=False)
-    has_rates: bool = field(default=False, init=False)
-
-    def of(self, places: Places) -> "Linear":
-        """That of some members."""
-        return Linear(mass=self.mass[places], stiffness=self.stiffness[places])
+    stiffness: Array | None = None
+    has_rates = False
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
         """M v."""
@@ -156,13 +160,25 @@ class Linear:
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """Inverse of M times p."""
-        return _velocity(self.mass, p)
+        if p.shape[-1] == 1:
+            return p / self.mass[..., 0]
+        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
 
-    def linearise(
-        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
-    ) -> Linearisation:
+
+@dataclass(eq=False, kw_only=True)
+class Linear(_ConstantMass):
+    """A linear scene."""
+
+    is_linear = True
+
+    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
         """M and K themselves."""
-        return Linearisation(self.mass, None, self.stiffness)
+        k = np.zeros_like(self.mass) if self.stiffness is None else self.stiffness
+        return Linearisation(self.mass, None, k)
+
+    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
+        """The same, and zero."""
+        return self.linearise(origin, None, 0.0), np.zeros_like(points)
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
@@ -172,97 +188,80 @@ class Linear:
 
 
 @dataclass(eq=False, kw_only=True)
-class Separable:
+class Separable(_ConstantMass):
     r""":math:`L = v^T M v / 2 - V(q)` with the same formulas or functions for all members.
 
-    The remainder is :math:`K \Delta - \nabla V(q)`.
+    The remainder is :math:`K \Delta - \nabla V(q)`. A stiffness is that of quadratic forms which V
+    has besides; None: there are none.
     """
 
-    mass: Array  # M, (q, e, e)
     # a potential, for its programs; functions of the user bring their stiffness with them
     formulas: ExpressionPotential | SuppliedPotential
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
-    # matrices whose quadratic forms V has besides, (q, e, e); None: there are none
-    stiffness: Array | None = None
-    is_linear: bool = field(default=False, init=False)
-    has_rates: bool = field(default=False, init=False)
+    is_linear = False
 
     def __post_init__(self) -> None:
         own = self.formulas
-        self._gradient: Callable[[Array], Array] = own.gradient
-        self._hessian: Callable[[Array], Array] = own.hessian
         if isinstance(own, SuppliedPotential):
+            self._gradient: Callable[[Array], Array] = own.gradient
             return
         self._gradient = PointFormulas(own.gradient_system, own.coordinates, self.parameters)
-        self._hessian = PointFormulas(own.hessian_system, own.coordinates, self.parameters)
+        self._both = PointFormulas(own.derivatives_system, own.coordinates, self.parameters)
 
-    def of(self, places: Places) -> "Separable":
-        """That of some members."""
-        return Separable(
-            mass=self.mass[places],
-            formulas=self.formulas,
-            parameters={name: one[places] for name, one in self.parameters.items()},
-            stiffness=None if self.stiffness is None else self.stiffness[places],
-        )
+    def _derivatives(self, x: Array) -> tuple[Array, Array]:
+        """Gradient and second derivatives at ``(q, n, e)``.
 
-    def momentum(self, x: Array, v: Array, t: float) -> Array:
-        """M v."""
-        return apply(self.mass, v)
-
-    def velocity(self, x: Array, p: Array, t: float) -> Array:
-        """Inverse of M times p."""
-        return _velocity(self.mass, p)
-
-    def gradient(self, x: Array) -> Array:
-        """The gradient of V at ``(q, n, e)``."""
-        found = self._gradient(x)
-        return found if self.stiffness is None else found + force_of(self.stiffness, x)
-
-    def linearise(
-        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
-    ) -> Linearisation:
-        """M and second derivatives of V; zero for members where these are not finite."""
-        e = x.shape[-1]
-        second = self._hessian(x).reshape(*x.shape, e)
+        The latter are zero for members where these are not finite.
+        """
+        e, own = x.shape[-1], self.formulas
+        if isinstance(own, SuppliedPotential):
+            first, second = own.gradient(x), own.hessian(x)
+        else:
+            found = self._both(x)
+            first, second = found[..., :e], found[..., e:].reshape(*x.shape, e)
         if self.stiffness is not None:
-            second += self.stiffness[:, None]
+            first = first + force_of(self.stiffness, x)
+            second = second + self.stiffness[:, None]
         if not math.isfinite(np.add.reduce(second, axis=None)):
             finite = np.isfinite(second).all(axis=(1, 2, 3), keepdims=True)
             second = np.where(finite, second, 0.0)
-        if e > 1:
-            second = 0.5 * (second + second.swapaxes(-1, -2))
-        return Linearisation(self.mass, None, second if per_point else second[:, 0])
+        return first, second if e == 1 else 0.5 * (second + second.swapaxes(-1, -2))
+
+    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
+        """M and second derivatives of V."""
+        return Linearisation(self.mass, None, self._derivatives(x[:, None])[1][:, 0])
+
+    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
+        """The same at every point, and K Delta less the gradient."""
+        first, second = self._derivatives(origin[:, None] + points)
+        return Linearisation(self.mass, None, second), force_of(second, points) - first
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
     ) -> Array:
         """K Delta less the gradient."""
-        return force_of(at.stiffness, points) - self.gradient(origin[:, None] + points)
+        x = origin[:, None] + points
+        first = self._gradient(x)
+        if self.stiffness is not None:
+            first = first + force_of(self.stiffness, x)
+        return force_of(at.stiffness, points) - first
 
 
 @dataclass(eq=False, kw_only=True)
-class General:
+class General(_Members):
     """Any L(q, v, t) with the same formulas for all members."""
 
     lagrangian: Lagrangian  # one of the members, for its programs
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
     # matrices whose quadratic forms are taken from L, (q, e, e); None: there are none
     stiffness: Array | None = None
-    is_linear: bool = field(default=False, init=False)
-    has_rates: bool = field(default=True, init=False)
+    is_linear = False
+    has_rates = True
 
     def __post_init__(self) -> None:
         own = self.lagrangian
         self._first = PointFormulas(own.first, own.variables, self.parameters)
         self._second = PointFormulas(own.second, own.variables, self.parameters)
-
-    def of(self, places: Places) -> "General":
-        """That of some members."""
-        return General(
-            lagrangian=self.lagrangian,
-            parameters={name: one[places] for name, one in self.parameters.items()},
-            stiffness=None if self.stiffness is None else self.stiffness[places],
-        )
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
         """dL/dv."""
@@ -282,14 +281,7 @@ class General:
         v, found, _ = find_roots(mismatch, np.zeros_like(p))
         return np.where(found[:, None], v, np.nan)
 
-    def _first_at(self, x: Array, v: Array, t: Array | float) -> Array:
-        """P and Q in one array, ``(q, n, 2 e)``."""
-        found, e = self._first(x, v, np.asarray(t)[..., None]), x.shape[-1]
-        if self.stiffness is not None:
-            found[..., e:] -= force_of(self.stiffness, x)
-        return found
-
-    def _second_at(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
+    def _derivatives(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
         """P and Q in one array, and the second derivatives ``(q, n, 3, e, e)``."""
         found, e = self._second(x, v, np.asarray(t)[..., None]), x.shape[-1]
         first, second = found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
@@ -298,18 +290,33 @@ class General:
             second[..., 2, :, :] -= self.stiffness[:, None]
         return first, second
 
-    def linearise(
-        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
-    ) -> Linearisation:
-        """The second derivatives of L; without the mixed ones where they are for all points."""
+    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
+        """The second derivatives of L without the mixed ones."""
         if v is None:
             raise ValueError("velocities: they are needed for a general Lagrangian")
-        _, second = self._second_at(x, v, t)
-        mass, mixed, curvature = (second[..., index, :, :] for index in range(3))
-        if per_point:
-            return Linearisation(mass, mixed, -curvature)
-        stiffness = -0.5 * (curvature + curvature.swapaxes(-1, -2))
-        return Linearisation(mass[:, 0], None, stiffness[:, 0])
+        second = self._derivatives(x[:, None], v[:, None], t)[1][:, 0]
+        curvature = second[:, 2]
+        return Linearisation(second[:, 0], None, -0.5 * (curvature + curvature.swapaxes(-1, -2)))
+
+    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
+        """The second derivatives of L, and what P and Q have beside them."""
+        e = origin.shape[-1]
+        first, second = self._derivatives(origin[:, None] + points[..., :e], points[..., e:], t)
+        at = Linearisation(second[..., 0, :, :], second[..., 1, :, :], -second[..., 2, :, :])
+        return at, self._beside(at, points, first)
+
+    def _beside(self, at: Linearisation, points: Array, first: Array) -> Array:
+        """What P and Q in `first` have beside second derivatives at every point."""
+        mass, mixed, stiffness = at
+        e = points.shape[-1] // 2
+        displacement, v = points[..., :e, None], points[..., e:, None]
+        found = first.copy()
+        if mixed is None:
+            raise ValueError("mixed: second derivatives at points have mixed ones")
+        found[..., :e] -= (np.matmul(mass, v) + np.matmul(mixed, displacement))[..., 0]
+        turned = np.matmul(mixed.swapaxes(2, 3), v)
+        found[..., e:] += (np.matmul(stiffness, displacement) - turned)[..., 0]
+        return found
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
@@ -323,14 +330,13 @@ class General:
         mass, mixed, stiffness = at
         e = origin.shape[-1]
         displacement, v = points[..., :e], points[..., e:]
+        x = origin[:, None] + displacement
         if mixed is not None:
-            first = self._first_at(origin[:, None] + displacement, v, t)
-            momentum = np.matmul(mass, v[..., None]) + np.matmul(mixed, displacement[..., None])
-            force = np.matmul(stiffness, displacement[..., None])
-            force -= np.matmul(mixed.swapaxes(2, 3), v[..., None])
-            own = np.concatenate([-momentum[..., 0], force[..., 0]], axis=-1)
-            return np.asarray(first + own)
-        first, second = self._second_at(origin[:, None] + displacement, v, t)
+            first = self._first(x, v, t[..., None])
+            if self.stiffness is not None:
+                first[..., e:] -= force_of(self.stiffness, x)
+            return self._beside(at, points, first)
+        first, second = self._derivatives(x, v, t)
         known = np.matmul(v, mass) + before[..., :e]
         own, cross = second[..., 0, :, :], second[..., 1, :, :]
         change = np.linalg.solve(own, (known - first[..., :e])[..., None])[..., 0]

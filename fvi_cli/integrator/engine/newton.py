@@ -23,6 +23,8 @@ from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Places
 from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, SMALLEST, UNIT
 
+HALF_THE_DIGITS = UNIT**0.5
+
 
 @dataclass(eq=False, kw_only=True)
 class Solution:
@@ -37,56 +39,36 @@ class Solution:
 
 
 class Newton:
-    """The iteration for one block of `count` steps.
+    """The iteration for one block of steps, or for a single one.
 
-    Known loads, with the sign of the left side, are ``(q, B, s + 1, e)``; the guess is U of a
-    single step, ``(q, s, e)``, None for blocks.
+    Known loads, with the sign of the left side, are ``(q, B, s + 1, e)``.
     """
 
     def __init__(
-        self,
-        law: StepLaw,
-        damping: Damping | None,
-        op: Operator,
-        state: State,
-        fixed: Array,
-        known: Array,
-        count: int,
-        guess: Array | None,
+        self, law: StepLaw, damping: Damping | None, op: Operator, state: State, known: Array
     ) -> None:
-        self.law, self.damping = law, damping
-        self.op, self.state, self.guess = op, state, guess
-        self.q, self.e = state.x.shape
+        self.law, self.damping, self.op, self.state, self.known = law, damping, op, state, known
+        self.is_step = op.frame.count == 1
+        self.q, self.count, _, self.e = known.shape
         points = op.frame.tables.points
-        r = points.size
-        self.n, self.width = count * r, op.fold.shape[-1] // (op.frame.count * r)
-        self.fixed, self.known, self.count = fixed, known.reshape(self.q, -1), count
+        self.n = self.count * points.size
+        self.width = 2 * self.e if law.has_rates else self.e
         self.times = points
         if law.has_rates:
             # nothing else knows the time
-            self.times = state.t + op.frame.h * (np.arange(count)[:, None] + points).ravel()
-        self._take(op)
+            steps = np.arange(self.count)[:, None]
+            self.times = state.t + op.frame.h * (steps + points).ravel()
+        self._begin()
 
-    def _take(self, op: Operator) -> None:
-        k = self.n * self.width
-        self.fold, self.by_load = op.fold, op.by_load
-        if self.count < op.frame.count:
-            self.fold = op.fold[:, :k, :k]
-            self.by_load = op.by_load[:, : self.fixed.shape[1], : self.known.shape[1]]
-        self.begin = self._points_of(self.fixed)
-
-    def _points_of(self, unknowns: Array) -> Array:
-        frame, s = self.op.frame, self.op.frame.tables.degree
-        return frame.points_of(unknowns.reshape(self.q, -1, s, self.e))
-
-    def _first(self) -> tuple[Array, Array]:
-        """Points to begin with, and the remainders they belong to."""
-        rest = np.zeros((self.q, self.n, self.width))
-        if self.guess is not None:
-            return self._points_of(self.guess), rest
-        if self.state.rest is not None:
-            rest += self.state.rest[:, None]
-        return self.begin + apply(self.fold, rest.reshape(self.q, -1)), rest
+    def _begin(self) -> None:
+        """What unknowns and points are without remainders."""
+        self.fixed = self.op.solve(self.state, self.known)
+        self.fold = self.op.fold
+        if self.count < self.op.frame.count:
+            k = self.n * self.width
+            self.fold = self.fold[:, :k, :k]
+        s = self.op.frame.tables.degree
+        self.begin = self.op.frame.points_of(self.fixed.reshape(self.q, -1, s, self.e))
 
     def _largest(self, values: Array) -> Array:
         """Of every component over all points, ``(q, w)``."""
@@ -112,14 +94,21 @@ class Newton:
             return False
         return None
 
-    def run(self) -> Solution:
+    def run(self, points: Array | None, fresh: Array | None) -> Solution:
         """Iterate until every member and every component has come to rest by itself.
 
-        Changes are negligible beside displacements, since positions are compensated sums; where
-        round-off lets none fall to that, beside positions.
+        From points ``(q, n, w)`` and their remainders, for blocks from the last remainder. Changes
+        are negligible beside displacements, since positions are compensated sums; where round-off
+        lets none fall to that, beside positions.
         """
-        state, q = self.state, self.q
-        points, rest = self._first()
+        state, q, shape = self.state, self.q, (self.q, self.n, self.width)
+        rest = np.zeros(shape)
+        if points is not None:
+            points = points.reshape(q, -1)
+        else:
+            if state.rest is not None:
+                rest += state.rest[:, None]
+            points = self.begin + apply(self.fold, rest.reshape(q, -1))
         live, done, failed = state.live, ~state.live, np.zeros(q, dtype=bool)
         everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
         renewed: Places | None = None
@@ -127,9 +116,9 @@ class Newton:
         changes: list[Array] = []
         limit = before = size = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
-            fresh = self.law.remainder(
-                self.op.at, state.x, points.reshape(q, self.n, self.width), self.times, rest
-            )
+            if iteration or fresh is None:
+                at, x = self.op.at, state.x
+                fresh = self.law.remainder(at, x, points.reshape(shape), self.times, rest)
             moved = self.begin + apply(self.fold, fresh.reshape(q, -1))
             change = self._largest(moved - points)
             changes.append(change)
@@ -164,14 +153,17 @@ class Newton:
             done = np.asarray(good.all(axis=1))
             stuck = live & slow.any(axis=1)
             if stuck.any():
-                floor = NOISE * self._floor(rest, points)
-                done |= stuck & (good | (change <= floor)).all(axis=1)
-                stuck &= ~done
                 share = 1.0 / np.maximum(size, SMALLEST)
                 falls = (share * change).max(axis=1) < (share * before).max(axis=1)
+                # large changes that fall are no round-off
+                noisy = stuck & ~(falls & ((share * change).max(axis=1) > HALF_THE_DIGITS))
+                if noisy.any():
+                    floor = NOISE * self._floor(rest, points)
+                    done |= noisy & (good | (change <= floor)).all(axis=1)
+                stuck &= ~done
                 hopeless = stuck & ~falls
                 # equations of a block contract the better the longer they are iterated
-                if self.guess is not None:
+                if self.is_step:
                     for place in np.flatnonzero(hopeless & ~followed).tolist():
                         hopeless[place] = not self._follow(place, points)
                         followed[place] = True
@@ -196,9 +188,9 @@ class Newton:
         changes: list[Array],
     ) -> Solution:
         # blocks that do not contract are taken again in shorter pieces, which count
-        counted = iterations if self.guess is not None else np.where(failed, 0, iterations)
+        counted = iterations if self.is_step else np.where(failed, 0, iterations)
         return Solution(
-            unknowns=self.fixed + apply(self.by_load, self.op.frame.loads_of(rest, self.count)),
+            unknowns=self.fixed + self.op.respond(rest, self.count),
             points=points.reshape(self.q, self.n, self.width),
             rest=rest,
             iterations=iterations,
@@ -211,9 +203,10 @@ class Newton:
 
         Components that are not coupled do not feel each other: their entries are exact zeros.
         """
-        op, known, size = self.op, np.abs(self.known), self.fixed.shape[1]
+        op, size = self.op, self.fixed.shape[1]
+        known = np.abs(self.known).reshape(self.q, -1)
         begin = np.concatenate([self.state.x, self.state.p], axis=1)
-        terms = apply(np.abs(self.by_load), known)
+        terms = apply(np.abs(op.by_load[:, :size, : known.shape[1]]), known)
         terms += apply(np.abs(op.start[:, :size]), np.abs(begin))
         to_points = op.frame.points[:, : self.n * self.width, :size]
         total = apply_to_each(np.abs(to_points), terms)
@@ -236,15 +229,10 @@ class Newton:
         """Take the second derivatives of some members where they are now."""
         if not places.size:
             return
-        op, e = self.op, self.e
+        op = self.op
         at = points.reshape(self.q, self.n, self.width)
-        v = at[..., e:] if self.law.has_rates else None
-        x = self.state.x[:, None] + at[..., :e]
-        fresh = self.law.linearise(x, v, self.times, per_point=True).of(places)
+        fresh, _ = self.law.expand(self.state.x, at, self.times)
         damping = None if self.damping is None else self.damping.of(places)
-        op.put(places, Operator(op.frame.of(places), fresh, damping, is_linear=False))
-        self.fixed = self.fixed.copy()
-        begin = np.concatenate([self.state.x, self.state.p], axis=1)[places]
-        self.fixed[places] = apply(op.start[places], begin)
-        self.fixed[places] -= apply(op.by_load[places], self.known[places])
-        self._take(op)
+        own = Operator(op.frame.of(places), fresh.of(places), damping, is_linear=False)
+        op.put(places, own)
+        self._begin()

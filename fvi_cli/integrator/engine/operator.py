@@ -13,7 +13,7 @@ from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, UnitTables, sampling_of, unit_tables
 from fvi_cli.integrator.engine.law import Linearisation, StepLaw
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.engine.tables import by_columns, on_components, on_points, on_steps
+from fvi_cli.integrator.engine.tables import apply, by_columns, on_components, on_points, on_steps
 from fvi_cli.integrator.memory.interface import toeplitz_matrix
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
@@ -35,8 +35,6 @@ class Operator:
     """
 
     fold: Array  # (q, B r w, B r w), where there are remainders
-    by_load: Array  # (q, B s e, B (s + 1) e)
-    start: Array  # (q, B s e, 2 e)
 
     def __init__(
         self, frame: Frame, at: Linearisation, damping: Damping | None, *, is_linear: bool
@@ -45,30 +43,59 @@ class Operator:
         directions = () if damping is None else damping.combinations
         self._matrices = [np.asarray(one.matrix) for one in directions]
         matrix = step_matrix(frame.unit, at, frame.h, frame.damp, self._matrices)
-        inverse, self.singular = _inverse(matrix)
-        loads = self._by_impulses(inverse) if frame.count > 1 else self._of_one_step(inverse)
-        self.by_load = toeplitz_matrix(loads)
-        if not is_linear:
-            by_rest = np.matmul(loads, frame.tests)
-            q, count, _, width = by_rest.shape
-            folded = np.matmul(frame.points, by_rest.reshape(q, -1, width))
-            self.fold = toeplitz_matrix(folded.reshape(q, count, -1, width))
+        # of a step alone, (q, s e, s e); its response to remainders, (q, s e, r w)
+        self.inverse, self.singular = _inverse(matrix)
+        if frame.count > 1:
+            loads = self._by_impulses()
+            self.by_load = toeplitz_matrix(loads)
+            if not is_linear:
+                by_rest = np.matmul(loads, frame.tests)
+                q, count, _, width = by_rest.shape
+                folded = np.matmul(frame.points, by_rest.reshape(q, -1, width))
+                self.fold = toeplitz_matrix(folded.reshape(q, count, -1, width))
+        elif not is_linear:
+            self.by_rest = np.matmul(self.inverse, frame.tests_inside)
+            self.fold = np.matmul(frame.points, self.by_rest)
 
-    def _of_one_step(self, inverse: Array) -> Array:
-        """Responses to unit loads ``(q, 1, s e, (s + 1) e)``; sets `start`."""
-        q, n, _ = inverse.shape
+    @cached_property
+    def by_load(self) -> Array:
+        """Load vectors to U, ``(q, B s e, B (s + 1) e)``."""
+        last = np.zeros((*self.inverse.shape[:2], self.at.stiffness.shape[-1]))
+        return np.concatenate([-self.inverse, last], axis=2)
+
+    @cached_property
+    def start(self) -> Array:
+        """Position and momentum to U, ``(q, B s e, 2 e)``."""
         k = self.at.stiffness
-        e = k.shape[-1]
-        loads = np.zeros((q, 1, n, n + e))
-        loads[:, 0, :, :n] = -inverse
-        self.start = np.zeros((q, n, 2 * e))
-        self.start[:, :, e:] = -inverse[:, :, :e]
+        by_position = np.zeros((*self.inverse.shape[:2], k.shape[-1]))
         if self.is_linear:
             pulled = on_components(self.frame.test_sum[None, :-1, None], k)
-            self.start[:, :, :e] = np.matmul(inverse, pulled)
-        return loads
+            by_position = np.matmul(self.inverse, pulled)
+        return np.concatenate([by_position, -self.inverse[:, :, : k.shape[-1]]], axis=2)
 
-    def _by_impulses(self, inverse: Array) -> Array:
+    def solve(self, state: State, known: Array) -> Array:
+        """U of the first steps without remainders, ``(q, n s e)``.
+
+        From known loads with the sign of the left side, ``(q, n, s + 1, e)``.
+        """
+        q, count = known.shape[:2]
+        if self.frame.count == 1 and not self.is_linear:
+            right = known[:, 0, :-1].copy()
+            right[:, 0] -= state.p
+            return apply(self.inverse, right.reshape(q, -1))
+        begin = np.concatenate([state.x, state.p], axis=1)
+        n, c = count * len(self.inverse[0]), known[0].size
+        return apply(self.start[:, :n], begin) - apply(self.by_load[:, :n, :c], known.reshape(q, c))
+
+    def respond(self, rest: Array, count: int) -> Array:
+        """U of the first `count` steps by remainders ``(q, n r, w)``, ``(q, n s e)``."""
+        if self.frame.count == 1:
+            return apply(self.by_rest, rest.reshape(len(rest), -1))
+        loads = self.frame.loads_of(rest, count)
+        n = count * len(self.inverse[0])
+        return apply(self.by_load[:, :n, : loads.shape[1]], loads)
+
+    def _by_impulses(self) -> Array:
         """Responses ``(q, B, s e, (s + 1) e)`` to unit loads in the first step; sets `start`.
 
         Step by step, with the unit position and momentum at its beginning beside them. The inverse
@@ -76,7 +103,8 @@ class Operator:
         momentum go along, and K acts on where the position is.
         """
         f, count, s = self.frame, self.frame.count, self.frame.tables.degree
-        q, e = len(inverse), self.at.stiffness.shape[-1]
+        inverse, e = self.inverse, self.at.stiffness.shape[-1]
+        q = len(inverse)
         width = (s + 3) * e
         unit = np.eye(width)
         given = unit[: (s + 1) * e].reshape(-1, e, width)
@@ -103,9 +131,8 @@ class Operator:
             x, p = found[:, :e], found[:, e : 2 * e]
             every[:, n] = found[:, 2 * e : 2 * e + size]
             inputs[:, n * i : (n + 1) * i] = found[:, 2 * e + size :].reshape(q, i, -1)
-        loads = (s + 1) * e
-        self.start = np.ascontiguousarray(every[..., loads:]).reshape(q, -1, 2 * e)
-        return np.ascontiguousarray(every[..., :loads])
+        self.start = np.ascontiguousarray(every[..., -2 * e :]).reshape(q, -1, 2 * e)
+        return np.ascontiguousarray(every[..., : -2 * e])
 
     def _one_step(
         self, inverse: Array, x: Array, p: Array, force: Array, given: Array | None
@@ -191,15 +218,19 @@ class Operator:
         """That of some members, with arrays of its own."""
         part = copy.copy(self)
         part.at, part.frame = self.at.of(places), self.frame.of(places)
-        for name in ("by_load", "start", "fold", "singular"):
-            setattr(part, name, getattr(self, name)[places])
+        vars(part).update({name: one[places] for name, one in self._tables().items()})
         return part
 
     def put(self, places: Places, other: Operator) -> None:
         """Take the tables of `other` for some members."""
-        for name in ("by_load", "start", "fold", "singular"):
-            getattr(self, name)[places] = getattr(other, name)
+        for name, one in self._tables().items():
+            one[places] = getattr(other, name)
         self.at.put(places, other.at)
+
+    def _tables(self) -> dict[str, Array]:
+        """What has an entry for every member."""
+        kept = ("inverse", "singular", "by_rest", "by_load", "start", "fold")
+        return {name: one for name, one in vars(self).items() if name in kept}
 
 
 def step_matrix(
@@ -275,38 +306,29 @@ class Operators:
         whole = self._frames.get((h, most))
         return self.frame(h, count) if whole is None or most < count else whole
 
-    def at(self, state: State, h: float, count: int, guess: Array | None) -> Operator:
-        """The operator of `count` steps from a state, which learns what it is linearised by.
-
-        Blocks take the second derivatives of the state, single steps those at the guess.
-        """
+    def of_linear(self, h: float, count: int) -> Operator:
+        """The operator of `count` steps of linear scenes."""
         key = (h, count)
-        if self.law.is_linear:
-            if key not in self._linear:
-                at = self.law.linearise(state.x[:, None], None, 0.0)
-                self._linear[key] = Operator(self.frame(h, count), at, self.damping, is_linear=True)
-                if len(self._linear) > KEPT_TABLES:
-                    self._linear.popitem(last=False)
-            return self._linear[key]
-        if guess is None:
-            return self._block(state, key)
+        if key not in self._linear:
+            at = self.law.linearise(np.zeros((1, self._e)), None, 0.0)
+            self._linear[key] = Operator(self.frame(h, count), at, self.damping, is_linear=True)
+            if len(self._linear) > KEPT_TABLES:
+                self._linear.popitem(last=False)
+        return self._linear[key]
+
+    def of_step(self, state: State, h: float, guess: Array) -> tuple[Operator, Array, Array]:
+        """The operator of one step at a guess of U, its points there, and their remainders."""
         frame = self.frame(h, 1)
         points = frame.points_of(guess[:, None]).reshape(len(guess), self._tables.points.size, -1)
-        v = points[..., self._e :] if self.law.has_rates else None
-        x, t = state.x[:, None] + points[..., : self._e], state.t + h * self._tables.points
-        return Operator(
-            frame,
-            self.law.linearise(x, v, t, per_point=True),
-            self.damping,
-            is_linear=False,
-        )
+        at, rest = self.law.expand(state.x, points, state.t + h * self._tables.points)
+        return Operator(frame, at, self.damping, is_linear=False), points, rest
 
-    def _block(self, state: State, key: tuple[float, int]) -> Operator:
+    def of_block(self, state: State, h: float, count: int) -> Operator:
+        """The operator of a block by the second derivatives of the state, which keeps them."""
+        key = (h, count)
         if state.block is None or state.stale.any():
-            x, v = state.x[:, None], None
-            if self.law.has_rates:
-                v = self.law.velocity(state.x, state.p, state.t)[:, None]
-            fresh = self.law.linearise(x, v, state.t).copy()
+            v = self.law.velocity(state.x, state.p, state.t) if self.law.has_rates else None
+            fresh = self.law.linearise(state.x, v, state.t).copy()
             if state.block is not None:
                 kept = np.flatnonzero(~state.stale)
                 fresh.put(kept, state.block.of(kept))

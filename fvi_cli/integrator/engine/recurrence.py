@@ -39,9 +39,9 @@ def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
 class Recurrence:
     """w = (z, x, p) of one linear system from block to block as one matrix, ``(n, n)``."""
 
-    def __init__(self, engine: Engine, state: State, h: float, count: int) -> None:
+    def __init__(self, engine: Engine, h: float, count: int) -> None:
         self.engine, self.h, self.count = engine, h, count
-        self._op = engine.operator(state, h, count)
+        self._op = engine.operator(h, count)
         self.frame = self._op.frame
         self._held = held = engine.n_states * engine.e
         (whole,), two = self._op.outputs, 2 * engine.e

@@ -75,11 +75,13 @@ class StructureLaw:
         """K x."""
         return np.zeros_like(x) if self.stiffness is None else times(x, self.stiffness)
 
-    def linearise(
-        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
-    ) -> Linearisation:
+    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
         """Refused: matrices of other forms are no arrays over members."""
         raise TypeError("structure: its matrices are not arrays over members")
+
+    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
+        """Refused as well."""
+        return self.linearise(origin, None, 0.0), points
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array

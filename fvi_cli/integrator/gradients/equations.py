@@ -118,7 +118,7 @@ class Equations:
             damping = Damping(directions, self._memory, np.zeros((1, self.d)))
         unit = unit_tables(self.method, count, self.d, False)
         frame = Frame(sampling_of(self.method), unit, damping, h, count)
-        at = self._law.linearise(np.zeros((1, 1, self.d)), None, 0.0)
+        at = self._law.linearise(np.zeros((1, self.d)), None, 0.0)
         op = Operator(frame, at, damping, is_linear=True)
         if op.singular.any():
             raise np.linalg.LinAlgError
@@ -132,10 +132,12 @@ class Equations:
         """The same of every step, with the second derivatives at its stages."""
         t, d, n = self.tables, self.d, stretch.blocks
         s, h = t.degree, stretch.sizes[stretch.which][:, None, None]
-        position, velocity, time = np.zeros((1, 1, d)), None, np.zeros(1)
+        origin, at_points, time = np.zeros((1, d)), np.zeros((1, 1, d)), np.zeros(1)
         if points is not None:
-            position, velocity, time = (one[stretch.steps] for one in points)
-        at = self._law.linearise(position, velocity, time, per_point=True)
+            at_points, velocity, time = (one[stretch.steps] for one in points)
+            if self._law.has_rates:
+                at_points = np.concatenate([at_points, velocity], axis=2)
+        at, _ = self._law.expand(origin, at_points, time)
         stiffness = at.stiffness if at.stiffness.ndim == 4 else at.stiffness[:, None]
         stiffness = np.broadcast_to(stiffness, (n, t.points.size, d, d))
         unit = unit_tables(self.method, 1, d, self._law.has_rates)
@@ -147,12 +149,12 @@ class Equations:
         # at a stage K and C act on the position at the beginning as on the way from there
         mixed = [] if at.mixed is None else [at.mixed]
         moved = np.concatenate([*mixed, -stiffness], axis=2).reshape(n, -1, d)
-        tests, at_points = h * unit.tests[-1], h * unit.points[0]
+        tests, to_points = h * unit.tests[-1], h * unit.points[0]
         if mixed:
-            tests, at_points = tests + unit.tests[0], at_points + unit.points[1]
+            tests, to_points = tests + unit.tests[0], to_points + unit.points[1]
         start = np.concatenate([by_load @ (tests @ moved), -inverse[..., :d]], axis=2)
         weighted = h[..., None] * t.weights[:, None, None]
         turned = [one.swapaxes(2, 3) for one in mixed]
         by_point = weighted * np.concatenate([-stiffness, *turned], axis=3)
-        gained = by_point.swapaxes(1, 2).reshape(n, d, -1) @ at_points
+        gained = by_point.swapaxes(1, 2).reshape(n, d, -1) @ to_points
         return start, by_load, gained, -(weighted * stiffness).sum(axis=1)

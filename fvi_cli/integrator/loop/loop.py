@@ -101,7 +101,7 @@ def _steps(
             if key not in recurrences:
                 # graded meshes have many sizes
                 recurrences.clear()
-                recurrences[key] = Recurrence(engine, state, h, block)
+                recurrences[key] = Recurrence(engine, h, block)
             x, p, inputs = recurrences[key].run(
                 state,
                 blocks,
