@@ -39,24 +39,39 @@ class NewtonLog:
         self._total = np.zeros(members, dtype=np.int64)
         self._largest = np.zeros(members, dtype=np.int64)
         self._step = np.full(members, -1, dtype=np.int64)
-        self._changes: dict[int, tuple[float, ...]] = {}
         self._longest: dict[int, Array] = {}
+        self._waiting: list[tuple[int, Attempt]] = []
 
     def add(self, first: int, attempts: Sequence[Attempt]) -> None:
         """Count iterations for steps behind the first `first` ones of the run."""
-        for one in attempts:
-            members: Places | slice = one.members
-            if len(one.members) == self._total.size:
-                members = slice(None)
-            self._total[members] += one.iterations
-            longer = one.iterations > self._largest[members]
-            if not longer.any():
-                continue
-            places = np.flatnonzero(longer)
-            members = one.members[places]
-            self._largest[members] = one.iterations[places]
-            self._step[members] = first + one.first
-            self._longest |= zip(members.tolist(), one.sizes.T[places], strict=True)
+        self._waiting += [(first + one.first, one) for one in attempts]
+
+    def count(self) -> None:
+        """Count what was added; of equally long iterations the first is kept."""
+        waiting, self._waiting = self._waiting, []
+        whole = [one for one in waiting if len(one[1].members) == self._total.size]
+        if whole:
+            # all members take the same steps: they are counted at once
+            counts = np.array([one.iterations for _, one in whole])
+            self._total += counts.sum(axis=0)
+            longest = counts.argmax(axis=0)
+            for index in set(longest.tolist()):
+                self._take(*whole[index], np.flatnonzero(longest == index))
+        for step, one in waiting:
+            if len(one.members) < self._total.size:
+                self._total[one.members] += one.iterations
+                self._take(step, one, np.arange(len(one.members)))
+
+    def _take(self, step: int, attempt: Attempt, places: Places) -> None:
+        """Keep the changes of members for which this is the longest iteration."""
+        members, count = attempt.members[places], attempt.iterations[places]
+        largest = self._largest[members]
+        chosen = (count > largest) | ((count == largest) & (step < self._step[members]))
+        if chosen.any():
+            places, members, count = places[chosen], members[chosen], count[chosen]
+            self._largest[members], self._step[members] = count, step
+            every = zip(members.tolist(), attempt.sizes[:, places].T, count.tolist(), strict=True)
+            self._longest |= {member: own[:most] for member, own, most in every}
 
     def of(self, member: int) -> NewtonRecord:
         """The record of a member."""
@@ -64,20 +79,15 @@ class NewtonLog:
             iterations=int(self._total[member]),
             largest=int(self._largest[member]),
             worst_step=int(self._step[member]),
-            worst_residuals=self._changes_of(member),
+            worst_residuals=tuple(self._longest.get(member, np.zeros(0)).tolist()),
         )
-
-    def _changes_of(self, member: int) -> tuple[float, ...]:
-        if member not in self._longest:
-            return self._changes.get(member, ())
-        return tuple(self._longest[member][: self._largest[member]].tolist())
 
     def arrays(self) -> dict[str, Array]:
         """All of it by name, for a checkpoint."""
         changes = np.full((self._total.size, int(self._largest.max(initial=0))), np.nan)
         for member in range(self._total.size):
-            own = self._changes_of(member)
-            changes[member, : len(own)] = own
+            own = self._longest.get(member, np.zeros(0))
+            changes[member, : own.size] = own
         counts = np.stack([self._total, self._largest, self._step]).astype(float)
         return {"counts": counts, "changes": changes}
 
@@ -85,7 +95,5 @@ class NewtonLog:
         """Go on from what :meth:`arrays` gave."""
         counts = arrays["counts"].astype(np.int64)
         self._total, self._largest, self._step = counts[0], counts[1], counts[2]
-        self._longest.clear()
-        for member, own in enumerate(arrays["changes"]):
-            if self._largest[member]:
-                self._changes[member] = tuple(own[: self._largest[member]].tolist())
+        every = zip(arrays["changes"], self._largest.tolist(), strict=True)
+        self._longest = {member: own[:most] for member, (own, most) in enumerate(every) if most}

@@ -134,6 +134,7 @@ class Recorder:
 
     def flush(self, state: State) -> None:
         """Check and keep what was added; members of scenes that stop here rest from now on."""
+        self.newton.count()
         stops, self._stops = self._stops, {}
         if self._waiting:
             self._take(stops)

@@ -80,6 +80,8 @@ class Combination:
 
         Term by term, so that a member has the same bits whatever stands beside it.
         """
+        if self.places.size == 1 and self.factors.item() == 1.0:
+            return by_term[self.places[0]]
         rows = max(len(self.factors), len(self.places))
         total = np.zeros((rows, *by_term.shape[1:]))
         for place, factor in zip(self.places.T, self.factors.T, strict=True):
@@ -127,6 +129,8 @@ class Kernels(ABC):
     @property
     def sequence(self) -> Array:
         """Local block and lags, the lag sequences ``(K, B, m, i)``."""
+        if self.count == 1:
+            return self.local[:, None]
         return np.concatenate([self.local[:, None], self.lags], axis=1)
 
     @abstractmethod
