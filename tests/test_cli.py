@@ -125,14 +125,15 @@ experiments:
 @pytest.mark.parametrize("key", ["ladder: {steps: [4, 8]}", "accuracy: {tolerance: 1e-3}"])
 def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monkeypatch, key):
     def mistaken(usual):
-        def made_up(scene, *arguments, **options):
+        def made_up(scenes, *arguments, **options):
+            (scene,) = scenes if isinstance(scenes, list) else [scenes]
             if scene.initial_position.max() > 10:
                 raise ZeroDivisionError("made up")
-            return usual(scene, *arguments, **options)
+            return usual(scenes, *arguments, **options)
 
         return made_up
 
-    for module, name in ((study, "integrate"), (tolerance_runs, "adaptive_engine")):
+    for module, name in ((study, "integrate"), (tolerance_runs, "engine_for")):
         monkeypatch.setattr(module, name, mistaken(getattr(module, name)))
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml", code=1)

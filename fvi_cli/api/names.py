@@ -33,10 +33,10 @@ from fvi_cli.integrator.gradients.quantity import (
     smoothed_peak,
     velocity_at,
 )
-from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_mesh
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, quantities, write

@@ -35,11 +35,11 @@ from fvi_cli.config.observations import check_member, check_units, read_observat
 from fvi_cli.config.problem import break_points, make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
-from fvi_cli.integrator.break_points import TOLERANCE
+from fvi_cli.integrator.break_points import ON_GRID
+from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
-from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.settings import as_plain
@@ -287,7 +287,7 @@ def _have_own_points(problem: AnyProblem | None, methods: Sequence[ListedMethod]
 
 def _misses(part: float, n_steps: int) -> bool:
     place = part * n_steps
-    return abs(place - round(place)) > TOLERANCE * max(1.0, place)
+    return abs(place - round(place)) > ON_GRID * max(1.0, place)
 
 
 def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> None:

@@ -5,11 +5,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 
-TOLERANCE = 1e-9
+ON_GRID = 1e-9
+"""What is as close to a multiple of the step as this, in steps, lies on the grid."""
+
+
+def are_on_grid(places: Array) -> NDArray[np.bool_]:
+    """Whether times, given in steps, lie on the grid."""
+    found = np.abs(places - np.rint(places)) <= ON_GRID * np.maximum(1.0, places)
+    return np.asarray(found)
 
 
 def steps_at_break_points(scene: Scene, n_steps: int) -> tuple[int, ...]:
@@ -20,38 +28,31 @@ def steps_at_break_points(scene: Scene, n_steps: int) -> tuple[int, ...]:
     ValueError
         If a break point lies between two steps; the message names the nearest N that fit.
     """
-    indices = []
-    for break_point in scene.break_points:
-        place = break_point / scene.final_time * n_steps
-        if abs(place - round(place)) > TOLERANCE * max(1.0, place):
+    places = np.array(scene.break_points) / scene.final_time * n_steps
+    for break_point, fits in zip(scene.break_points, are_on_grid(places), strict=True):
+        if not fits:
             below, above = nearest_fitting(scene, n_steps)
-            fits = " and ".join(str(n) for n in (below, above) if n)
-            hint = f"the nearest that fit are {fits}" if fits else "no number of steps fits"
+            known = " and ".join(str(n) for n in (below, above) if n)
+            hint = f"the nearest that fit are {known}" if known else "no number of steps fits"
             raise ValueError(
                 f"n_steps: {n_steps} puts the break point t = {break_point:g} between two steps; "
                 f"{hint}"
             )
-        indices.append(round(place))
-    return tuple(indices)
+    return tuple(np.rint(places).astype(int).tolist())
 
 
 def nearest_fitting(scene: Scene, n_steps: int, *, limit: int = 2**20) -> tuple[int, int]:
     """The nearest step counts below and above that put every break point on the grid (0: none)."""
-    return (
-        next(
-            (n for n in range(n_steps, max(0, n_steps - limit), -1) if fits_break_points(scene, n)),
-            0,
-        ),
-        next((n for n in range(n_steps, n_steps + limit) if fits_break_points(scene, n)), 0),
-    )
+    fits = [
+        next((n for n in range(n_steps, end, step) if fits_break_points(scene, n)), 0)
+        for end, step in ((max(0, n_steps - limit), -1), (n_steps + limit, 1))
+    ]
+    return fits[0], fits[1]
 
 
 def fits_break_points(scene: Scene, n_steps: int) -> bool:
     """Whether all break points lie on the grid of N equal steps."""
-    places = [t / scene.final_time * n_steps for t in scene.break_points]
-    return all(
-        math.isclose(p, round(p), rel_tol=0, abs_tol=TOLERANCE * max(1.0, p)) for p in places
-    )
+    return bool(are_on_grid(np.array(scene.break_points) / scene.final_time * n_steps).all())
 
 
 def interpolation_limit(scene: Scene, n_steps: int, *, grading: float = 1.0) -> float:
@@ -67,17 +68,14 @@ def interpolation_limit(scene: Scene, n_steps: int, *, grading: float = 1.0) -> 
         return math.inf
     order = float(min(component.order for component in samples))
     if grading != 1.0 or not all(
-        _on_grid(component.knots, scene.final_time, n_steps) for component in samples
+        are_on_grid(
+            knots[(knots > 0) & (knots < scene.final_time)] / scene.final_time * n_steps
+        ).all()
+        for knots in (component.knots for component in samples)
     ):
         return order
     memory = [term.order for term in scene.active_damping if not term.is_integer_order]
     return order + 3.0 - max(memory) if memory else math.inf
-
-
-def _on_grid(knots: Array, final_time: float, n_steps: int) -> bool:
-    inside = knots[(knots > 0) & (knots < final_time)]
-    places = inside / final_time * n_steps
-    return bool(np.all(np.abs(places - np.rint(places)) <= TOLERANCE * np.maximum(1.0, places)))
 
 
 def interpolation_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:

@@ -7,16 +7,15 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.run import integrate_baseline
+from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.failure import no_unique_solution
-from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.run.objections import law_objection
+from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
-from fvi_cli.integrator.run.scenes_run import integrate_adaptively
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 
@@ -99,21 +98,10 @@ def integrate(
                 "take rk: gauss, such as gauss3"
             )
     if isinstance(method, Method):
-        if isinstance(steps, AdaptiveSteps):
-            return integrate_adaptively(
-                scene,
-                method,
-                steps,
-                every=every,
-                diagnostics=diagnostics,
-                with_steps=with_steps,
-                checkpoints=checkpoints,
-            )
-        mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
         (found,) = integrate_scenes(
             [scene],
             method,
-            mesh,
+            mesh_for(scene, method, steps) if isinstance(steps, int) else steps,
             every=every,
             diagnostics=diagnostics,
             with_steps=with_steps,

@@ -14,11 +14,11 @@ from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.frame import longest_in_batch, sampling_of
 from fvi_cli.integrator.integrate import check_counts, integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.trajectory import Trajectory
 

@@ -7,10 +7,10 @@ from fvi_cli.integrator.balances.damping_along import PIECE
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.engine.recurrence import HALVINGS, pays_as_one
 from fvi_cli.integrator.loads.panels import tested_rule
-from fvi_cli.integrator.loop.loop import chunk_steps
 from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.scenes_run import MeshPlan
+from fvi_cli.integrator.run.loop import chunk_steps
+from fvi_cli.integrator.run.mesh_plan import MeshPlan
 from fvi_cli.integrator.step_tables import step_tables
 
 SHORT_BLOCK = 8

@@ -12,8 +12,7 @@ from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.run.on_mesh import plan_on_mesh
-from fvi_cli.integrator.run.scenes_run import MeshPlan
+from fvi_cli.integrator.run.mesh_plan import MeshPlan, plan_on_mesh
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.planning.memory import peak_bytes
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
 from fvi_cli.integrator.baselines.run import baseline_objection
+from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
-from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.runner.compute import compute_jobs
 from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, References, Results, jobs_of
 from fvi_cli.runner.request import Request, Source, requested

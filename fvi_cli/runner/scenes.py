@@ -13,14 +13,15 @@ from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsReque
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
-from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.dampers import damper_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import Event, names_of, observations
-from fvi_cli.integrator.run import on_mesh
-from fvi_cli.integrator.run.on_mesh import AnySteps, Part
+from fvi_cli.integrator.run import parts
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.run.parts import Part
 from fvi_cli.integrator.stability import prediction as stability
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
@@ -144,7 +145,7 @@ def integrate_part(
         raise ValueError(
             f"method: {method_name(chosen)} cannot stop and resume; take a variational method"
         )
-    return on_mesh.integrate_part(
+    return parts.integrate_part(
         scene, chosen, n_steps, until=until, checkpoint=checkpoint, every=every
     )
 

@@ -15,9 +15,9 @@ from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.integrator.break_points import interpolation_remarks
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.stability.limits import refusal
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,

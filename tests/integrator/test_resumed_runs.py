@@ -12,11 +12,11 @@ from spread import spread
 import fvi_cli as fvi
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop import loop
-from fvi_cli.integrator.loop.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import observations
+from fvi_cli.integrator.run import loop
+from fvi_cli.integrator.run.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.scenes.data import duffing
 from fvi_cli.studies.tolerance.search import solve

@@ -16,8 +16,8 @@ from spread import spread
 
 from benchmarks.robustness import LADDER
 from fvi_cli.config import load_config
-from fvi_cli.integrator.loop import loop
-from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
+from fvi_cli.integrator.run import loop
+from fvi_cli.integrator.run.checkpoint import UnfinishedRun
 from fvi_cli.runner.executors.checkpoints import CheckpointFile, CheckpointFolder
 
 N = 600

@@ -19,12 +19,13 @@ from written_out import integrate_written_out
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop import loop
-from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.members import batch_kind, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
-from fvi_cli.integrator.run.on_mesh import integrate_part, integrate_scenes, mesh_for
+from fvi_cli.integrator.run import loop
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
+from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 
 FIELDS = ("position", "momentum", "time", "energy")

@@ -25,7 +25,8 @@ from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along, toeplitz_matrix
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import Reach
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array, Places
 
 LEAST_BLOCK_STEPS = 16
@@ -328,6 +329,18 @@ def damping_of(
         memory,
         _members([one.initial_velocity for one in scenes], modes, reach),
         _members([one.initial_position for one in scenes], modes, reach) if at_nodes else None,
+    )
+
+
+def law_objection(scene: Scene, method: AnyMethod) -> str:
+    """Why the method has no steps for the relaxation laws of a scene; empty where it has."""
+    if not scene.active_laws:
+        return ""
+    if not isinstance(method, Baseline) and method.is_runge_kutta:
+        return ""
+    return (
+        f"{method_name(method)} cannot integrate relaxation laws "
+        "(zener, maxwell, prony, tempered); take rk: gauss"
     )
 
 

@@ -56,7 +56,8 @@ class NewtonLog:
             self._total += counts.sum(axis=0)
             longest = counts.argmax(axis=0)
             for index in set(longest.tolist()):
-                self._take(*whole[index], np.flatnonzero(longest == index))
+                step, one = whole[index]
+                self._take(step, one, np.flatnonzero(longest == index))
         for step, one in waiting:
             if len(one.members) < self._total.size:
                 self._total[one.members] += one.iterations

@@ -84,7 +84,9 @@ class Exponentials:
     :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     """
 
-    n_lags = 0
+    n_lags = 0  # steps that are remembered one by one, in states of their own
+    # inputs by which the states of a start velocity of 1 are driven in every step, (i,): what
+    # relative terms subtract; None: no input; and what these states are at the start
     column: Array | None = None
     column_start = 1.0
 
@@ -109,6 +111,7 @@ class Exponentials:
                 steps=steps,
             )
         zero = np.zeros((len(self.terms), 0))
+        # factors of the J states in the force of every term, (K, J)
         self.weights = zero if self.kernel is None else self.kernel.weights
         self.n_states = int(self.weights.shape[1])
 

@@ -41,6 +41,13 @@ def constant_lags(first: Array, later: Array, count: int) -> Array:
     return found
 
 
+class Weighted(Protocol):
+    """A memory, as far as terms are put together."""
+
+    terms: tuple[Term, ...]  # what is remembered, each once
+    weights: Array  # factors of states in the force of each, (K, J); (K, 0): they are no numbers
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
     """A sum of terms that act along one matrix of every member; members first, or 1 for all."""
@@ -54,7 +61,7 @@ class Combination:
 
     @classmethod
     def made(
-        cls, memory: Memory, terms: Sequence[Sequence[Term]], factors: Array, matrix: Form
+        cls, memory: Weighted, terms: Sequence[Sequence[Term]], factors: Array, matrix: Form
     ) -> Combination:
         """That of terms of the memory, a row for every member or one for all."""
         index = {term: place for place, term in enumerate(memory.terms)}
@@ -81,7 +88,7 @@ class Combination:
         Term by term, so that a member has the same bits whatever stands beside it.
         """
         if self.places.size == 1 and self.factors.item() == 1.0:
-            return by_term[self.places[0]]
+            return np.asarray(by_term[self.places[0]])
         rows = max(len(self.factors), len(self.places))
         total = np.zeros((rows, *by_term.shape[1:]))
         for place, factor in zip(self.places.T, self.factors.T, strict=True):
@@ -149,29 +156,6 @@ class Kernels(ABC):
     @abstractmethod
     def change_of_all(self, count: int) -> Array:
         """The matrix P - 1 by which undriven states change over `count` steps, ``(J, J)``."""
-
-
-class Memory(Protocol):
-    """The past of all terms as states, J of them for every component."""
-
-    terms: tuple[Term, ...]  # what is remembered, each once
-    n_states: int  # number J
-    n_lags: int  # steps of the past that are remembered one by one, in states of their own
-    # factors of the states in the force of every term, (K, J); (K, 0) where they are no numbers
-    weights: Array
-    # inputs by which the states of a start velocity of 1 are driven in every step, (i,): what
-    # relative terms subtract; None: no input
-    column: Array | None
-    column_start: float  # what these states are at the start
-
-    def kernels(self, h: float, count: int) -> Kernels:
-        """Tables of `count` steps of length h."""
-
-    def remembers(self, term: Term) -> bool:
-        """Whether a term has states."""
-
-    def operations_per_step(self, directions: int) -> int:
-        """Multiply-adds for one component in a step with so many directions that remember."""
 
 
 def along(values: Array, matrix: Form) -> Array:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, _parts
 
@@ -62,15 +63,7 @@ def graded_start_mesh(
                 Stretch(begin=inside[-1].end, end=end, n_steps=count - window, step_size=size)
             )
         elif inside[-1].end != end:
-            last = inside[-1]
-            stretches[-1] = Stretch(
-                begin=last.begin,
-                end=end,
-                n_steps=last.n_steps,
-                step_size=last.step_size,
-                reported_every=last.reported_every,
-                is_fresh=last.is_fresh,
-            )
+            stretches[-1] = replace(inside[-1], end=end)
     return Mesh(stretches=tuple(stretches))
 
 
@@ -120,7 +113,7 @@ def graded_window(
         if count == 0:
             continue
         end = begin + 2 * levels[depth] * step
-        stretches += _aligned(done, end, first, count, step, depth + 1, is_fresh=False)
+        stretches += _aligned(done, end, first, count, step, depth + 1)
         done = end
     return stretches
 
@@ -144,7 +137,7 @@ def _towards_zero(order: int, power: float) -> list[float]:
 
 
 def _aligned(
-    begin: float, end: float, first: int, count: int, step: float, depth: int, *, is_fresh: bool
+    begin: float, end: float, first: int, count: int, step: float, depth: int
 ) -> list[Stretch]:
     """Steps `first` to `first + count` of a level, cut where the reported grid begins to fit."""
     period = 2**depth
@@ -160,10 +153,9 @@ def _aligned(
                 n_steps=lead,
                 step_size=step,
                 reported_every=reported,
-                is_fresh=is_fresh,
             )
         )
-        begin, is_fresh, count = middle, False, count - lead
+        begin, count = middle, count - lead
     if count:
         found.append(
             Stretch(
@@ -172,7 +164,6 @@ def _aligned(
                 n_steps=count,
                 step_size=step,
                 reported_every=period if count >= period else 0,
-                is_fresh=is_fresh,
             )
         )
     return found

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.errors import ArgumentError
+from fvi_cli.integrator.break_points import ON_GRID, are_on_grid
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_GRADING = 20.0
-ON_GRID = 1e-9
-"""Break points as close to a multiple of the step as this, in steps, lie on the grid."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +189,7 @@ def _parts(
     h = final_time / n_steps
     places = [one / h for one in breaks]
     ends = (0.0, *breaks, final_time)
-    if all(abs(p - round(p)) <= ON_GRID * max(1.0, p) for p in places) and all(
+    if are_on_grid(np.array(places)).all() and all(
         round(a) < round(b) for a, b in itertools.pairwise([0, *places, n_steps])
     ):
         indices = [0, *(round(p) for p in places), n_steps]

@@ -8,7 +8,6 @@ from dataclasses import replace
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.dampers import dampers_of
@@ -17,6 +16,7 @@ from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.request import Observations, check_observable
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array

@@ -11,13 +11,13 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along
 from fvi_cli.integrator.damping.directions import pattern_of
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.dampers import single_damper
 from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.mathematics.arrays import Array
 
 MOST_STAGES = 12

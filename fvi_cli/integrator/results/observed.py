@@ -10,63 +10,33 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """How large a quantity becomes in a run, found on the dense motion.
+    """How large a quantity becomes in a run, found on the dense motion."""
 
-    Parameters
-    ----------
-    peak, peak_time
-        Largest absolute value, and when it is reached first.
-    least, greatest
-        Smallest and largest value.
-    rms
-        Root of the mean square over the run.
-    """
-
-    peak: float
+    peak: float  # largest absolute value, and when it is reached first
     peak_time: float
     least: float
     greatest: float
-    rms: float
+    rms: float  # root of the mean square over the run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Occurrences:
-    """The times of an event.
+    """The times of an event."""
 
-    Parameters
-    ----------
-    time, position, velocity
-        Shapes ``(n,)``, ``(n, d)``, ``(n, d)``.
-    """
-
-    time: Array
+    time: Array  # (n,), and positions and velocities then, (n, d)
     position: Array
     velocity: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observed:
-    """Outputs that were requested of a motion.
+    """Outputs that were requested of a motion, by name."""
 
-    Parameters
-    ----------
-    mesh
-        Points of the steps, shape ``(n + 1,)``.
-    quantities
-        By name the values at the reported times, shape ``(k,)``.
-    extents
-        By name how large they become between all times.
-    events
-        By name their occurrences.
-    stopped_by
-        Event that ended the run, or empty.
-    """
-
-    mesh: Array
-    quantities: Mapping[str, Array] = field(default_factory=dict)
-    extents: Mapping[str, Extent] = field(default_factory=dict)
+    mesh: Array  # points of the steps, (n + 1,)
+    quantities: Mapping[str, Array] = field(default_factory=dict)  # at the reported times, (k,)
+    extents: Mapping[str, Extent] = field(default_factory=dict)  # between all times
     events: Mapping[str, Occurrences] = field(default_factory=dict)
-    stopped_by: str = ""
+    stopped_by: str = ""  # event that ended the run, or empty
 
     def __repr__(self) -> str:
         """Names, with the number of occurrences of every event."""

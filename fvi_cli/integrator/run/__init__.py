@@ -1,1 +1,1 @@
-"""A run: what is prepared, the loop over steps, and what comes of it."""
+"""A run: where its steps come from, the loop over them, what is kept, and what is reported."""

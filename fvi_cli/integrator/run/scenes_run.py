@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
-from fvi_cli.effects.scene import Scene
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.integrator.balances.balance import diagnose_run
-from fvi_cli.integrator.engine.blocks import block_for
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.engine.structures import StructureLaw
 from fvi_cli.integrator.growth_bound import energy_remarks
-from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
-from fvi_cli.integrator.loop.checkpoint import Arrays, Keeper, RunKeeper
-from fvi_cli.integrator.loop.loop import run
-from fvi_cli.integrator.loop.points import Source
-from fvi_cli.integrator.loop.recorder import Recorder
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.adaptive import AdaptiveSource
+from fvi_cli.integrator.run.checkpoint import (
+    OF_ANOTHER_RUN,
+    Arrays,
+    Checkpoint,
+    RunKeeper,
+    RunKey,
+    UnfinishedRun,
+    fingerprint,
+)
+from fvi_cli.integrator.run.loop import run
+from fvi_cli.integrator.run.points import Source
+from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.regular import has_rough_momenta, regular_until, rough_remarks
-from fvi_cli.integrator.run.soundness import Soundness
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 
 
@@ -50,23 +52,50 @@ class ScenesRun:
         run_key: tuple[str, int, float],
         determined_by: tuple[object, ...],
     ) -> float:
-        """Do the steps; parameters as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`.
+        """Do the steps, from a checkpoint on where there is one, which is renewed on the way.
 
-        Arguments as for :class:`~fvi_cli.integrator.loop.checkpoint.Keeper`. The seconds, those
-        before a checkpoint among them.
+        The run is that of a method, a number of steps and their size or tolerance, and of all that
+        determines its numbers beside these. The seconds, those before a checkpoint among them.
         """
-        began = clock.perf_counter()
-        keeper = Keeper(checkpoints, run_key, determined_by, self)
-        run(
-            self.engine,
-            self.source,
-            state=self.state,
-            recorder=self.recorder,
-            after=None if checkpoints is None else keeper.offer,
-        )
-        if not self.recorder.failures:
-            keeper.offer(has_ended=True)
-        return clock.perf_counter() - began + keeper.earlier_seconds
+        began, earlier = clock.perf_counter(), 0.0
+        if checkpoints is None:
+            run(self.engine, self.source, state=self.state, recorder=self.recorder)
+            return clock.perf_counter() - began
+        key = (*run_key, fingerprint(*determined_by))
+        found = checkpoints.load()
+        if found is not None:
+            try:
+                if found.checkpoint.run != key:
+                    raise ValueError(OF_ANOTHER_RUN)
+                self.restore(found.checkpoint.arrays, found.kept)
+                earlier = found.seconds
+            except (KeyError, TypeError, ValueError):
+                checkpoints.reject(OF_ANOTHER_RUN)
+        taken_up = self.progress[0]
+
+        def seconds() -> float:
+            return earlier + clock.perf_counter() - began
+
+        def save() -> None:
+            if self.progress[0] > taken_up:
+                checkpoint, spent = self.checkpoint(key), seconds()
+                kept = self.recorder.arrays()
+                checkpoints.save(UnfinishedRun(checkpoint=checkpoint, kept=kept, seconds=spent))
+
+        def after() -> None:
+            if checkpoints.is_due():
+                save()
+
+        run(self.engine, self.source, state=self.state, recorder=self.recorder, after=after)
+        if not self.recorder.failures and checkpoints.is_kept_whole(seconds()):
+            save()
+        return seconds()
+
+    def checkpoint(self, key: RunKey) -> Checkpoint:
+        """Where the run is now."""
+        arrays = self.arrays()
+        done, reported = self.progress
+        return Checkpoint(run=key, done=done, reported=reported, arrays=arrays)
 
     def begin(self) -> None:
         """Record the start."""
@@ -88,10 +117,6 @@ class ScenesRun:
         source = {f"source {name}": one for name, one in self.source.arrays().items()}
         forces = np.array([one.largest_force for one in self.engine.loads_of])
         return {**self.state.arrays(), **source, "largest forces": forces}
-
-    def kept(self) -> Arrays:
-        """What was kept of the steps so far."""
-        return self.recorder.arrays()
 
     def restore(self, arrays: Arrays, kept: Arrays) -> None:
         """Go on from there; all stays as it is where something is missing or does not fit."""
@@ -158,6 +183,7 @@ def trajectory_of(
     if failure is None:
         force = this.engine.loads_of[index].largest_force
         remarks += energy_remarks(scene, position, energy, force)
+    found_steps = this.source if isinstance(this.source, AdaptiveSource) else None
     return Trajectory(
         time=time,
         position=position,
@@ -176,6 +202,8 @@ def trajectory_of(
         diagnostics=found,
         steps=steps if with_steps else None,
         remarks=remarks,
+        rejected=0 if found_steps is None else found_steps.controller.rejected,
+        doubts=() if found_steps is None else found_steps.doubts,
     )
 
 
@@ -190,105 +218,7 @@ def _diagnostics(
         return diagnose_run(scene, engine.method, mesh, steps, loads, request)
 
 
-def adaptive_engine(scene: Scene, method: Method, steps: AdaptiveSteps) -> Engine:
-    """The engine of a scene for steps that are found on the way, whatever their tolerance is.
-
-    Raises
-    ------
-    ValueError
-        If the method is no Gauss method of degree 2 or more.
-    """
-    return Engine(
-        [scene],
-        method,
-        shortest_step=step_controller(scene, method, steps).shortest_step,
-        steps=MOST_SHORTEST,
-        most=1,
-    )
-
-
-def integrate_adaptively(
-    scene: Scene,
-    method: Method,
-    steps: AdaptiveSteps,
-    *,
-    every: int = 1,
-    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
-    with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
-    engine: Engine | None = None,
-) -> Trajectory:
-    """Integrate a scene over [0, T] by steps that are found on the way.
-
-    Parameters as for :func:`fvi_cli.integrator.integrate.integrate`; `engine` is what
-    :func:`adaptive_engine` gave for the same scene, method and first step: runs share the tables of
-    step sizes that they have in common.
-    """
-    began = clock.perf_counter()
-    engine = engine or adaptive_engine(scene, method, steps)
-    source = AdaptiveSource(scene, method, steps)
-    keeps = with_steps or not diagnostics.is_empty or has_rough_momenta(scene, method)
-    recorder = Recorder(
-        engine, every=every, with_steps=keeps, check=Soundness([scene], engine.loads_of)
-    )
-    this = ScenesRun(engine, source, recorder)
-    this.begin()
-    ready = clock.perf_counter()
-    run_key = (method.case, 0, steps.tolerance)
-    seconds = this.march(checkpoints, run_key, (scene, method, steps))
-    found = trajectory_of(
-        this,
-        0,
-        every,
-        diagnostics,
-        with_steps=with_steps,
-        seconds=(ready - began, seconds),
-    )
-    return replace(found, rejected=source.controller.rejected, doubts=source.doubts)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeshPlan:
-    """How the steps of a mesh will be done, and what their memory takes."""
-
-    n_steps: int  # steps of the mesh, and those of them that are done one by one
-    single: int
-    n_sizes: int  # number of step sizes
-    block: int  # most steps of a block; 0: there are none
-    systems: int  # independent systems of a scene, and components of each
-    coupled: int
-    has_modes: bool  # whether these are modes of the scene, no components of its coordinates
-    n_states: int  # states that stand for the past
-    operations: int | None  # multiply-adds of the memory for a scene; None: not known
-    # steps of the past that are remembered one by one in states of their own; all others are
-    # exponentials
-    n_lags: int = 0
-
-
 def memory_operations(engine: Engine, n_steps: int) -> int:
     """Multiply-adds of the memory of a scene in so many steps."""
     damping = engine.damping
     return 0 if damping is None else n_steps * engine.width * damping.operations_per_step
-
-
-def plan_steps(engine: Engine, mesh: Mesh) -> MeshPlan:
-    """How the loop will do the steps of a mesh for each scene of an engine."""
-    single = largest = 0
-    for one in mesh.stretches:
-        block = block_for(engine, one.n_steps)
-        if block == 1 or isinstance(engine.law, StructureLaw):
-            single += one.n_steps
-        else:
-            largest = max(largest, block)
-    return MeshPlan(
-        n_steps=mesh.n_steps,
-        single=single,
-        n_sizes=len({one.step_size for one in mesh.stretches}),
-        block=largest,
-        systems=engine.width,
-        coupled=engine.e,
-        has_modes=engine.modes is not None and engine.modes[0].has_modes,
-        n_states=engine.n_states,
-        operations=memory_operations(engine, mesh.n_steps),
-        n_lags=0 if engine.damping is None else engine.damping.memory.n_lags,
-    )

@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.domain import check_domain, may_be_unbounded
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside, least_bound, scene_bound
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.loop.points import Points, Stops
+from fvi_cli.integrator.run.points import Points, Stops
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from fvi_cli.integrator.loop.checkpoint import UnfinishedRun
+from fvi_cli.integrator.run.checkpoint import UnfinishedRun
 from fvi_cli.runner.executors.batches import Batch, batches_of
 from fvi_cli.storage.atomic import reason, replacement
 from fvi_cli.storage.digests import canonical_json, identity_of, sha256
@@ -84,7 +84,7 @@ class CheckpointFolder:
 
 @dataclass(kw_only=True, eq=False)
 class CheckpointFile:
-    """The checkpoint of one run, as :class:`fvi_cli.integrator.loop.checkpoint.RunKeeper` asks.
+    """The checkpoint of one run, as :class:`fvi_cli.integrator.run.checkpoint.RunKeeper` asks.
 
     A full disk or a broken file is reported and does no harm: without a checkpoint a run begins at
     its start, and it goes on without one.

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from fvi_cli.config.memory import machine_bytes
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.observations.observe import integrate_observed_members
 from fvi_cli.integrator.observations.observer import Pair
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.runner.executors.batches import Batch, search_title

@@ -10,9 +10,9 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.integrator.stability.prediction import Verdict, predict_stability
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.scenes.registry import build_scene

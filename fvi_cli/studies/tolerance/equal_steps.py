@@ -12,9 +12,9 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.observe import integrate_observed, observe
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance

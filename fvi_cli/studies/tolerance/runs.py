@@ -10,12 +10,12 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.scenes_run import adaptive_engine, integrate_adaptively
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.on_mesh import engine_for, integrate_scenes
 from fvi_cli.integrator.trajectory import Trajectory
 
 MOST_STEPS = 200_000
@@ -64,12 +64,13 @@ class AdaptiveRuns:
         )
         scene, method = self._scene, self._method
         if first_step not in self._engines:
-            self._engines[first_step] = adaptive_engine(scene, method, steps)
+            self._engines[first_step] = engine_for([scene], method, steps)
         engine = self._engines[first_step]
         own = part_of(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
-        return integrate_adaptively(
-            scene, method, steps, with_steps=True, engine=engine, checkpoints=own
+        (found,) = integrate_scenes(
+            [scene], method, steps, with_steps=True, engine=engine, checkpoints=own
         )
+        return found
 
 
 def run_on(

@@ -16,7 +16,7 @@ from typing import Final
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
-from fvi_cli.integrator.loop.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.accuracy_settings import Accuracy

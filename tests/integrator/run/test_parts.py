@@ -16,11 +16,11 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop import loop
-from fvi_cli.integrator.loop.checkpoint import Checkpoint
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import integrate_part
+from fvi_cli.integrator.run import loop
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.data import duffing
 

@@ -13,7 +13,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run import regular, scenes_run
-from fvi_cli.integrator.run.on_mesh import integrate_part
+from fvi_cli.integrator.run.parts import integrate_part
 
 Array = NDArray[np.float64]
 

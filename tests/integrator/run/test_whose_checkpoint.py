@@ -8,16 +8,16 @@ from letters import spring, swing
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loop import loop
-from fvi_cli.integrator.loop.checkpoint import (
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
+from fvi_cli.integrator.run import loop
+from fvi_cli.integrator.run.checkpoint import (
     OF_ANOTHER_RUN,
     UnfinishedRun,
     arrays_digest,
     fingerprint,
 )
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
-from fvi_cli.integrator.run.on_mesh import integrate_part
+from fvi_cli.integrator.run.parts import integrate_part
 
 HEAD = ("seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
 N, T = 96, 8.0

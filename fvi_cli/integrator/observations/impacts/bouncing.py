@@ -12,7 +12,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.loop.points import Proposal, why_unsolved
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
@@ -29,6 +28,7 @@ from fvi_cli.integrator.observations.impacts.surface import (
     velocity_at_end,
 )
 from fvi_cli.integrator.observations.search import Fall, first_fall
+from fvi_cli.integrator.run.points import Proposal, why_unsolved
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis

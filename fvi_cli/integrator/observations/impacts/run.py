@@ -22,10 +22,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.loop.adaptive import MOST_SHORTEST
-from fvi_cli.integrator.loop.checkpoint import RunKeeper
-from fvi_cli.integrator.loop.points import Proposal
-from fvi_cli.integrator.loop.recorder import Recorder
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members
@@ -37,6 +33,10 @@ from fvi_cli.integrator.observations.impacts.surface import (
 from fvi_cli.integrator.observations.request import Impact
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.adaptive import MOST_SHORTEST
+from fvi_cli.integrator.run.checkpoint import RunKeeper
+from fvi_cli.integrator.run.points import Proposal
+from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array

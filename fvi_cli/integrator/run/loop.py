@@ -10,8 +10,8 @@ from fvi_cli.integrator.engine.blocks import advance, block_for
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.loop.points import Proposal, Solved, Source
-from fvi_cli.integrator.loop.recorder import Recorder
+from fvi_cli.integrator.run.points import Proposal, Solved, Source
+from fvi_cli.integrator.run.recorder import Recorder
 
 CHUNK = 4096
 """Steps whose loads are computed together, at most."""

@@ -15,11 +15,11 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, StepFinding
-from fvi_cli.integrator.loop.points import Proposal, why_unsolved
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
+from fvi_cli.integrator.run.points import Proposal, why_unsolved
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 

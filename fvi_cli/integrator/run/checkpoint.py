@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import time as clock
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import IO, Any, Protocol
@@ -202,69 +201,6 @@ class RunKeeper(Protocol):
 def part_of(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
     """Where one of several runs keeps its checkpoint; None: nowhere."""
     return None if checkpoints is None else checkpoints.part(name)
-
-
-class Resumable(Protocol):
-    """A run whose state can be taken as arrays and put back."""
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """Finished steps and reported points."""
-
-    def arrays(self) -> Arrays:
-        """Everything that the steps to come depend on."""
-
-    def kept(self) -> Arrays:
-        """What was kept of the steps so far."""
-
-    def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Go on from there; KeyError or ValueError where something is missing or does not fit."""
-
-
-class Keeper:
-    """The checkpoint of one run: taken up when it begins, and renewed while it goes on.
-
-    The run, at its start, is brought to where it was stopped. It is that of a method, a number of
-    steps and their size or tolerance, and of all that determines its numbers beside these.
-    """
-
-    def __init__(
-        self,
-        checkpoints: RunKeeper | None,
-        run_key: tuple[str, int, float],
-        determined_by: tuple[object, ...],
-        run: Resumable,
-    ) -> None:
-        self._checkpoints, self._run = checkpoints, run
-        # a run without a place for checkpoints needs no key
-        self._run_key = (*run_key, "" if checkpoints is None else fingerprint(*determined_by))
-        self.earlier_seconds = 0.0
-        found = None if checkpoints is None else checkpoints.load()
-        if checkpoints is not None and found is not None:
-            try:
-                if found.checkpoint.run != self._run_key:
-                    raise ValueError(OF_ANOTHER_RUN)
-                run.restore(found.checkpoint.arrays, found.kept)
-                self.earlier_seconds = found.seconds
-            except (KeyError, TypeError, ValueError):
-                checkpoints.reject(OF_ANOTHER_RUN)
-        self._taken_up = run.progress[0]
-        self._began = clock.perf_counter()
-
-    def offer(self, *, has_ended: bool = False) -> None:
-        """Keep a checkpoint where the run is now, or has come to its end, if it is due."""
-        checkpoints = self._checkpoints
-        if checkpoints is None or self._run.progress[0] == self._taken_up:
-            return
-        seconds = self.earlier_seconds + clock.perf_counter() - self._began
-        if not (checkpoints.is_kept_whole(seconds) if has_ended else checkpoints.is_due()):
-            return
-        arrays = self._run.arrays()
-        done, reported = self._run.progress
-        checkpoint = Checkpoint(run=self._run_key, done=done, reported=reported, arrays=arrays)
-        checkpoints.save(
-            UnfinishedRun(checkpoint=checkpoint, kept=self._run.kept(), seconds=seconds)
-        )
 
 
 def _loaded(stream: IO[bytes]) -> dict[str, NDArray[Any]]:

@@ -14,7 +14,8 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.newton_log import NewtonLog
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, no_unique_solution
-from fvi_cli.integrator.loop.points import (
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.points import (
     Check,
     Points,
     Solved,
@@ -23,7 +24,6 @@ from fvi_cli.integrator.loop.points import (
     step_failure,
     velocities_of,
 )
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
 WAITING = 256
