@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import damping_of, writes_out
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.engine.frame import longest_in_batch, sampling_of
+from fvi_cli.integrator.engine.frame import longest_in_batch
 from fvi_cli.integrator.integrate import check_counts, integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
@@ -20,6 +20,7 @@ from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
 
 LARGEST_STEP = 24
@@ -106,7 +107,7 @@ def integrate_batch(
 
 def block_in_batch(scene: Scene, method: Method) -> int:
     """Steps of the longest block of a scene in a batch, whatever others are in it."""
-    inputs = len(sampling_of(method).to_inputs) * scene.dimension // _width(scene)
+    inputs = len(step_tables(method).to_inputs) * scene.dimension // _width(scene)
     return longest_in_batch(inputs, is_linear=scene.is_linear)
 
 

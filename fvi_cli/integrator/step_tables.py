@@ -32,6 +32,10 @@ class StepTables:
     sample_points: Array  # rule (chi_i, beta_i) of the fractional action, shape (m,)
     sample_weights: Array
     sample_basis: Array  # l_nu(chi_i), shape (s + 1, m)
+    # weights of the damping force in the load vectors of a step of length 1, (s + 1, m): at the
+    # quadrature points, of backward differences at their samples
+    to_loads: Array
+    to_inputs: Array  # from a step's unknowns to what drives the memory, (i, s)
 
     @cached_property
     def mass_matrix(self) -> Array:
@@ -89,14 +93,20 @@ def step_tables(method: Method) -> StepTables:
         # momentum is that between the halves
         sample_points, sample_weights = np.array([0.0, 1.0]), np.array([0.5, 0.5])
         sampled = basis.values(sample_points)
+    slopes = basis.derivatives(rule.nodes)
+    to_loads, to_inputs = rule.weights * at_points, np.ascontiguousarray(slopes[1:].T)
+    if not method.is_runge_kutta:
+        to_loads, to_inputs = sample_weights * sampled, np.eye(method.degree)
     return StepTables(
         degree=method.degree,
         control_points=basis.control_points,
         points=rule.nodes,
         weights=rule.weights,
         basis=at_points,
-        slopes=basis.derivatives(rule.nodes),
+        slopes=slopes,
         sample_points=sample_points,
         sample_weights=sample_weights,
         sample_basis=sampled,
+        to_loads=to_loads,
+        to_inputs=to_inputs,
     )

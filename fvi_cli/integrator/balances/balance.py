@@ -33,12 +33,12 @@ from numpy.typing import NDArray
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along, pieces_of_equal_steps
-from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
@@ -57,7 +57,7 @@ def diagnose_run(
     """
     along, damping, stored = damping_along([scene], method, mesh, [steps]), None, None
     if along is not None:
-        damping = sampling_of(method).to_loads @ along.forces().sum(axis=0)[0]
+        damping = step_tables(method).to_loads @ along.forces().sum(axis=0)[0]
         damping = damping * steps.step_size[:, None, None]
         every = along.stored() if request.energy_balance else None
         stored = None if every is None else every[:, 0].sum(axis=0)

@@ -23,12 +23,12 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, DampingTables, damping_of
-from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 PIECE = 64
@@ -152,7 +152,7 @@ def damping_along(
         return None
     inputs = np.stack([one.velocity for one in steps])
     if not method.is_runge_kutta:
-        inputs = np.stack([sampling_of(method).to_inputs @ one.unknowns for one in steps])
+        inputs = np.stack([step_tables(method).to_inputs @ one.unknowns for one in steps])
     return DampingAlong(
         damping=damping,
         step_sizes=steps[0].step_size,

@@ -15,7 +15,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import damping_of
-from fvi_cli.integrator.engine.frame import Frame, longest_block, sampling_of
+from fvi_cli.integrator.engine.frame import Frame, longest_block
 from fvi_cli.integrator.engine.law import StepLaw, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator, Operators
@@ -54,7 +54,6 @@ class Engine:
     ) -> None:
         scene = scenes[0]
         self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
-        self.sampling = sampling_of(method)
         self.modes, reach = modes_of(scenes), None
         self.law: StepLaw
         if is_structure(scenes, method, self.modes):
@@ -82,7 +81,7 @@ class Engine:
             self._leave_out_jump(scene.final_time / n_steps)
         self.has_loads = any(not one.is_empty for one in self.loads_of)
         self.is_batch = most is not None
-        inputs = len(self.sampling.to_inputs) * self.e
+        inputs = len(self.tables.to_inputs) * self.e
         self.most = longest_block(self.law, self.q, inputs) if most is None else most
         if isinstance(self.law, StructureLaw):
             self.most = GROUP
@@ -176,7 +175,7 @@ class Engine:
         """
         if isinstance(self.law, StructureLaw):
             frame = self.frame(h, count)
-            return solve_one_by_one(frame, self.law, self.damping, self.sampling, state, loads)
+            return solve_one_by_one(frame, self.law, self.damping, state, loads)
         most = max(count, most or count)
         if self.law.is_linear:
             op = self.operator(h, most)
@@ -252,7 +251,7 @@ class Engine:
     def _inputs(self, u: Array) -> Array:
         """What drives the memory in steps, ``(q, B i, e)``."""
         if self.method.is_runge_kutta:
-            u = on_steps(self.sampling.to_inputs, u)
+            u = on_steps(self.tables.to_inputs, u)
         return u.reshape(len(u), -1, self.e)
 
     def _linear(self, op: Operator, state: State, past: Array | None, loads: Array | None) -> Steps:
@@ -264,7 +263,7 @@ class Engine:
         if loads is not None:
             # added, so that those of others change no bits of a member without
             found += np.matmul(op.outputs_of_loads, loads.reshape(q, -1, 1))[..., 0]
-        n = count * len(self.sampling.to_inputs) * e
+        n = count * len(self.tables.to_inputs) * e
         inputs = found[:, :n].reshape(q, -1, e)
         dx, dp = found[:, n:].reshape(q, 2, count, e).swapaxes(0, 1)
         # steps to come ask for those of the last step alone

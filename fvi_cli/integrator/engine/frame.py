@@ -33,23 +33,6 @@ CACHE = 2**15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sampling:
-    """Where the damping force of a step acts, and what drives it."""
-
-    to_loads: Array  # weights of the force in the load vectors of a step of length 1, (s + 1, m)
-    to_inputs: Array  # from U to the inputs of the memory, (i, s)
-
-
-@lru_cache(maxsize=32)
-def sampling_of(method: Method) -> Sampling:
-    """At the quadrature points; for backward differences at their samples, driven by U."""
-    t = step_tables(method)
-    if method.is_runge_kutta:
-        return Sampling(to_loads=t.test_weights, to_inputs=np.ascontiguousarray(t.slopes[1:].T))
-    return Sampling(to_loads=t.sample_test_weights, to_inputs=np.eye(t.degree))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class UnitTables:
     """Tables of B steps of length 1: what depends on the method and on B alone."""
 
@@ -149,21 +132,18 @@ def unit_tables(method: Method, count: int, components: int, has_rates: bool) ->
 class Frame:
     """Tables of B steps of length h."""
 
-    def __init__(
-        self, sampling: Sampling, unit: UnitTables, damping: Damping | None, h: float, count: int
-    ) -> None:
+    def __init__(self, unit: UnitTables, damping: Damping | None, h: float, count: int) -> None:
         self.h, self.count, self.unit, self.tables = h, count, unit, unit.tables
-        self.sampling = sampling
         # damping forces to load vectors of their step, (s + 1, m), and to its momentum, (m,); a
         # force of 1 to load vectors, (s + 1,)
-        self.to_loads, self.test_sum = h * sampling.to_loads, h * unit.test_sum
+        self.to_loads, self.test_sum = h * unit.tables.to_loads, h * unit.test_sum
         self.weights = self.to_loads.sum(axis=0)
         # U to displacements, a lag sequence (B, r, s), and by the stiffness within a step
         self.displacement, self.stiff = h * unit.displacement, h * h * unit.stiff
         # tables of the memory, and for every direction U to the equations, (q or 1, s, s)
         self.damping = None if damping is None else damping.tables(h, count)
         self.sequences = () if self.damping is None else self.damping.sequences
-        test, drive = self.to_loads[:-1], sampling.to_inputs
+        test, drive = self.to_loads[:-1], unit.tables.to_inputs
         self.damp = [test @ one[:, 0] @ drive for one in self.sequences]
 
     def of(self, places: Places) -> Frame:

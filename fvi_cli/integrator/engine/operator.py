@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
-from fvi_cli.integrator.engine.frame import Frame, UnitTables, sampling_of, unit_tables
+from fvi_cli.integrator.engine.frame import Frame, UnitTables, unit_tables
 from fvi_cli.integrator.engine.law import Linearisation, StepLaw
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, by_columns, on_components, on_points, on_steps
@@ -110,7 +110,7 @@ class Operator:
         given = unit[: (s + 1) * e].reshape(-1, e, width)
         x = np.broadcast_to(unit[(s + 1) * e : -e] * self.is_linear, (q, e, width)).copy()
         p = np.broadcast_to(unit[-e:], (q, e, width)).copy()
-        m, i, size = f.weights.size, len(f.sampling.to_inputs), s * e
+        m, i, size = f.weights.size, len(f.tables.to_inputs), s * e
         every = np.empty((q, count, size, width))
         inputs = np.empty((q, count * i, e * width))
         force = np.zeros((q, m, e, width))
@@ -152,7 +152,7 @@ class Operator:
         if given is not None:
             right -= given[:-1]
         u = np.matmul(inverse, right.reshape(q, s * e, width)).reshape(q, s, e * width)
-        inputs = np.matmul(f.sampling.to_inputs, u)
+        inputs = np.matmul(f.tables.to_inputs, u)
         for sequence, matrix in zip(f.sequences, self._matrices, strict=True):
             own = np.matmul(sequence[:, 0], inputs).reshape(q, m, e, width)
             force = force + np.matmul(matrix[:, None], own)
@@ -196,7 +196,7 @@ class Operator:
         e, count, h = k.shape[-1], f.count, f.h
         width = 2 * e + c
         u = np.concatenate([self.start, -self.by_load], axis=2).reshape(q, count, -1, e * width)
-        inputs = np.matmul(f.sampling.to_inputs, u).reshape(q, -1, e * width)
+        inputs = np.matmul(f.tables.to_inputs, u).reshape(q, -1, e * width)
         dx = h * np.cumsum(u[:, :, -1], axis=1)
         place = np.matmul((h * f.tables.weights)[None] @ f.displacement[0], u)[:, :, 0]
         place[:, 1:] += h * dx[:, :-1]
@@ -285,7 +285,7 @@ class Operators:
         self, law: StepLaw, damping: Damping | None, method: Method, components: int
     ) -> None:
         self.law, self.damping, self._method, self._e = law, damping, method, components
-        self._tables, self._sampling = step_tables(method), sampling_of(method)
+        self._tables = step_tables(method)
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
         self._linear: OrderedDict[tuple[float, int], Operator] = OrderedDict()
         self._of_block: Operator | None = None
@@ -296,7 +296,7 @@ class Operators:
         key = (h, count)
         if key not in self._frames:
             unit = unit_tables(self._method, count, self._e, self.law.has_rates)
-            self._frames[key] = Frame(self._sampling, unit, self.damping, h, count)
+            self._frames[key] = Frame(unit, self.damping, h, count)
             if len(self._frames) > KEPT_TABLES:
                 self._frames.popitem(last=False)
         return self._frames[key]

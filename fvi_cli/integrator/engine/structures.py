@@ -18,7 +18,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.algebra import solver_of
-from fvi_cli.integrator.engine.frame import Frame, Sampling
+from fvi_cli.integrator.engine.frame import Frame
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.memory.interface import Combination, toeplitz_matrix
@@ -124,14 +124,13 @@ def solve_one_by_one(
     frame: Frame,
     law: StructureLaw,
     damping: Damping | None,
-    sampling: Sampling,
     state: State,
     loads: Array | None,
 ) -> Steps:
     """Solve the steps of a frame; as :meth:`fvi_cli.integrator.engine.engine.Engine.solve`."""
     h, count, t = frame.h, frame.count, frame.tables
     combinations = () if damping is None else damping.combinations
-    solve, drive = law.solver(frame, combinations), sampling.to_inputs
+    solve, drive = law.solver(frame, combinations), t.to_inputs
     (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, state.x.shape[1])
     r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
     every = [toeplitz_matrix(one[0]) for one in frame.sequences]

@@ -9,7 +9,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
+from fvi_cli.integrator.engine.frame import Frame, unit_tables
 from fvi_cli.integrator.engine.law import law_of
 from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components
@@ -52,7 +52,7 @@ class Equations:
     ) -> None:
         self.method, self.tables, self.d = method, step_tables(method), scene.dimension
         self.coefficients, self._terms, self._memory = coefficients, terms, memory
-        self._is_regular, self._to_inputs = is_regular, sampling_of(method).to_inputs
+        self._is_regular, self._to_inputs = is_regular, self.tables.to_inputs
         whole = [Decoupling(mass=scene.inertia.mass, modes=None)] if scene.is_linear else None
         self._law = law_of([scene], whole)
 
@@ -117,7 +117,7 @@ class Equations:
             ]
             damping = Damping(directions, self._memory, np.zeros((1, self.d)))
         unit = unit_tables(self.method, count, self.d, False)
-        frame = Frame(sampling_of(self.method), unit, damping, h, count)
+        frame = Frame(unit, damping, h, count)
         at = self._law.linearise(np.zeros((1, self.d)), None, 0.0)
         op = Operator(frame, at, damping, is_linear=True)
         if op.singular.any():

@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
 from fvi_cli.integrator.gradients.quantity import Quantity
@@ -209,6 +208,6 @@ def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
             damping=stages[None],
         )
     )
-    velocity = np.matmul(sampling_of(method).to_inputs, motion.unknowns[0])
+    velocity = np.matmul(step_tables(method).to_inputs, motion.unknowns[0])
     run.steps = replace(rest, position=motion.position[0], velocity=velocity)
     return run

@@ -29,7 +29,6 @@ import numpy as np
 
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.gradients.equations import Equations, Maps
 from fvi_cli.integrator.gradients.past import LinearisedMemory, LinearisedStretch, are_regular
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
@@ -104,7 +103,7 @@ class LinearisedRun:
                 f"derivatives: {size} unknowns in a step; steps of at most {LARGEST_STEP} are "
                 "linearised"
             )
-        self._to_inputs, self._kept = sampling_of(method).to_inputs, dict[int, Maps]()
+        self._to_inputs, self._kept = self.tables.to_inputs, dict[int, Maps]()
         damping, laws = scene.damping, scene.laws
         found = [one.coefficient for one in damping] + [o.size * o.coefficient for o in laws]
         # matrices of all damping terms and laws, those of laws times their size, (f, d, d)

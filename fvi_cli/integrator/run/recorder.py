@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -281,21 +282,15 @@ class Recorder:
             "last momentum": self._last[2],
             "done": np.array([self.done, self.reported]),
         }
-        stopped = sorted(self.failures)
-        failures = [self.failures[scene] for scene in stopped]
-        ends = [self._endings[scene] for scene in stopped]
-        if stopped:
-            found |= {
-                "stopped": np.array(
-                    [(k, end.done, end.rows) for k, end in zip(stopped, ends, strict=True)]
-                ),
-                "stopped points": np.array([(e.position, e.momentum) for e in ends]),
-                "stopped times": np.array(
-                    [(e.time, f.time) for e, f in zip(ends, failures, strict=True)], dtype=float
-                ),
-                "stopped words": np.array([(f.words, f.reason) for f in failures]),
-                "stopped steps": np.array([-1 if f.step is None else f.step for f in failures]),
-            }
+        if self.failures:
+            ends = [(self._endings[scene], self.failures[scene], scene) for scene in self.failures]
+            found["stopped points"] = np.array([(end.position, end.momentum) for end, _, _ in ends])
+            found["stopped"] = np.array(
+                [
+                    json.dumps((scene, end.done, end.rows, end.time, vars(failure)), default=int)
+                    for end, failure, scene in ends
+                ]
+            )
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -307,26 +302,19 @@ class Recorder:
         newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
         last = (float(arrays["last time"]), arrays["last position"], arrays["last momentum"])
         is_point, (done, reported) = arrays["is point"], arrays["done"].tolist()
-        stopped = self._stopped(arrays) if "stopped" in arrays else {}
+        stopped = {}
+        if "stopped" in arrays:
+            points = zip(arrays["stopped"].tolist(), arrays["stopped points"], strict=True)
+            for text, (position, momentum) in points:
+                scene, count, kept, time, failure = json.loads(text)
+                end = _Ending(count, kept, time, position, momentum)
+                stopped[scene] = Failure(**failure), end
         self._rows |= rows
         self._is_point, self.newton, self._last = [is_point], newton, last
         self.done, self.reported = done, reported
         for scene, (failure, end) in stopped.items():
             self.live[scene] = False
             self.failures[scene], self._endings[scene] = failure, end
-
-    def _stopped(self, arrays: Mapping[str, NDArray[Any]]) -> dict[int, tuple[Failure, _Ending]]:
-        rows = zip(
-            *(arrays[f"stopped{name}"].tolist() for name in ("", " times", " words", " steps")),
-            arrays["stopped points"],
-            strict=True,
-        )
-        found = {}
-        for (scene, done, kept), (time, begin), (words, reason), step, point in rows:
-            failure = Failure(words, reason, None if step < 0 else step, begin)
-            position, momentum = point
-            found[scene] = failure, _Ending(done, kept, time, position, momentum)
-        return found
 
     def go_on(self, state: State, done: int, reported: int) -> None:
         """Begin behind so many steps and reported points of the run, without a start."""
