@@ -303,9 +303,9 @@ class General(_Members):
         e = origin.shape[-1]
         first, second = self._derivatives(origin[:, None] + points[..., :e], points[..., e:], t)
         at = Linearisation(second[..., 0, :, :], second[..., 1, :, :], -second[..., 2, :, :])
-        return at, self._beside(at, points, first)
+        return at, self._rest_of(at, points, first)
 
-    def _beside(self, at: Linearisation, points: Array, first: Array) -> Array:
+    def _rest_of(self, at: Linearisation, points: Array, first: Array) -> Array:
         """What P and Q in `first` have beside second derivatives at every point."""
         mass, mixed, stiffness = at
         e = points.shape[-1] // 2
@@ -335,7 +335,7 @@ class General(_Members):
             first = self._first(x, v, t[..., None])
             if self.stiffness is not None:
                 first[..., e:] -= force_of(self.stiffness, x)
-            return self._beside(at, points, first)
+            return self._rest_of(at, points, first)
         first, second = self._derivatives(x, v, t)
         known = np.matmul(v, mass) + before[..., :e]
         own, cross = second[..., 0, :, :], second[..., 1, :, :]

@@ -94,6 +94,12 @@ class Newton:
             return False
         return None
 
+    def _falls(self, change: Array, before: Array, size: Array, least: float) -> Mask:
+        """Members whose largest relative change is at least so large, and less than before."""
+        share = 1.0 / np.maximum(size, SMALLEST)
+        now, last = ((share * one).max(axis=1) for one in (change, before))
+        return np.asarray((now < last) & (now >= least))
+
     def run(self, points: Array | None, fresh: Array | None) -> Solution:
         """Iterate until every member and every component has come to rest by itself.
 
@@ -131,12 +137,16 @@ class Newton:
             if iteration == 0:
                 size, before = self._largest(moved), change
                 limit = NEGLIGIBLE * size
+                size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(state.x))
                 continue
             if renewed is None and everyone:
                 has_ended = self._has_ended(change, before, limit)
                 if has_ended:
                     return self._solution(points, rest, iterations + len(changes), failed, changes)
-                if has_ended is not None:
+                # blocks may be iterated slowly, as long as large changes fall
+                if has_ended is not None or (
+                    not self.is_step and self._falls(change, before, size, HALF_THE_DIGITS).all()
+                ):
                     before = change
                     continue
                 # from here on members end one by one
@@ -147,21 +157,18 @@ class Newton:
             if renewed is not None:
                 good[renewed], slow[renewed] = False, ~np.isfinite(change[renewed])
                 renewed = None
-            size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(state.x))
             good |= slow & (change <= UNIT * size)
             slow &= ~good
             done = np.asarray(good.all(axis=1))
             stuck = live & slow.any(axis=1)
             if stuck.any():
-                share = 1.0 / np.maximum(size, SMALLEST)
-                falls = (share * change).max(axis=1) < (share * before).max(axis=1)
                 # large changes that fall are no round-off
-                noisy = stuck & ~(falls & ((share * change).max(axis=1) > HALF_THE_DIGITS))
+                noisy = stuck & ~self._falls(change, before, size, HALF_THE_DIGITS)
                 if noisy.any():
                     floor = NOISE * self._floor(rest, points)
                     done |= noisy & (good | (change <= floor)).all(axis=1)
                 stuck &= ~done
-                hopeless = stuck & ~falls
+                hopeless = stuck & ~self._falls(change, before, size, 0.0)
                 # equations of a block contract the better the longer they are iterated
                 if self.is_step:
                     for place in np.flatnonzero(hopeless & ~followed).tolist():

@@ -11,7 +11,7 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, UnitTables, unit_tables
-from fvi_cli.integrator.engine.law import Linearisation, StepLaw
+from fvi_cli.integrator.engine.law import Linearisation, StepLaw, force_of
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, by_columns, on_components, on_points, on_steps
 from fvi_cli.integrator.memory.interface import toeplitz_matrix
@@ -79,9 +79,12 @@ class Operator:
         From known loads with the sign of the left side, ``(q, n, s + 1, e)``.
         """
         q, count = known.shape[:2]
-        if self.frame.count == 1 and not self.is_linear:
+        if self.frame.count == 1:
             right = known[:, 0, :-1].copy()
             right[:, 0] -= state.p
+            if self.is_linear:
+                pulled = force_of(self.at.stiffness, state.x[:, None])
+                right += self.frame.test_sum[:-1, None] * pulled
             return apply(self.inverse, right.reshape(q, -1))
         begin = np.concatenate([state.x, state.p], axis=1)
         n, c = count * len(self.inverse[0]), known[0].size

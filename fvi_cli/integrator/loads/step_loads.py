@@ -13,7 +13,7 @@ from fvi_cli.integrator.loads.panels import graded_rule, tested_rule
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
 PANEL_RATIO = 4.0
 """A step that ends later than at so many times its beginning is integrated in panels of this ratio,
@@ -35,7 +35,6 @@ class StepLoads:
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
         self._forcing, self._tables = scene.forcing, tables
         self._rule, self._dimension = method.forcing_quadrature, scene.dimension
-        self._basis = lobatto_basis(method.degree)
         self.largest_force = 0.0  # the largest mean over a step that was met so far
         # of backward differences: load vectors of the first steps, ``(n, s + 1, d)``
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
@@ -48,6 +47,11 @@ class StepLoads:
                 for term in scene.active_damping
                 if term.order < 1
             ]
+
+    @cached_property
+    def _basis(self) -> LagrangeBasis:
+        """Basis of the polynomials of a step."""
+        return lobatto_basis(self._tables.degree)
 
     @cached_property
     def _projection(self) -> Array:
