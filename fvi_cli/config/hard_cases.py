@@ -12,7 +12,6 @@ from typing import Any
 from fvi_cli.config.text.document import read_document
 from fvi_cli.keys.complaints import Complaints, SourcePosition
 from fvi_cli.keys.nodes import plain
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.hard_cases.case import CaseSetting, Claim, HardCase, Sense
 from fvi_cli.studies.hard_cases.judges import JUDGES, JUDGES_OF_PREDICTIONS, judge_of
@@ -94,4 +93,4 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
     if node[1:] in values:
         return values[node[1:]]
     formula = Expression.parse(node[1:], variables=tuple(values))
-    return float(formula.evaluate(values, NUMPY_FUNCTIONS))
+    return float(formula.evaluate(values))

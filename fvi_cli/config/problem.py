@@ -13,7 +13,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.keys.settings import Setting
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import with_parameters
@@ -228,7 +228,7 @@ def _objection(text: str, begin: float, end: float, *, is_force: bool) -> str:
     times = np.concatenate([inside, _instants(begin, end, _GRID)] if is_force else [[0.0], inside])
     try:
         expression = Expression.parse(text, variables=("t",))
-        found = np.asarray(expression.evaluate({"t": times}, NUMPY_FUNCTIONS))
+        found = np.asarray(expression.evaluate({"t": times}))
     except ExpressionError as error:
         return str(error)
     values = np.broadcast_to(found, times.shape)
@@ -247,7 +247,7 @@ def _instants(begin: float, end: float, count: int) -> Array:
 
 def _limited_impulse(expression: Expression, begin: float) -> str:
     """A force may be infinite at the beginning of its piece, but not its integral."""
-    if np.isfinite(expression.evaluate({"t": np.array([begin])}, NUMPY_FUNCTIONS)).all():
+    if np.isfinite(expression.evaluate({"t": np.array([begin])})).all():
         return ""
     # few forces call for it, and its special functions take long to import
     from fvi_cli.mathematics.series.power_series import SeriesError, expand

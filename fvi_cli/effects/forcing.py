@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.singularities import pole_inside
@@ -46,9 +45,7 @@ class ForcingPiece:
     def is_zero(self) -> bool:
         """Whether no component is ever anything but zero."""
         return all(
-            isinstance(one, Expression)
-            and one.is_constant
-            and not one.evaluate({}, NUMPY_FUNCTIONS)
+            isinstance(one, Expression) and one.is_constant and not one.evaluate({})
             for one, _ in self.distinct
         )
 
@@ -57,7 +54,7 @@ class ForcingPiece:
         time = np.asarray(time, dtype=float)
         result = np.empty((*time.shape, len(self.components)))
         for component, places in self.distinct:
-            value = np.asarray(component.evaluate({"t": time}, NUMPY_FUNCTIONS))
+            value = np.asarray(component.evaluate({"t": time}))
             result[..., places] = value[..., None]
         return result
 
@@ -206,7 +203,7 @@ class Forcing:
         return all(
             isinstance(one, Expression)
             and one.is_constant
-            and (value[places] == one.evaluate({}, NUMPY_FUNCTIONS)).all()
+            and (value[places] == one.evaluate({})).all()
             for piece in self.pieces
             for one, places in piece.distinct
         )

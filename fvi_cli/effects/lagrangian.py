@@ -2,7 +2,7 @@ r"""A Lagrangian whose mass matrix is not constant, or whose energies do not sep
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from fvi_cli.effects.potential import plus_linear
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, REAL_BRANCHES
+from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import find_roots
@@ -52,10 +52,15 @@ class Lagrangian:
         """Names of the velocities."""
         return tuple(map(velocity_name, self.coordinates))
 
+    @property
+    def accelerations(self) -> tuple[str, ...]:
+        """Names of the accelerations, which no user can give to anything else."""
+        return tuple(f"{name}''" for name in self.coordinates)
+
     @cached_property
     def variables(self) -> tuple[str, ...]:
-        """Coordinates, velocities and the time: the components of points."""
-        return (*self.coordinates, *self.velocities, TIME)
+        """Coordinates, velocities, the time and accelerations: the components of points."""
+        return (*self.coordinates, *self.velocities, TIME, *self.accelerations)
 
     @cached_property
     def first(self) -> FormulaSystem:
@@ -74,14 +79,15 @@ class Lagrangian:
         return FormulaSystem(found.instructions, tuple(found.outputs[k] for k in chosen))
 
     @cached_property
-    def drift(self) -> FormulaSystem:
-        r""":math:`\partial^2 L / \partial v \partial t`, d values."""
-        return slopes_system(self.first[: self.dimension], (TIME,))[self.dimension :]
+    def imbalance(self) -> FormulaSystem:
+        r""":math:`\partial_q L` and :math:`\frac{d}{dt} \partial_v L`, d values each.
 
-    @cached_property
-    def rate(self) -> FormulaSystem:
-        r""":math:`\partial L/\partial t`."""
-        return slopes_system(self.value, (TIME,))[1:]
+        Variables besides are :attr:`accelerations`.
+        """
+        d = self.dimension
+        moving = dict(zip(self.coordinates, self.velocities, strict=True))
+        moving |= zip(self.velocities, self.accelerations, strict=True)
+        return derivatives(self.first, [{**moving, TIME: 1.0}])[d : 3 * d]
 
     @property
     def depends_on_time(self) -> bool:
@@ -100,17 +106,13 @@ class Lagrangian:
         velocity: Array,
         time: Array | float,
         parameters: Mapping[str, float] | None = None,
+        acceleration: Array | None = None,
     ) -> Array:
         """Values of a program in q, v<q>, t and parameters, ``(..., number of outputs)``."""
-        is_real = np.result_type(position, velocity).kind != "c"
-        program = PointFormulas(
-            system,
-            self.variables,
-            parameters or self.parameters,
-            NUMPY_FUNCTIONS if is_real else REAL_BRANCHES,
-        )
+        program = PointFormulas(system, self.variables, parameters or self.parameters)
+        points = [position, velocity, np.asarray(time, dtype=float)[..., None]]
         with np.errstate(all="ignore"):
-            return program(position, velocity, np.asarray(time, dtype=float)[..., None])
+            return program(*points, *([] if acceleration is None else [acceleration]))
 
     def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
@@ -120,16 +122,11 @@ class Lagrangian:
         force = position @ self.stiffness
         return np.asarray(found - 0.5 * np.einsum("...a,...a->...", position, force))
 
-    def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
-        """dL/dv, shape ``(..., d)``."""
-        d = self.dimension
-        return np.asarray(self.evaluate(self.first, position, velocity, time)[..., :d])
-
-    def force(self, position: Array, velocity: Array, time: Array | float) -> Array:
-        """dL/dq, shape ``(..., d)``."""
-        d = self.dimension
-        found = np.asarray(self.evaluate(self.first, position, velocity, time)[..., d:])
-        return found if self.stiffness is None else found - position @ self.stiffness
+    def forces(self, position: Array, velocity: Array, time: Array | float) -> tuple[Array, Array]:
+        """dL/dv and dL/dq, both of shape ``(..., d)``."""
+        found = self.evaluate(self.first, position, velocity, time)
+        momentum, force = found[..., : self.dimension], found[..., self.dimension :]
+        return momentum, force if self.stiffness is None else force - position @ self.stiffness
 
     def derivatives(self, position: Array, velocity: Array, time: Array | float) -> Derivatives:
         """All first and second derivatives in q and v."""
@@ -149,30 +146,38 @@ class Lagrangian:
 
     def time_derivative(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """The partial derivative of L by t, shape ``(...)``."""
-        return np.asarray(self.evaluate(self.rate, position, velocity, time)[..., 0])
+        rate = slopes_system(self.value, (TIME,))[1:]
+        return np.asarray(self.evaluate(rate, position, velocity, time)[..., 0])
 
-    def momentum_rate(
+    def remainder(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float
     ) -> Array:
-        r"""d/dt of dL/dv along a motion, shape ``(..., d)``."""
-        at = self.derivatives(position, velocity, time)
-        return np.asarray(
-            np.einsum("...ab,...b->...a", at.mass, acceleration)
-            + np.einsum("...ab,...b->...a", at.mixed, velocity)
-            + self.evaluate(self.drift, position, velocity, time)
-        )
+        r"""What accelerates a motion further, :math:`\partial_q L - \frac{d}{dt} \partial_v L`."""
+        found = self.evaluate(self.imbalance, position, velocity, time, acceleration=acceleration)
+        force, rate = found[..., : self.dimension], found[..., self.dimension :]
+        rest = force - rate
+        return rest if self.stiffness is None else rest - position @ self.stiffness
 
-    def first_on(
-        self,
-        position: Sequence[T],
-        velocity: Sequence[T],
-        time: T | float,
-        functions: Mapping[str, Callable[..., T]],
+    def remainder_slopes(
+        self, position: Array, velocity: Array, acceleration: Array, time: Array | float
+    ) -> Array:
+        """Of :meth:`remainder` by every position and every velocity, shape ``(..., 2, d, d)``."""
+        d = self.dimension
+        system = slopes_system(self.imbalance, (*self.coordinates, *self.velocities))[2 * d :]
+        found = self.evaluate(system, position, velocity, time, acceleration=acceleration)
+        by_motion = found.reshape(*found.shape[:-1], 2, d, 2, d)
+        slopes = by_motion[..., 0, :] - by_motion[..., 1, :]
+        if self.stiffness is not None:
+            slopes[..., 0, :, :] -= self.stiffness
+        return np.asarray(slopes)
+
+    def forces_on(
+        self, position: Sequence[T], velocity: Sequence[T], time: T | float
     ) -> tuple[list[T | float], list[T | float]]:
         """dL/dv and dL/dq on any algebra: d values each (numbers where one is constant)."""
-        point = dict(zip(self.variables, (*position, *velocity, time), strict=True))
+        point = dict(zip(self.variables, (*position, *velocity, time), strict=False))
         names: dict[str, T | float] = {**self.parameters, **point}
-        values = self.first.evaluate(names, functions)
+        values = self.first.evaluate(names)
         momenta, forces = values[: self.dimension], values[self.dimension :]
         if self.stiffness is not None:
             forces = plus_linear(forces, -self.stiffness, position)
@@ -199,6 +204,6 @@ class Lagrangian:
 
     def energy(self, position: Array, velocity: Array, time: Array | float) -> Array:
         r""":math:`v \cdot \partial L/\partial v - L`, shape ``(...)``."""
-        momentum = self.momentum(position, velocity, time)
+        momentum, _ = self.forces(position, velocity, time)
         kinetic = np.einsum("...a,...a->...", momentum, velocity)
         return np.asarray(kinetic - self.lagrangian(position, velocity, time))

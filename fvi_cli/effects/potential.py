@@ -21,7 +21,6 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.builder import join
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
@@ -169,7 +168,7 @@ class ExpressionPotential:
         names: dict[str, Array | float] = {**(parameters or self.parameters)}
         for index, coordinate in enumerate(self.coordinates):
             names[coordinate] = position[..., index]
-        return system.evaluate(names, NUMPY_FUNCTIONS)
+        return system.evaluate(names)
 
     @np.errstate(all="ignore")
     def energy(self, position: Array) -> Array:
@@ -196,13 +195,11 @@ class ExpressionPotential:
         found = self._programs[2](position).reshape(*position.shape, self.dimension)
         return found if self._stiffness is None else found + self._stiffness
 
-    def gradient_components(
-        self, position: Sequence[T], functions: Mapping[str, Callable[..., T]]
-    ) -> list[T | float]:
+    def gradient_components(self, position: Sequence[T]) -> list[T | float]:
         """dV/dq on any algebra: d values to d values (numbers where an entry is constant)."""
         names: dict[str, Any] = {**self.parameters}
         names.update(zip(self.coordinates, position, strict=True))
-        found = self.gradient_system.evaluate(names, functions)
+        found = self.gradient_system.evaluate(names)
         return found if self._stiffness is None else plus_linear(found, self._stiffness, position)
 
 

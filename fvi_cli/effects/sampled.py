@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import PowerSeries
-from fvi_cli.mathematics.series.taylor import SeriesError
+from fvi_cli.mathematics.series.terms import SeriesError
 
 T = TypeVar("T")
 Interpolation = Literal["linear", "cubic"]
@@ -127,20 +127,11 @@ class SampledForce(_WithFormula):
             formula=self._formula_times(factor),
         )
 
-    def evaluate(
-        self, names: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
-    ) -> T | float:
+    def evaluate(self, names: Mapping[str, T | float]) -> T | float:
         """The force at the times under ``t``, or its expansion to the right of a point.
 
         Before the first and after the last sample the outermost polynomials go on, which is of
         use for round-off at the ends only.
-
-        Parameters
-        ----------
-        names
-            ``{"t": ...}``: times as an array, or a power series in t.
-        functions
-            The elementary functions on that algebra, for the expression that is added.
 
         Raises
         ------
@@ -156,7 +147,7 @@ class SampledForce(_WithFormula):
         else:
             raise ExpressionError(f"{self.source}: samples are not a formula")
         if self.formula is not None:
-            samples = samples + self.formula.evaluate(names, functions)  # type: ignore[operator]
+            samples = samples + self.formula.evaluate(names)  # type: ignore[operator]
         return cast(T, samples)
 
     def _values(self, time: Array) -> Array:
@@ -213,9 +204,7 @@ class FunctionForce(_WithFormula):
         """The force times a number."""
         return replace(self, factor=factor * self.factor, formula=self._formula_times(factor))
 
-    def evaluate(
-        self, names: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
-    ) -> T | float:
+    def evaluate(self, names: Mapping[str, T | float]) -> T | float:
         """The force at the times under ``t``.
 
         Raises
@@ -237,5 +226,5 @@ class FunctionForce(_WithFormula):
             )
         found = self.factor * np.broadcast_to(values.astype(float), times.shape)
         if self.formula is not None:
-            found = found + self.formula.evaluate({"t": times}, NUMPY_FUNCTIONS)
+            found = found + self.formula.evaluate({"t": times})
         return cast(T, found)

@@ -246,7 +246,7 @@ class Scene:
     def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """The derivative of L by v; M v where energies separate."""
         if self.lagrangian is not None:
-            return self.lagrangian.momentum(position, velocity, time)
+            return self.lagrangian.forces(position, velocity, time)[0]
         return np.asarray(times(velocity, self.inertia.form))
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
@@ -279,8 +279,7 @@ class Scene:
     def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
         """The derivatives of L by v and q; M v and minus the gradient of V."""
         if self.lagrangian is not None:
-            at = self.lagrangian.derivatives(position, velocity, time)
-            return at.momentum, at.force
+            return self.lagrangian.forces(position, velocity, time)
         force = np.zeros_like(position)
         if self.potential is not None:
             force = -self.potential.gradient(position)

@@ -15,7 +15,7 @@ from fvi_cli.effects.potential import (
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
+from fvi_cli.mathematics.intervals.functions import Interval
 from fvi_cli.mathematics.intervals.singularities import find_open_places
 from fvi_cli.mathematics.intervals.singularities import is_unbounded as has_no_bound
 
@@ -95,7 +95,7 @@ def may_be_unbounded(
     for index, name in enumerate(potential.coordinates):
         names[name] = Interval(low[..., index], high[..., index])
     try:
-        found = potential.energy_expression.system.evaluate(names, INTERVAL_FUNCTIONS)[0]
+        found = potential.energy_expression.system.evaluate(names)[0]
     except ExpressionError:
         # of some functions no range is known
         found = 0.0

@@ -20,7 +20,7 @@ from fvi_cli.keys.nodes import (
     node_at,
     read_scalar,
 )
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
 
 
@@ -131,7 +131,7 @@ def _number_before(text: str) -> str:
 def _constant_in(text: str) -> str:
     """What to write for an expression of numbers, such as ``10*pi``."""
     try:
-        value = Expression.parse(text, variables=()).evaluate({}, NUMPY_FUNCTIONS)
+        value = Expression.parse(text, variables=()).evaluate({})
         number = float(value)
     except (ExpressionError, TypeError, ValueError, OverflowError):
         return ""

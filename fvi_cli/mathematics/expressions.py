@@ -1,4 +1,4 @@
-"""Formulas written as text by strangers: a whitelist parser, and evaluation on any algebra.
+"""Formulas written as text by strangers: a whitelist parser, and their values.
 
 Text is parsed with Python's own grammar into a syntax tree, and only numbers, declared names,
 ``+ - * / **`` and a fixed list of functions survive the translation into the program of a
@@ -29,7 +29,6 @@ from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 
-COMPLEX_STEP: Final = 2.0**-100
 LARGEST_DEPTH: Final = 500
 MOST_NODES: Final = 5_000
 
@@ -150,16 +149,13 @@ class Expression:
         )
 
     def evaluate(
-        self, values: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
+        self,
+        values: Mapping[str, T | float],
+        functions: Mapping[str, Callable[..., T]] | None = None,
     ) -> T | float:
-        """Value for given variables, on any algebra: see :meth:`FormulaSystem.evaluate`.
+        """Value for given variables: see :meth:`FormulaSystem.evaluate`.
 
         ``t**-0.5`` at 0 is infinite and ``t**0.5`` at -1 is not a number.
-
-        Raises
-        ------
-        ExpressionError
-            If a value or a function is missing.
         """
         return self.system.evaluate({**dict(self.constants), **values}, functions)[0]
 
@@ -174,7 +170,7 @@ def slopes_of(
     """
     names = sorted(expression.names.intersection(wanted))
     system = slopes_system(expression.system, tuple(names))
-    found = system.evaluate({**dict(expression.constants), **values}, NUMPY_FUNCTIONS)
+    found = system.evaluate({**dict(expression.constants), **values})
     # where a formula has no value it has no slope either
     return {
         name: np.where(np.isnan(found[0]), np.nan, rate)

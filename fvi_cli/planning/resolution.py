@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
@@ -16,7 +15,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
 from fvi_cli.integrator.local_error.pulses import pulses_that_move
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -135,8 +134,8 @@ def _pushed(scene: Scene, modes: Array) -> Array:
     if scene.potential is not None and not scene.is_linear:
         found = found + np.abs(scene.potential.gradient(scene.initial_position) @ modes)
     if scene.lagrangian is not None:
-        at = scene.lagrangian.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
-        found = found + np.abs(at.force @ modes)
+        _, force = scene.lagrangian.forces(scene.initial_position, scene.initial_velocity, 0.0)
+        found = found + np.abs(force @ modes)
     return np.asarray(found)
 
 
@@ -158,18 +157,11 @@ def _largest_rate(piece: ForcingPiece, begin: float, end: float, final_time: flo
     distance = DIFFERENCE * final_time
     both = np.stack([times, times + distance])
     rates = [0.0]
-
-    def noting(name: str) -> Callable[[Array], Array]:
-        def noted(argument: Array) -> Array:
-            values = np.broadcast_to(argument, both.shape)
-            slopes = np.abs(values[1] - values[0]) / distance
-            rates.append(float(slopes[np.isfinite(slopes)].max(initial=0.0)))
-            return np.asarray(NUMPY_FUNCTIONS[name](argument))
-
-        return noted
-
-    functions = {**NUMPY_FUNCTIONS, "sin": noting("sin"), "cos": noting("cos")}
     for component, _ in piece.distinct:
-        if isinstance(component, Expression) and not component.is_constant:
-            component.evaluate({"t": both}, functions)
+        if isinstance(component, Expression):
+            waves = arguments_of(component.system, ("sin", "cos"))
+            found: list[Array | float] = waves.evaluate({**dict(component.constants), "t": both})
+            for values in found:
+                slopes = np.abs(np.diff(np.broadcast_to(values, both.shape), axis=0)) / distance
+                rates.append(float(slopes[np.isfinite(slopes)].max(initial=0.0)))
     return max(rates)

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
 from fvi_cli.effects.lagrangian import TIME
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem, Instruction
+from fvi_cli.mathematics.algebra.arithmetic import KINKED
+from fvi_cli.mathematics.algebra.dependence import arguments_of
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 LINES, SAMPLES, ZOOMS = 6, 2401, 6
 TOUCHED = 1e-9
 """Part of its usual size below which the least value of a function is zero."""
-_OF_ONE = ("abs", "sign", "cbrt")
-_OF_TWO = ("min", "max", "select")
+_SIGNED = (*KINKED, "cbrt")
+_ROOTS = ("sqrt", "power", "**")
+
+Line = Callable[[Array], Mapping[str, Array | float]]
+"""From places along a straight line to the values of all variables there."""
 
 
 def has_kinks(scene: Scene) -> bool:
@@ -37,9 +39,9 @@ def has_kinks(scene: Scene) -> bool:
         place = np.zeros(len(names))
         place[: scene.dimension] = scene.initial_position
         for _ in range(LINES):
-            line = _line(system, parameters, names, place, random.standard_normal(len(names)))
+            line = _line_through(parameters, names, place, random.standard_normal(len(names)))
             # near and far alike, on both sides
-            if line.has_kinks(1e-9 * np.sinh(np.linspace(-45.0, 45.0, SAMPLES))):
+            if _meets_kinks(system, line, 1e-9 * np.sinh(np.linspace(-45.0, 45.0, SAMPLES))):
                 return True
     return _force_has_kinks(scene)
 
@@ -55,104 +57,60 @@ def _energies(
         yield lagrangian.value, lagrangian.parameters, names
 
 
+def _line_through(
+    parameters: Mapping[str, Array | float], names: list[str], place: Array, direction: Array
+) -> Line:
+    rates = list(zip(names, place, direction, strict=True))
+    return lambda along: {**parameters, **{name: at + along * rate for name, at, rate in rates}}
+
+
 def _force_has_kinks(scene: Scene) -> bool:
     if scene.forcing is None:
         return False
     ends = [0.0, *scene.break_points, scene.final_time]
     for piece, begin, end in zip(scene.forcing.pieces, ends[:-1], ends[1:], strict=False):
+        inside = np.linspace(0.0, end - begin, SAMPLES + 2)[1:-1]
         for component, _ in piece.distinct:
-            if not isinstance(component, Expression):
-                continue
-            line = _line(component.system, {}, [TIME], np.array([begin]), np.ones(1))
-            if line.has_kinks(np.linspace(0.0, end - begin, SAMPLES + 2)[1:-1]):
-                return True
+            if isinstance(component, Expression):
+                line = _line_through(
+                    dict(component.constants), [TIME], np.array([begin]), np.ones(1)
+                )
+                if _meets_kinks(component.system, line, inside):
+                    return True
     return False
 
 
-def _signed(instruction: Instruction) -> tuple[int, ...]:
-    """Places of what has another sign on the other side of a kink; of two, their difference."""
-    if instruction[0] in _OF_ONE:
-        return cast(tuple[int, ...], instruction[1:2])
-    return cast(tuple[int, ...], instruction[1:3]) if instruction[0] in _OF_TWO else ()
+def _meets_kinks(system: FormulaSystem, line: Line, along: Array) -> bool:
+    for one in _arguments(system, _SIGNED, line, along):
+        if (one == 0).any() or ((one[np.isfinite(one)] > 0).any() and (one <= 0).any()):
+            return True
+    roots = _arguments(system, _ROOTS, line, along)
+    return any(_touches_zero(system, line, along, index, one) for index, one in enumerate(roots))
 
 
-def _rooted(instruction: Instruction) -> tuple[int, ...]:
-    """The place of what a root is taken of."""
-    kind = instruction[0]
-    is_root = kind in ("sqrt", "power") or (
-        kind == "**" and not float(cast(float, instruction[2])).is_integer()
-    )
-    return cast(tuple[int, ...], instruction[1:2]) if is_root else ()
+def _arguments(
+    system: FormulaSystem, kinds: tuple[str, ...], line: Line, along: Array
+) -> list[Array]:
+    """Arguments of functions at places along a line."""
+    found = arguments_of(system, kinds).evaluate(line(along))
+    return [np.broadcast_to(one, along.shape) for one in found]
 
 
-def _line(
-    system: FormulaSystem,
-    parameters: Mapping[str, Array | float],
-    names: list[str],
-    place: Array,
-    direction: Array,
-) -> _Line:
-    """A line for the arguments of all kinks and roots of a program."""
-
-    def found(of: Callable[[Instruction], tuple[int, ...]]) -> list[tuple[int, ...]]:
-        return [places for one in system.needed if (places := of(system.instructions[one]))]
-
-    return _Line(
-        system=system,
-        parameters=parameters,
-        names=names,
-        place=place,
-        direction=direction,
-        signed=found(_signed),
-        rooted=found(_rooted),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Line:
-    """The arguments of kinks and roots of a formula along a straight line."""
-
-    system: FormulaSystem
-    parameters: Mapping[str, Array | float]
-    names: list[str]
-    place: Array
-    direction: Array
-    signed: list[tuple[int, ...]]
-    rooted: list[tuple[int, ...]]
-
-    def _values(self, places: list[tuple[int, ...]], along: Array) -> list[Array]:
-        """Values, or differences of two, at points along the line."""
-        outputs = tuple(one for places_of_one in places for one in places_of_one)
-        system = FormulaSystem(self.system.instructions, outputs)
-        variables = {
-            name: at + along * rate
-            for name, at, rate in zip(self.names, self.place, self.direction, strict=True)
-        }
-        found = iter(system.evaluate({**self.parameters, **variables}, NUMPY_FUNCTIONS))
-        values = [[np.broadcast_to(next(found), along.shape) for _ in one] for one in places]
-        with np.errstate(all="ignore"):
-            return [one[0] if len(one) == 1 else one[0] - one[1] for one in values]
-
-    def has_kinks(self, along: Array) -> bool:
-        for one in self._values(self.signed, along):
-            if (one == 0).any() or ((one[np.isfinite(one)] > 0).any() and (one <= 0).any()):
-                return True
-        rooted = self._values(self.rooted, along)
-        return any(self._touches(index, along, one) for index, one in enumerate(rooted))
-
-    def _touches(self, index: int, along: Array, values: Array) -> bool:
-        """Whether what a root is taken of comes to zero and turns back."""
-        usual = float(np.nanmedian(np.abs(values)))
-        for _ in range(ZOOMS):
-            # where it is negative the motion cannot be
-            inside = np.where(np.isfinite(values) & (values >= 0), values, np.inf)
-            least = int(inside.argmin())
-            if not 0 < least < values.size - 1 or not np.isfinite(inside[least]):
-                return False
-            if not (values[least - 1] >= 0 and values[least + 1] >= 0):
-                return False
-            if inside[least] <= TOUCHED * usual:
-                return True
-            along = np.linspace(along[least - 1], along[least + 1], 65)
-            (values,) = self._values(self.rooted[index : index + 1], along)
-        return False
+def _touches_zero(
+    system: FormulaSystem, line: Line, along: Array, index: int, values: Array
+) -> bool:
+    """Whether what a root is taken of, with values along a line, comes to zero and turns back."""
+    usual = float(np.nanmedian(np.abs(values)))
+    for _ in range(ZOOMS):
+        # where it is negative the motion cannot be
+        inside = np.where(np.isfinite(values) & (values >= 0), values, np.inf)
+        least = int(inside.argmin())
+        if not 0 < least < values.size - 1 or not np.isfinite(inside[least]):
+            return False
+        if not (values[least - 1] >= 0 and values[least + 1] >= 0):
+            return False
+        if inside[least] <= TOUCHED * usual:
+            return True
+        along = np.linspace(along[least - 1], along[least + 1], 65)
+        values = _arguments(system, _ROOTS, line, along)[index]
+    return False

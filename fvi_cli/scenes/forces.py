@@ -21,7 +21,6 @@ from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.scalars import FormulaText, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.records.csv_samples import (
     SUFFIX,
@@ -352,7 +351,7 @@ def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> M
 def _is_zero(component: ForceComponent) -> bool:
     if isinstance(component, SampledForce):
         return component.formula is None and not component.coefficients.any()
-    return component.is_constant and component.evaluate({}, NUMPY_FUNCTIONS) == 0
+    return component.is_constant and component.evaluate({}) == 0
 
 
 def expressions(value: object, dimension: int, place: str) -> tuple[Expression, ...]:

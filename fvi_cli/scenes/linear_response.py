@@ -22,11 +22,7 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.series.power_series import (
-    SERIES_FUNCTIONS,
-    PowerSeries,
-    SeriesError,
-)
+from fvi_cli.mathematics.series.power_series import PowerSeries, SeriesError
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     characteristic_zeros,
@@ -36,8 +32,6 @@ from fvi_cli.scenes.relaxation import LinearResponse, law_response
 SOURCE = "characteristic roots and branch-cut integral"
 """Where exact solutions come from, in words, for tables."""
 ZERO: Final = PowerSeries.constant(0.0, math.inf)
-ROOTS: Final = {name: SERIES_FUNCTIONS[name] for name in ("sqrt", "cbrt")}
-"""The elementary functions that may keep a finite sum of powers one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -230,7 +224,7 @@ def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSeries
     starts = (0.0, *forcing.break_points)
     try:
         return [
-            (start, tuple(one.evaluate(variables, ROOTS) + ZERO for one in piece.components))
+            (start, tuple(one.evaluate(variables) + ZERO for one in piece.components))
             for start, piece in zip(starts, forcing.pieces, strict=True)
         ]
     except ExpressionError as error:

@@ -8,16 +8,16 @@ from spread import spread
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, PowerSeries, expand
+from fvi_cli.mathematics.series.power_series import PowerSeries, expand
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
 
 
 def at(force: SampledForce, time: np.ndarray) -> np.ndarray:
-    return np.asarray(force.evaluate({"t": time}, NUMPY_FUNCTIONS))
+    return np.asarray(force.evaluate({"t": time}))
 
 
 def test_straight_lines_are_those_of_numpy():
@@ -70,7 +70,7 @@ def test_factors_and_formulas_are_added_up():
 def test_samples_are_no_formula():
     force = SampledForce.through(TIME, VALUES, "linear")
     with pytest.raises(ExpressionError, match="not a formula"):
-        force.evaluate({"t": PowerSeries.variable(math.inf)}, SERIES_FUNCTIONS)
+        force.evaluate({"t": PowerSeries.variable(math.inf)})
 
 
 def test_knots_are_no_break_points():

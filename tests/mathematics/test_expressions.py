@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
 TIMES = np.array([0.0, 0.25, 1.0, 3.0])
 
 
 def at_times(text: str) -> np.ndarray:
-    return np.asarray(Expression.parse(text, ("t",)).evaluate({"t": TIMES}, NUMPY_FUNCTIONS))
+    return np.asarray(Expression.parse(text, ("t",)).evaluate({"t": TIMES}))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_every_function_agrees_with_extended_precision():
     special |= {"arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "ln": "log"}
     for name in sorted(FUNCTION_NAMES - {"min", "max"}):
         at = 1.25 if "cosh" in name else 0.375
-        value = Expression.parse(f"{name}(t)", ("t",)).evaluate({"t": at}, NUMPY_FUNCTIONS)
+        value = Expression.parse(f"{name}(t)", ("t",)).evaluate({"t": at})
         reference = getattr(mpmath, special.get(name, name))(at)
         assert value == pytest.approx(float(reference), rel=1e-15), name
         folded = Expression.parse(f"{name}({at})")
@@ -62,18 +62,6 @@ def test_any_algebra():
         x = mpmath.mpf(1) / 3
         value = expression.evaluate({"x": x, "k": 2.0}, functions)
         assert abs(value - (2 * mpmath.sin(x) + x**3 / 7)) < mpmath.mpf(10) ** -39
-    with pytest.raises(ExpressionError, match="'cos' is not available"):
-        Expression.parse("cos(x)", ("x",)).evaluate({"x": x}, functions)
-
-
-def test_integral_exponents_arrive_as_integers():
-    class Recorder:
-        def __pow__(self, exponent: float) -> float:
-            return exponent
-
-    for text, kind in [("x**3", int), ("x**(4/2)", int), ("x**2.5", float)]:
-        exponent = Expression.parse(text, ("x",)).evaluate({"x": Recorder()}, {})
-        assert type(exponent) is kind
 
 
 def test_numbers_stand_for_themselves():
@@ -107,7 +95,7 @@ def test_singular_values_neither_warn_nor_raise():
     assert np.isnan(at_times("(t - 1)**0.5")[0])
     assert np.isnan(Expression.parse("t**0.5", ("t",)).evaluate({"t": -1.0}, {}))
     assert Expression.parse("1/t", ("t",)).evaluate({"t": 0}, {}) == np.inf
-    integers = Expression.parse("t**-1", ("t",)).evaluate({"t": np.array([1, 2])}, NUMPY_FUNCTIONS)
+    integers = Expression.parse("t**-1", ("t",)).evaluate({"t": np.array([1, 2])})
     np.testing.assert_array_equal(integers, [1, 0.5])
 
 
@@ -223,7 +211,7 @@ def test_any_text_is_understood_or_refused(text):
         column = 1 if error.column is None else error.column
     else:
         column = 1
-        value = expression.evaluate({"t": TIMES}, NUMPY_FUNCTIONS)
+        value = expression.evaluate({"t": TIMES})
         assert np.broadcast_to(np.asarray(value), TIMES.shape).dtype == float
     assert 1 <= column <= len(text) + 1
 
@@ -270,6 +258,4 @@ def test_what_is_finite_everywhere(text, is_entire):
     assert found.is_entire == is_entire
     if is_entire:
         places = np.linspace(-30.0, 30.0, 4001)
-        assert np.isfinite(
-            found.evaluate({"x": places, "y": places[::-1]}, NUMPY_FUNCTIONS)[0]
-        ).all()
+        assert np.isfinite(found.evaluate({"x": places, "y": places[::-1]})[0]).all()

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import (
-    SERIES_FUNCTIONS,
     PowerSeries,
     SeriesError,
     expand,
 )
-from fvi_cli.mathematics.series.taylor import TAYLOR, merged_terms
+from fvi_cli.mathematics.series.terms import merged_terms
 
 
 def series(terms: dict[float, float], cutoff: float) -> PowerSeries:
@@ -42,6 +41,7 @@ EXPANDABLE = [
     "arcsinh(3*t - 1)", "arccosh(2 + t)", "arctanh(0.5 - t)",
     "log(2 + t) + log1p(sqrt(t)) + expm1(t)", "2**t", "(2 + t)**sqrt(t)",
     "(t - 1)**3 + (1 + t)**20 + (1 + t)**-2", "t**0.01*sin(t)",
+    "arccos(1 - t)", "arccosh(1 + sqrt(t))", "arcsin(1 - t**1.5)*t",
 ]  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def test_the_rest_of_an_expansion_falls_as_the_cutoff_says(text):
     assert found.cutoff == 4.0
     expression = Expression.parse(text, ("t",))
     times = np.array([2e-3, 1e-3])
-    exact = np.asarray(expression.evaluate({"t": times}, NUMPY_FUNCTIONS))
+    exact = np.asarray(expression.evaluate({"t": times}))
     sizes = np.abs(found.coefficients).max()
     assert np.all(np.abs(found(times) - exact) <= 1e7 * sizes * times**4 + 1e-14 * sizes)
     # The control: without its last term the expansion is worse.
@@ -87,9 +87,8 @@ def test_taylor_coefficients_agree_with_extended_precision(name):
     reference = getattr(mpmath, name.replace("arc", "a"))
     with mpmath.workdps(60):
         exact = [float(c) for c in mpmath.taylor(reference, at, 9)]
-    found = TAYLOR[name](at, 10)
-    np.testing.assert_allclose(found, exact, rtol=5e-13, atol=1e-15)
-    assert TAYLOR[name](at, 1) == found[:1]
+    found = expansion(f"{name}(t)", 10.0, at)
+    np.testing.assert_allclose(found.coefficients, exact, rtol=5e-13, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -97,9 +96,9 @@ def test_taylor_coefficients_agree_with_extended_precision(name):
     [
         ("log(t)", "log"), ("t**t", "log"), ("sin(1/t)", "sin of something unbounded"),
         ("sqrt(t - 1)", "negative number to the power"), ("gamma(1 + t)", "Gamma"),
-        ("arcsin(1 - t)", "edge of its domain"), ("arccosh(1 + t)", "edge of its domain"),
+        ("arcsin(2 - t)", "arcsin at 2"), ("log(t - 1)", "log at -1"), ("arctan(1/t)", "unbounded"),
         ("cosh(800 + t)", "cosh has no finite Taylor coefficients"),
-        ("log(1e-300 + t)", "log has no finite Taylor coefficients"),
+        ("log(1e-300 + t)", "a coefficient is not finite"),
         ("1/(0*t)", "has no expansion"), ("t/(0*t)", "has no expansion"), ("sign(0*t)", "sign"),
         ("(0*t)**0.5", "could not be expanded"), ("exp(t**0.001)", "more than 512 exponents"),
         ("(-2)**t*t", "real|varies"), ("(0 - 2)**t", "varies"),
@@ -112,7 +111,10 @@ def test_what_has_no_expansion_is_named(text, message):
 
 
 def test_every_function_of_expressions_is_known():
-    assert set(SERIES_FUNCTIONS) == {*NUMPY_FUNCTIONS, "select"}
+    for name, function in NUMPY_FUNCTIONS.items():
+        near = PowerSeries.variable(2.0, 1.5 if name == "arccosh" else 0.5)
+        if name != "gamma":
+            assert function(near, 1.0) if name in ("min", "max") else function(near)
 
 
 def test_exponents_are_matched_with_a_tolerance_and_integers_restored():
@@ -150,7 +152,9 @@ def test_exact_sums_stay_exact_until_a_function_needs_a_cutoff():
     np.testing.assert_array_equal(cube.coefficients, [1, 3, 3, 1])
     assert math.isinf(cube.cutoff)
     with pytest.raises(SeriesError, match="infinitely many terms"):
-        SERIES_FUNCTIONS["exp"](t)
+        np.exp(t)
+    with pytest.raises(SeriesError, match="to the right of 0 only"):
+        abs(t - 1.0)
 
 
 def test_fractional_derivative_by_the_power_rule():
@@ -206,7 +210,6 @@ def test_numbers_may_stand_on_either_side():
         assert (number / (1 + t)).coefficient(1.0) == -2.0
         assert (number**t).coefficient(1.0) == pytest.approx(math.log(2))
     assert "t**1" in repr(t)
-    assert (+t).coefficient(1.0) == 1.0
 
 
 def test_merging_keeps_further_axes():

@@ -30,7 +30,7 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of
+from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 
@@ -193,20 +193,15 @@ def _through_accelerations(
     scene: Scene = motion.scenes[0]
     lagrangian, time = scene.lagrangian, motion.time(*places)
     position, velocity = motion.position(*places), motion.velocity(*places)
-    by_position, by_velocity = np.zeros((2, *weights.shape))
     if lagrangian is None:
         share = scene.inertia.velocity(weights)
+        by_motion = np.zeros((2, *weights.shape))
         if scene.potential is not None:
             hessian = scene.potential.hessian(position)
-            by_position[:] = -np.einsum("nab,nb->na", hessian, share)
-        return np.stack([by_position, by_velocity, share])
+            by_motion[0] = -np.einsum("nab,nb->na", hessian, share)
+        return np.stack([*by_motion, share])
     acceleration = motion.acceleration(*places)
     mass = lagrangian.derivatives(position, velocity, time).mass
     share = np.asarray(np.linalg.solve(mass, weights[..., None])[..., 0], dtype=float)
-    for found, step in ((by_position, (1j, 0)), (by_velocity, (0, 1j))):
-        for index, unit in enumerate(COMPLEX_STEP * np.eye(scene.dimension)):
-            varied = position + step[0] * unit, velocity + step[1] * unit
-            right = lagrangian.derivatives(*varied, time).force
-            right = right - lagrangian.momentum_rate(*varied, acceleration, time)
-            found[:, index] = np.einsum("nd,nd->n", share, right).imag / COMPLEX_STEP
-    return np.stack([by_position, by_velocity, share])
+    slopes = lagrangian.remainder_slopes(position, velocity, acceleration, time)
+    return np.stack([*np.einsum("nd,nkbd->knb", share, slopes), share])

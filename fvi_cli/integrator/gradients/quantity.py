@@ -13,8 +13,10 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression
+from fvi_cli.mathematics.expressions import Expression
 
+COMPLEX_STEP = 2.0**-100
+"""So small that its square is nothing beside 1."""
 DIFFERENCE = 1e-5
 """Relative step of the difference that complex steps are held against."""
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -16,11 +15,12 @@ from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.algebra.arithmetic import INNER_FUNCTIONS, KINKED, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import KINKED
+from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
+from fvi_cli.mathematics.intervals.functions import Interval
 
 LARGEST_DIFFERENCE: Final = 1e300
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
@@ -117,43 +117,50 @@ class SceneForces:
 
         The velocity counts for a general Lagrangian only, see :attr:`needs_velocity`.
         """
-        functions, seen = NUMPY_FUNCTIONS, None
-        if self.has_kinks:
-            seen = _Seen(time.shape)
-            functions = seen.functions
-        force, momentum = self._of_motion(position, velocity, time, functions)
+        momentum, force = None, np.zeros((time.size, self._dimension))
+        if self._potential is not None:
+            force = -self._potential.slopes(position)
+        elif self._supplied is not None:
+            force = -self._supplied.gradient(position)
+        elif self._lagrangian is not None:
+            momentum, force = self._lagrangian.forces(position, velocity, time)
         piece = self._piece(middle)
         if piece is not None:
             for component, own in piece.distinct:
-                found = component.evaluate({"t": time}, functions)
+                found = component.evaluate({"t": time})
                 if isinstance(found, np.ndarray) or found:
                     force[:, own] += np.asarray(found)[..., None]
-        kinks = _NO_KINKS if seen is None else seen.arguments
+        kinks = self._kinks(position, velocity, time, piece) if self.has_kinks else _NO_KINKS
         return PointForces(momentum=momentum, force=force, kinks=kinks)
 
-    def _of_motion(
-        self,
-        position: Array,
-        velocity: Array,
-        time: Array,
-        functions: Mapping[str, Callable[..., Array]],
-    ) -> tuple[Array, Array | None]:
-        """The conservative force and, of a general Lagrangian, the momentum, ``(n, d)`` each."""
-        d = self._dimension
+    def _kinks(
+        self, position: Array, velocity: Array, time: Array, piece: ForcingPiece | None
+    ) -> Array:
+        """Arguments of the functions with kinks, shape ``(k, n)``."""
+        found: list[Array | float] = []
         if self._potential is not None:
-            if not self.has_kinks:
-                return -self._potential.slopes(position), None
-            columns = [position[:, i] for i in range(d)]
-            found = self._potential.gradient_components(columns, functions)
-            return -_stack(found, position), None
-        if self._supplied is not None:
-            return -self._supplied.gradient(position), None
-        if self._lagrangian is None:
-            return np.zeros((time.size, d)), None
-        places = [position[:, i] for i in range(d)]
-        rates = [velocity[:, i] for i in range(d)]
-        momenta, forces = self._lagrangian.first_on(places, rates, time, functions)
-        return _stack(forces, position), _stack(momenta, position)
+            found += self._potential.evaluate(self._kinks_of_motion, position)
+        elif self._lagrangian is not None:
+            system = self._kinks_of_motion
+            found += [*self._lagrangian.evaluate(system, position, velocity, time).T]
+        for component, _ in () if piece is None else piece.distinct:
+            formula = component if isinstance(component, Expression) else component.formula
+            if formula is not None:
+                found += arguments_of(formula.system).evaluate(
+                    {**dict(formula.constants), "t": time}
+                )
+        kinks = np.empty((len(found), time.size))
+        for row, one in zip(kinks, found, strict=True):
+            row[:] = one
+        # one side may be infinite: the sign is what counts
+        return np.clip(kinks, -LARGEST_DIFFERENCE, LARGEST_DIFFERENCE)
+
+    @cached_property
+    def _kinks_of_motion(self) -> FormulaSystem:
+        if self._potential is not None:
+            return arguments_of(self._potential.gradient_system)
+        assert self._lagrangian is not None
+        return arguments_of(self._lagrangian.first)
 
     def enclosed(
         self,
@@ -171,13 +178,13 @@ class SceneForces:
         zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
         if self.is_of_time:
             return [
-                (places[0], zero + component.evaluate({"t": time}, INTERVAL_FUNCTIONS))
+                (places[0], zero + component.evaluate({"t": time}))
                 for component, places in (() if piece is None else piece.distinct)
                 if isinstance(component, Expression) and not component.is_constant
             ]
         total = [zero for _ in range(self._dimension)]
         if self._potential is not None:
-            found = self._potential.gradient_components(list(position), INTERVAL_FUNCTIONS)
+            found = self._potential.gradient_components(list(position))
             total = [one - value for one, value in zip(total, found, strict=True)]
         if self._supplied is not None:
             low = np.stack([one.low for one in position], axis=-1)
@@ -192,14 +199,12 @@ class SceneForces:
                 for i, one in enumerate(total)
             ]
         if self._lagrangian is not None:
-            _, forces = self._lagrangian.first_on(
-                list(position), list(velocity), time, INTERVAL_FUNCTIONS
-            )
+            _, forces = self._lagrangian.forces_on(list(position), list(velocity), time)
             total = [one + value for one, value in zip(total, forces, strict=True)]
         if piece is not None:
             for i, component in enumerate(piece.components):
                 if isinstance(component, Expression):
-                    total[i] = total[i] + component.evaluate({"t": time}, INTERVAL_FUNCTIONS)
+                    total[i] = total[i] + component.evaluate({"t": time})
         return list(enumerate(total))
 
     def units_at(self, middle: float) -> Array | None:
@@ -218,42 +223,6 @@ class SceneForces:
         if self._forcing is None:
             return None
         return self._forcing.pieces[bisect.bisect_left(self._breaks, middle)]
-
-
-def _stack(values: Sequence[Array | float], like: Array) -> Array:
-    """Components, arrays ``(n,)`` or numbers, as one array ``(n, d)``."""
-    found = np.empty(like.shape)
-    for index, value in enumerate(values):
-        found[:, index] = value
-    return found
-
-
-class _Seen:
-    """The elementary functions, with a note of the arguments at which some have kinks."""
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
-        self._noted: list[Array] = []
-        self.functions: Mapping[str, Callable[..., Array]] = MappingProxyType(
-            {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS} | {name: self._noting(name) for name in KINKED}
-        )
-
-    def _noting(self, name: str) -> Callable[..., Array]:
-        function = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}[name]
-
-        def noted(first: Array, *others: Array) -> Array:
-            difference = first - others[0] if others else first
-            # one side may be infinite: the sign is what counts
-            difference = np.clip(difference, -LARGEST_DIFFERENCE, LARGEST_DIFFERENCE)
-            self._noted.append(np.broadcast_to(difference, self._shape))
-            return function(first, *others)
-
-        return noted
-
-    @property
-    def arguments(self) -> Array:
-        """What was noted, shape ``(k, n)``."""
-        return np.array(self._noted).reshape(len(self._noted), *self._shape)
 
 
 def _character(scene: Scene) -> tuple[set[str], bool]:

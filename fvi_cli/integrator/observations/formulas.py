@@ -23,10 +23,9 @@ from fvi_cli.integrator.observations.pieces import (
     by_owner,
     coefficients_of,
 )
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
+from fvi_cli.mathematics.intervals.functions import Interval
 
 Variables = Callable[[Places, Array], Mapping[str, Array | float]]
 """The variables of a formula there, by name, numbers or of the shape of the places."""
@@ -59,12 +58,12 @@ class FormulaAlong:
 
     def _values(self, steps: Places, tau: Array, variables: Mapping[str, Array | float]) -> Array:
         found = np.empty(tau.shape)
-        for chosen, value in self._by_constants(steps, variables, NUMPY_FUNCTIONS):
+        for chosen, value in self._by_constants(steps, variables):
             found[chosen] = value
         return found
 
     def _by_constants(
-        self, steps: Places, variables: Mapping[str, Any], functions: Mapping[str, Any]
+        self, steps: Places, variables: Mapping[str, Any]
     ) -> Iterator[tuple[Places | slice, Any]]:
         """Places that share constants, and the value there, on any algebra."""
         groups: list[tuple[int, Places | slice]] = [(0, slice(None))]
@@ -72,7 +71,7 @@ class FormulaAlong:
             groups = by_owner(self.owner, steps, len(self.constants))
         for member, chosen in groups:
             own = {name: _at(one, chosen) for name, one in variables.items()}
-            yield chosen, self.expression.evaluate({**self.constants[member], **own}, functions)
+            yield chosen, self.expression.evaluate({**self.constants[member], **own})
 
     def enclosed(self, steps: Places, tau: Array) -> tuple[Array, Interval, Array]:
         """Values at the Chebyshev points of pieces, ranges over them, and round-off of the values.
@@ -108,7 +107,7 @@ class FormulaAlong:
     def _range(self, steps: Places, boxes: Mapping[str, Interval | float]) -> Interval:
         low, high = np.empty(steps.size), np.empty(steps.size)
         with np.errstate(all="ignore"):
-            for chosen, value in self._by_constants(steps, boxes, INTERVAL_FUNCTIONS):
+            for chosen, value in self._by_constants(steps, boxes):
                 is_range = isinstance(value, Interval)
                 low[chosen], high[chosen] = (value.low, value.high) if is_range else (value, value)
         return Interval(

@@ -360,12 +360,12 @@ def accelerations(
     with np.errstate(all="ignore"):
         lagrangian = scene.lagrangian
         if lagrangian is not None:
-            at = lagrangian.derivatives(position, velocity, time)
-            rest = lagrangian.momentum_rate(position, velocity, np.zeros_like(velocity), time)
-            right = at.force + force - rest
-            every = np.concatenate([at.mass, right[..., None]], axis=-1)
+            mass = lagrangian.derivatives(position, velocity, time).mass
+            at_rest = np.zeros_like(velocity)
+            right = force + lagrangian.remainder(position, velocity, at_rest, time)
+            every = np.concatenate([mass, right[..., None]], axis=-1)
             usable = np.asarray(np.isfinite(every).all(axis=(-2, -1)))
-            mass = np.where(usable[:, None, None], at.mass, np.eye(scene.dimension))
+            mass = np.where(usable[:, None, None], mass, np.eye(scene.dimension))
             found = np.linalg.solve(mass, right[..., None])[..., 0]
             return np.where(usable[:, None], found, np.nan)
         _, conservative = scene.forces(position, velocity, time)

@@ -13,7 +13,6 @@ from fvi_cli.integrator.domain import check_domain, may_be_unbounded
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside, least_bound, scene_bound
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.run.points import Points, Stops
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 
 CHORDS_OF_A_BOX = 16
@@ -111,7 +110,7 @@ class Soundness:
             return np.asarray(~np.isfinite(first.energy(path)).all(axis=1))
         columns = [np.ascontiguousarray(path[..., index]) for index in range(path.shape[2])]
         names = {**self._parameters, **dict(zip(first.coordinates, columns, strict=True))}
-        value = first.energy_expression.system.evaluate(names, NUMPY_FUNCTIONS)[0]
+        value = first.energy_expression.system.evaluate(names)[0]
         lost = np.asarray(~np.isfinite(np.broadcast_to(value, path.shape[:2])).all(axis=1))
         if first.energy_expression.system.is_entire:
             return lost

@@ -23,12 +23,11 @@ from fvi_cli.effects.potential import (
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import (
-    SERIES_FUNCTIONS,
     PowerSeries,
     SeriesError,
     expand,
 )
-from fvi_cli.mathematics.series.taylor import (
+from fvi_cli.mathematics.series.terms import (
     SAME_EXPONENT,
     initial_terms,
     merged_terms,
@@ -184,9 +183,7 @@ def _nonlinear_force(scene: Scene) -> Callable[[list[PowerSeries]], Components] 
         return lambda position: _force_of_lagrangian(lagrangian, mass, position)
     if isinstance(scene.potential, ExpressionPotential):
         potential = scene.potential
-        return lambda position: [
-            -value for value in potential.gradient_components(position, SERIES_FUNCTIONS)
-        ]
+        return lambda position: [-value for value in potential.gradient_components(position)]
     if isinstance(scene.potential, SuppliedPotential):
         at = scene.initial_position
         force, curvature = -scene.potential.gradient(at), scene.potential.hessian(at)
@@ -225,7 +222,7 @@ def _force_of_lagrangian(
     )
     velocity = [replace(series, cutoff=unknown + first) for series in velocity]
     time = PowerSeries.variable(unknown + first)
-    momenta, potential_forces = lagrangian.first_on(position, velocity, time, SERIES_FUNCTIONS)
+    momenta, potential_forces = lagrangian.forces_on(position, velocity, time)
     forces = []
     for momentum, potential_force, row in zip(momenta, potential_forces, mass, strict=True):
         inertial = sum(

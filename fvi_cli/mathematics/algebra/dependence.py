@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from fvi_cli.mathematics.algebra.arithmetic import KINKED, NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import KINKED, ExpressionError
+from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
 
 DIGITS: Final = 200
@@ -16,10 +17,24 @@ PLACES: Final = 4
 _POLYNOMIAL: Final = ("+", "-", "*", "negate", "sin", "cos", "/", "**")
 
 
+def arguments_of(system: FormulaSystem, kinds: Collection[str] = KINKED) -> FormulaSystem:
+    """The arguments of functions in a program, of those with several the first less the second.
+
+    Those with kinks are not smooth where it is zero. Whole powers are no functions here.
+    """
+    builder = Builder()
+    terms, found = builder.terms(system), []
+    for place in system.needed:
+        kind, *rest = system.instructions[place]
+        if kind in kinds and not (kind == "**" and float(rest[1]).is_integer()):
+            first, *others = (terms[one] for one in operands(system.instructions[place]))
+            found.append(first - others[0] if others and kind != "power" else first)
+    return builder.system(found)
+
+
 def kinks_of(system: FormulaSystem) -> frozenset[str]:
     """Names on which the place of a kink depends."""
-    kinked = [place for place in system.needed if system.instructions[place][0] in KINKED]
-    return frozenset(FormulaSystem(system.instructions, tuple(kinked)).names)
+    return frozenset(arguments_of(system).names)
 
 
 def constant_values(
@@ -49,7 +64,7 @@ def constant_values(
         ):
             return None
     if not moving:
-        values = [float(one) for one in system.evaluate(parameters, NUMPY_FUNCTIONS)]
+        values = [float(one) for one in system.evaluate(parameters)]
     else:
         found = _at_places(system, parameters, sorted(names))
         for first, *others in zip(*found, strict=True):

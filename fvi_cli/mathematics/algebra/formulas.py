@@ -20,7 +20,6 @@ import numpy as np
 from fvi_cli.mathematics.algebra.arithmetic import (
     INNER_FUNCTIONS,
     NUMPY_FUNCTIONS,
-    REAL_BRANCHES,
     ExpressionError,
     value_of,
 )
@@ -39,6 +38,15 @@ ENTIRE: Final = frozenset(
 """What is finite wherever its operands are, but for overflow."""
 LARGEST_WHOLE_POWER: Final = 1e9
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
+_OF_NUMBERS: Final[Mapping[str, Callable[..., Any]]] = {
+    **_EVERY,
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "**": np.power,
+    "negate": np.negative,
+}
 
 
 @dataclass(frozen=True)
@@ -94,13 +102,14 @@ class FormulaSystem:
         return FormulaSystem(self.instructions, self.outputs[which])
 
     def evaluate(
-        self, values: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
+        self,
+        values: Mapping[str, T | float],
+        functions: Mapping[str, Callable[..., T]] | None = None,
     ) -> list[T | float]:
-        """The values for given variables, on any algebra with ``+ - * / **``.
+        """The values for given variables: arrays, numbers or values of an :class:`Algebra`.
 
-        Integral exponents arrive as ``int``. Parts that hold only floating-point numbers are
-        evaluated in double precision whatever the algebra is. Floating-point arithmetic never
-        warns or raises here.
+        Of other kinds of numbers the `functions` are given that occur. Integral exponents arrive
+        as ``int``. Floating-point arithmetic never warns or raises here.
 
         Values are given for every one of :attr:`names`; arrays broadcast. One value per output, a
         ``float`` where no variable takes part or all are numbers.
@@ -108,54 +117,26 @@ class FormulaSystem:
         Raises
         ------
         ExpressionError
-            If a value or a function is missing.
+            If a value or a rule for a function is missing.
         """
         given = [value_of(name, values) for name in self.names]
+        run = self.compiled if functions is None else self.compiled_with(functions)
         with np.errstate(all="ignore"):
-            return cast(list[T | float], self.compiled_for(functions)(*given))
+            return cast(list[T | float], run(*given))
 
     @cached_property
-    def _code(self) -> CodeType:
-        return _compiled(_source(self))
-
-    @cached_property
-    def _on_arrays(self) -> Callable[..., list[Any]]:
-        return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
-
-    def compiled_for(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
+    def compiled(self) -> Callable[..., list[Any]]:
         """The program as a function of values for each of :attr:`names`, without checks."""
-        if functions is NUMPY_FUNCTIONS:
-            return self._on_arrays
-        scope: dict[str, object] = {"__builtins__": {}, "square": _square, "power": _power}
-        if functions is REAL_BRANCHES:
-            scope |= REAL_BRANCHES
-        else:
-            scope |= {
-                name: functools.partial(_call, name, functions.get(name))
-                for name in self.called - scope.keys()
-            }
-        return FunctionType(self._code, scope)
+        return self.compiled_with({})
+
+    def compiled_with(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
+        """The program with other functions in the place of NumPy's."""
+        code = _compiled(_source(self))
+        return FunctionType(code, {"__builtins__": {}, **_EVERY, **functions})
 
     def __getstate__(self) -> dict[str, object]:
         """What is pickled: the program without what was made of it."""
         return {"instructions": self.instructions, "outputs": self.outputs}
-
-
-def _square(base: Any) -> Any:
-    return base * base if isinstance(base, float) else base**2
-
-
-def _power(base: Any, exponent: Any) -> Any:
-    return base**exponent
-
-
-def _call(name: str, function: Callable[..., Any] | None, *arguments: Any) -> Any:
-    """A function of values; of numbers in double precision, whatever the algebra is."""
-    if all(isinstance(one, float) for one in arguments):
-        return np.float64(_EVERY[name](*arguments))
-    if function is None:
-        raise ExpressionError(f"the function {name!r} is not available here")
-    return function(*arguments)
 
 
 def operands(instruction: Instruction) -> tuple[int, ...]:
@@ -220,16 +201,10 @@ def compute(kind: str, values: Sequence[float]) -> float:
     """What an operator or function makes of numbers; it may not be finite."""
     # NumPy's numbers never raise and never turn complex; 9**9**9 overflows at once
     numbers = [np.float64(value) for value in values]
+    if kind == "**" and values[1] == 2:
+        kind, numbers = "square", numbers[:1]
     with np.errstate(all="ignore"):
-        if kind == "negate":
-            return float(-numbers[0])
-        if kind == "**":
-            return float(numbers[0] * numbers[0] if values[1] == 2 else numbers[0] ** numbers[1])
-        if kind in OPERATORS:
-            left, right = numbers
-            found = {"+": left + right, "-": left - right, "*": left * right}
-            return float(left / right if kind == "/" else found[kind])
-        return float(_EVERY[kind](*numbers))
+        return float(_OF_NUMBERS[kind](*numbers))
 
 
 class PointFormulas:
@@ -247,14 +222,12 @@ class PointFormulas:
         system: FormulaSystem,
         variables: Sequence[str],
         parameters: Mapping[str, float | Array],
-        functions: Mapping[str, Callable[..., Any]] = NUMPY_FUNCTIONS,
     ) -> None:
         places = {name: place for place, name in enumerate(variables)}
         self._given: list[Any] = [
             places[name] if name in places else value_of(name, parameters) for name in system.names
         ]
-        self._run = system.compiled_for(functions)
-        self._kind = complex if functions is REAL_BRANCHES else float
+        self._run = system.compiled
         self._count = len(system.outputs)
 
     def __call__(self, *points: Array) -> Array:
@@ -275,7 +248,7 @@ class PointFormulas:
             # an array with a base is the point itself
             if isinstance(only, np.ndarray) and only.base is None and only.shape == shape:
                 return only[..., None]
-        found = np.empty((*shape, self._count), dtype=self._kind)
+        found = np.empty((*shape, self._count))
         for index, value in enumerate(values):
             found[..., index] = value
         return found

@@ -17,59 +17,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, Algebra
 from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Interval:
+class Interval(Algebra):
     """Numbers between `low` and `high`, elementwise."""
 
     low: Array  # ends, of the same shape; an empty or undefined range is -inf to inf
     high: Array
 
-    __array_ufunc__ = None
-
     @property
     def width(self) -> Array:
         """Length of the interval."""
         return np.asarray(self.high - self.low)
-
-    def __neg__(self) -> Interval:
-        return Interval(-self.high, -self.low)
-
-    def __add__(self, other: Interval | float) -> Interval:
-        if isinstance(other, Interval):
-            return Interval(self.low + other.low, self.high + other.high)
-        return Interval(self.low + other, self.high + other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Interval | float) -> Interval:
-        return self + (-other)
-
-    def __rsub__(self, other: Interval | float) -> Interval:
-        return -self + other
-
-    def __mul__(self, other: Interval | float) -> Interval:
-        if isinstance(other, Interval):
-            return hull(
-                self.low * other.low,
-                self.low * other.high,
-                self.high * other.low,
-                self.high * other.high,
-            )
-        return hull(self.low * other, self.high * other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Interval | float) -> Interval:
-        if isinstance(other, Interval):
-            return self * other.inverse()
-        return hull(self.low / other, self.high / other)
-
-    def __rtruediv__(self, other: float) -> Interval:
-        return self.inverse() * other
 
     def inverse(self) -> Interval:
         """1 over the interval; everything where it holds zero."""
@@ -77,27 +39,6 @@ class Interval:
         low = np.where(holds_zero, -math.inf, 1.0 / self.high)
         high = np.where(holds_zero, math.inf, 1.0 / self.low)
         return Interval(low, high)
-
-    def __pow__(self, exponent: Interval | float) -> Interval:
-        if isinstance(exponent, Interval):
-            # a**b = exp(b log a)
-            return monotone(np.exp, exponent * monotone(np.log, self, 0.0))
-        if float(exponent).is_integer():
-            return self._whole_power(int(exponent))
-        base = Interval(np.maximum(self.low, 0.0), np.maximum(self.high, 0.0))
-        return hull(base.low**exponent, base.high**exponent)
-
-    def __rpow__(self, base: float) -> Interval:
-        return monotone(np.exp, self * math.log(base)) if base > 0 else everything(self.low)
-
-    def _whole_power(self, exponent: int) -> Interval:
-        if exponent < 0:
-            return self._whole_power(-exponent).inverse()
-        ends = hull(self.low**exponent, self.high**exponent)
-        if exponent % 2 == 0 and exponent > 0:
-            holds_zero = (self.low <= 0) & (self.high >= 0)
-            return Interval(np.where(holds_zero, 0.0, ends.low), ends.high)
-        return ends
 
 
 def hull(*values: Array) -> Interval:
@@ -128,6 +69,58 @@ def monotone(
     )
 
 
+def _ends(value: Interval | float) -> tuple[Array, Array]:
+    if isinstance(value, Interval):
+        return value.low, value.high
+    return np.asarray(value), np.asarray(value)
+
+
+def _sum(a: Interval | float, b: Interval | float) -> Interval:
+    (a_low, a_high), (b_low, b_high) = _ends(a), _ends(b)
+    return Interval(a_low + b_low, a_high + b_high)
+
+
+def _difference(a: Interval | float, b: Interval | float) -> Interval:
+    (a_low, a_high), (b_low, b_high) = _ends(a), _ends(b)
+    return Interval(a_low - b_high, a_high - b_low)
+
+
+def _product(a: Interval | float, b: Interval | float) -> Interval:
+    return hull(*(one * other for one in _ends(a) for other in _ends(b)))
+
+
+def _quotient(a: Interval | float, b: Interval | float) -> Interval:
+    if isinstance(b, Interval):
+        return _product(a, b.inverse())
+    low, high = _ends(a)
+    return hull(low / b, high / b)
+
+
+def _power(base: Interval | float, exponent: Interval | float) -> Interval:
+    if not isinstance(base, Interval):
+        exponents = Interval(*_ends(exponent))
+        if not base > 0:
+            return everything(exponents.low)
+        return monotone(np.exp, _product(exponents, math.log(base)))
+    if isinstance(exponent, Interval):
+        # a**b = exp(b log a)
+        return monotone(np.exp, _product(exponent, monotone(np.log, base, 0.0)))
+    if float(exponent).is_integer():
+        return _whole_power(base, int(exponent))
+    low, high = np.maximum(base.low, 0.0), np.maximum(base.high, 0.0)
+    return hull(low**exponent, high**exponent)
+
+
+def _whole_power(base: Interval, exponent: int) -> Interval:
+    if exponent < 0:
+        return _whole_power(base, -exponent).inverse()
+    ends = hull(base.low**exponent, base.high**exponent)
+    if exponent % 2 == 0 and exponent > 0:
+        holds_zero = (base.low <= 0) & (base.high >= 0)
+        return Interval(np.where(holds_zero, 0.0, ends.low), ends.high)
+    return ends
+
+
 _DOMAINS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
         "sqrt": (0.0, math.inf),
@@ -153,9 +146,8 @@ def _monotone(name: str) -> Callable[[Interval], Interval]:
     return lambda value: monotone(function, value, *domain)
 
 
-def _even(name: str) -> Callable[[Interval], Interval]:
+def _even(function: Callable[[Array], Array]) -> Callable[[Interval], Interval]:
     """A function that is even and increases with the size of its argument."""
-    function = NUMPY_FUNCTIONS[name]
 
     def on_interval(value: Interval) -> Interval:
         holds_zero = (value.low <= 0) & (value.high >= 0)
@@ -198,20 +190,13 @@ def _gamma(value: Interval) -> Interval:
     )
 
 
-def _extremum(name: str) -> Callable[[Interval | float, Interval | float], Interval]:
-    function = NUMPY_FUNCTIONS[name]
+def _extremum(function: Callable[..., Array]) -> Callable[..., Interval]:
 
     def on_intervals(a: Interval | float, b: Interval | float) -> Interval:
         (a_low, a_high), (b_low, b_high) = _ends(a), _ends(b)
         return hull(function(a_low, b_low), function(a_high, b_high))
 
     return on_intervals
-
-
-def _ends(value: Interval | float) -> tuple[Array, Array]:
-    if isinstance(value, Interval):
-        return value.low, value.high
-    return np.asarray(value), np.asarray(value)
 
 
 def _select(
@@ -229,16 +214,24 @@ def _select(
     )
 
 
-INTERVAL_FUNCTIONS: Final[Mapping[str, Callable[..., Interval]]] = MappingProxyType(
+Interval.rules = MappingProxyType(
     {
+        "negative": lambda value: Interval(-value.high, -value.low),
+        "add": _sum,
+        "subtract": _difference,
+        "multiply": _product,
+        "divide": _quotient,
+        "power": _power,
+        "square": lambda value: _whole_power(value, 2),
         **{name: _monotone(name) for name in _MONOTONE},
-        **{name: _even(name) for name in ("abs", "cosh")},
+        "absolute": _even(np.abs),
+        "cosh": _even(np.cosh),
         "sin": lambda value: _wave(value, np.sin, 0.5 * math.pi),
         "cos": lambda value: _wave(value, np.cos, 0.0),
         "tan": _tan,
         "gamma": _gamma,
-        **{name: _extremum(name) for name in ("min", "max")},
+        "minimum": _extremum(np.minimum),
+        "maximum": _extremum(np.maximum),
         "select": _select,
     }
 )
-"""The functions an expression may call, on intervals."""

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
+from fvi_cli.mathematics.intervals.functions import Interval
 
 FIRST_PARTS: Final = 64
 MOST_PARTS: Final = 1024
@@ -58,7 +58,7 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
 
     def is_open(_: Places, low: Array, high: Array) -> NDArray[np.bool_]:
         try:
-            found = formula.evaluate({name: Interval(low, high)}, INTERVAL_FUNCTIONS)
+            found = formula.evaluate({name: Interval(low, high)})
         except ExpressionError:
             # of some functions of derivatives no range is known
             found = 0.0
@@ -88,7 +88,7 @@ def _power_at(formula: Expression, name: str, place: float, length: float, end: 
         times: Array = place + side * length * np.array(DISTANCES)
         if times[1] > end:
             continue
-        near, far = np.abs(formula.evaluate({name: times}, NUMPY_FUNCTIONS))
+        near, far = np.abs(formula.evaluate({name: times}))
         if 0 < near < np.inf and 0 < far < np.inf:
             powers.append(float(np.log(near / far) / np.log(DISTANCES[0] / DISTANCES[1])))
     return min(powers)

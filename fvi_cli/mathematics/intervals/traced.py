@@ -7,18 +7,16 @@ so that a pulse is not lost in the range of a larger term beside it.
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import Algebra
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS, Interval
+from fvi_cli.mathematics.intervals.functions import Interval
 
 BEYOND_SEEN = 4.0
 """Ranges up to so many times what samples span are their overestimate."""
@@ -29,10 +27,11 @@ MARGIN = 0.25
 LARGEST, LEAST = 1e300, 1e-290
 ROUND_OFF = 1e-13
 """Ranges below this share of their values are round-off."""
+_OPERATORS = (np.add, np.subtract, np.multiply, np.divide, np.power)
 
 
 @dataclass(frozen=True, eq=False)
-class Traced:
+class Traced(Algebra):
     """A value over n intervals of the time."""
 
     box: Interval  # its range on each, shape (n,)
@@ -40,22 +39,16 @@ class Traced:
     # where the range of any function so far is far beyond its samples, (n,); shared
     doubtful: NDArray[np.bool_] = field(repr=False)
 
-    __array_ufunc__ = None
-
     @property
     def hull(self) -> Interval:
         """What the samples span."""
         return Interval(self.seen.min(axis=1), self.seen.max(axis=1))
 
-    def _with(self, box: Interval, seen: Array) -> Traced:
-        return Traced(box, seen, self.doubtful)
+    def _compared(self, box: Interval, seen: Array, spanned: Interval, *, combines: bool) -> Traced:
+        """A value whose range is believed where samples of it are smooth.
 
-    def _compared(
-        self, box: Interval, seen: Array, spanned: Interval, *, of: object = 0.0
-    ) -> Traced:
-        """A value whose range is believed, and tightened, where samples of it are smooth.
-
-        `spanned`: the range if the operands were no larger than their samples; `of`: the other one.
+        `spanned` would be its range if the operands were no larger than their samples. Where it
+        `combines` two values its range is tightened: they may depend on each other.
         """
         # where all have overflowed nothing hides
         low, high = np.clip(box.low, -LARGEST, LARGEST), np.clip(box.high, -LARGEST, LARGEST)
@@ -70,52 +63,21 @@ class Traced:
             turns <= STEEPEST * span + noise
         )
         self.doubtful[~believed] = True
-        if not isinstance(of, Traced):
-            return self._with(box, seen)
-        # ranges of two operands that depend on each other are larger than need be
+        if not combines:
+            return Traced(box, seen, self.doubtful)
         believed = ~self.doubtful
         low = np.where(believed, np.maximum(low, least - MARGIN * span - noise), box.low)
         high = np.where(believed, np.minimum(high, most + MARGIN * span + noise), box.high)
-        return self._with(Interval(low, high), seen)
+        return Traced(Interval(low, high), seen, self.doubtful)
 
-    def __neg__(self) -> Traced:
-        return self._with(-self.box, -self.seen)
-
-    def _combined(
-        self, operation: Callable[[Any, Any], Any], other: Traced | float, *, turned: bool = False
-    ) -> Traced:
-        """An operation on ranges, on samples and on what these span."""
-        pairs = zip((self.box, self.seen, self.hull), _parts(other), strict=True)
-        found = [operation(b, a) if turned else operation(a, b) for a, b in pairs]
-        return self._compared(*found, of=other)
-
-    def __add__(self, other: Traced | float) -> Traced:
-        return self._combined(operator.add, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Traced | float) -> Traced:
-        return self._combined(operator.sub, other)
-
-    def __rsub__(self, other: float) -> Traced:
-        return -self + other
-
-    def __mul__(self, other: Traced | float) -> Traced:
-        return self._combined(operator.mul, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Traced | float) -> Traced:
-        return self._combined(operator.truediv, other)
-
-    def __rtruediv__(self, other: float) -> Traced:
-        return self._combined(operator.truediv, other, turned=True)
-
-    def __pow__(self, other: Traced | float) -> Traced:
-        return self._combined(operator.pow, other)
-
-    def __rpow__(self, other: float) -> Traced:
-        return self._combined(operator.pow, other, turned=True)
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Traced:
+        """A function on ranges, on samples and on what these span."""
+        boxes, samples, hulls = zip(*map(_parts, inputs), strict=True)
+        box, seen = ufunc(*boxes), np.asarray(ufunc(*samples))
+        if ufunc is np.negative:
+            return Traced(box, seen, self.doubtful)
+        combines = ufunc in _OPERATORS and all(isinstance(one, Traced) for one in inputs)
+        return self._compared(box, seen, ufunc(*hulls), combines=combines)
 
 
 def _parts(
@@ -124,24 +86,6 @@ def _parts(
     if isinstance(value, Traced):
         return value.box, value.seen, value.hull
     return value, value, value
-
-
-def _traced(name: str) -> Callable[..., Traced]:
-    on_interval, on_array = INTERVAL_FUNCTIONS[name], NUMPY_FUNCTIONS[name]
-
-    def function(*arguments: Traced | float) -> Traced:
-        one = next(value for value in arguments if isinstance(value, Traced))
-        boxes, samples, hulls = zip(*map(_parts, arguments), strict=True)
-        return one._compared(
-            on_interval(*boxes), np.asarray(on_array(*samples)), on_interval(*hulls)
-        )
-
-    return function
-
-
-TRACED_FUNCTIONS: Mapping[str, Callable[..., Traced]] = {
-    name: _traced(name) for name in INTERVAL_FUNCTIONS if name in NUMPY_FUNCTIONS
-}
 
 
 def trace(
@@ -154,7 +98,7 @@ def trace(
     """
     doubtful = np.zeros(begin.size, dtype=bool)
     time = Traced(Interval(begin, end), samples, doubtful)
-    found = expression.evaluate({"t": time}, TRACED_FUNCTIONS)
+    found = expression.evaluate({"t": time})
     if not isinstance(found, Traced):
         constant = np.full(begin.size, float(found))
         return Interval(constant, constant), np.full(samples.shape, float(found)), doubtful

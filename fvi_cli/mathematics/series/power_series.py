@@ -13,27 +13,30 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, Algebra
 from fvi_cli.mathematics.arrays import Array, set_arrays
-from fvi_cli.mathematics.series.taylor import (
+from fvi_cli.mathematics.series.terms import (
     MOST_TERMS,
     SAME_EXPONENT,
-    TAYLOR,
-    Taylor,
     initial_terms,
     merged_terms,
     power_coefficients,
     power_rule,
 )
-from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
+from fvi_cli.mathematics.series.terms import SeriesError as SeriesError
+
+SeriesFunction = Callable[["PowerSeries"], "PowerSeries"]
+Taylor = Callable[[float, int], list[float]]
+"""From a point and a number n to the first n Taylor coefficients of a function there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PowerSeries:
+class PowerSeries(Algebra):
     r"""The series :math:`\sum_i c_i t^{\sigma_i} + O(t^Q)` for t > 0.
 
     Exponents closer than 1e-9 are one exponent; exponents that close to an integer are that
@@ -49,8 +52,6 @@ class PowerSeries:
     coefficients: Array  # the c_i, shape (n,)
     # Q: terms from here on are not known, and dropped. Infinite for a finite sum known exactly
     cutoff: float
-    # NumPy scalars on the left must leave the operation to this class.
-    __array_ufunc__ = None
 
     def __post_init__(self) -> None:
         exponents, coefficients = merged_terms(self.exponents, self.coefficients, self.cutoff)
@@ -60,16 +61,9 @@ class PowerSeries:
         object.__setattr__(self, "cutoff", float(self.cutoff))
 
     @classmethod
-    def monomial(cls, coefficient: float, exponent: float, cutoff: float) -> PowerSeries:
-        """The single term c t**exponent."""
-        return cls(
-            exponents=np.array([exponent]), coefficients=np.array([coefficient]), cutoff=cutoff
-        )
-
-    @classmethod
     def constant(cls, value: float, cutoff: float) -> PowerSeries:
         """The constant `value`."""
-        return cls.monomial(value, 0.0, cutoff)
+        return cls(exponents=np.zeros(1), coefficients=np.array([value]), cutoff=cutoff)
 
     @classmethod
     def variable(cls, cutoff: float, at: float = 0.0) -> PowerSeries:
@@ -99,68 +93,6 @@ class PowerSeries:
             f"{c:.6g} t**{s:.6g}" for c, s in zip(self.coefficients, self.exponents, strict=True)
         )
         return f"<{terms or '0'} + O(t**{self.cutoff:.6g})>"
-
-    def __neg__(self) -> PowerSeries:
-        return self._scaled(-1.0)
-
-    def __pos__(self) -> PowerSeries:
-        return self
-
-    def __add__(self, other: PowerSeries | float) -> PowerSeries:
-        other = self._lifted(other)
-        return PowerSeries(
-            exponents=np.concatenate((self.exponents, other.exponents)),
-            coefficients=np.concatenate((self.coefficients, other.coefficients)),
-            cutoff=min(self.cutoff, other.cutoff),
-        )
-
-    __radd__ = __add__
-
-    def __sub__(self, other: PowerSeries | float) -> PowerSeries:
-        return self + (-other)
-
-    def __rsub__(self, other: float) -> PowerSeries:
-        return (-self) + other
-
-    def __mul__(self, other: PowerSeries | float) -> PowerSeries:
-        if not isinstance(other, PowerSeries):
-            return self._scaled(float(other))
-        # a O(t^Q) term of one factor meets the leading term of the other; a product is not
-        # carried further than its operands even where that would be known.
-        known = min(
-            self.cutoff + other.leading_exponent,
-            other.cutoff + self.leading_exponent,
-            max(self.cutoff, other.cutoff),
-        )
-        return PowerSeries(
-            exponents=np.add.outer(self.exponents, other.exponents).ravel(),
-            coefficients=np.multiply.outer(self.coefficients, other.coefficients).ravel(),
-            cutoff=known,
-        )
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: PowerSeries | float) -> PowerSeries:
-        if isinstance(other, PowerSeries):
-            return self * other**-1
-        if other == 0:
-            raise SeriesError("division by zero has no expansion in powers of t")
-        return self._scaled(1.0 / float(other))
-
-    def __rtruediv__(self, other: float) -> PowerSeries:
-        return self**-1 * other
-
-    def __pow__(self, exponent: PowerSeries | float) -> PowerSeries:
-        if isinstance(exponent, PowerSeries):
-            if exponent.exponents.size == 1 and exponent.exponents[0] == 0:
-                return self ** float(exponent.coefficients[0])
-            return _exp(exponent * _log(self))
-        return _real_power(self, float(exponent))
-
-    def __rpow__(self, base: float) -> PowerSeries:
-        if not base > 0:
-            raise SeriesError(f"{base!r} to a power that varies has no expansion in powers of t")
-        return _exp(self._scaled(math.log(base)))
 
     def fractional_derivative(self, order: float) -> PowerSeries:
         r"""Riemann-Liouville derivative by the power rule; an integral for a negative order.
@@ -197,12 +129,8 @@ class PowerSeries:
             cutoff=self.cutoff - 1.0,
         )
 
-    def _lifted(self, other: PowerSeries | float) -> PowerSeries:
-        if isinstance(other, PowerSeries):
-            return other
-        return PowerSeries.constant(float(other), math.inf)
-
-    def _scaled(self, factor: float) -> PowerSeries:
+    def scaled(self, factor: float) -> PowerSeries:
+        """The series times a number."""
         return replace(self, coefficients=factor * self.coefficients)
 
 
@@ -213,19 +141,12 @@ class Expandable(Protocol):
     def text(self) -> str:
         """What it is called in messages."""
 
-    def evaluate(
-        self,
-        values: Mapping[str, PowerSeries | float],
-        functions: Mapping[str, Callable[..., Any]],
-        /,
-    ) -> PowerSeries | float:
+    def evaluate(self, values: Mapping[str, PowerSeries | float], /) -> PowerSeries | float:
         """Its value for given variables."""
 
 
-def expand(
-    expression: Expandable, cutoff: float, at: float = 0.0, variable: str = "t"
-) -> PowerSeries:
-    """Expand an expression in one variable, to the right of the point `at`, up to `cutoff`.
+def expand(expression: Expandable, cutoff: float, at: float = 0.0) -> PowerSeries:
+    """Expand an expression in t, to the right of the point `at`, up to `cutoff`.
 
     Raises
     ------
@@ -234,7 +155,7 @@ def expand(
     """
     working = cutoff
     for _ in range(4):
-        value = expression.evaluate({variable: PowerSeries.variable(working, at)}, SERIES_FUNCTIONS)
+        value = expression.evaluate({"t": PowerSeries.variable(working, at)})
         if not isinstance(value, PowerSeries):
             return PowerSeries.constant(value, cutoff)
         if value.cutoff >= cutoff - SAME_EXPONENT:
@@ -246,23 +167,70 @@ def expand(
     raise SeriesError(f"{expression.text!r} could not be expanded up to t**{cutoff:g}")
 
 
+def _lifted(value: PowerSeries | float) -> PowerSeries:
+    return value if isinstance(value, PowerSeries) else PowerSeries.constant(value, math.inf)
+
+
+def _sum(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries:
+    one, other = _lifted(a), _lifted(b)
+    return PowerSeries(
+        exponents=np.concatenate((one.exponents, other.exponents)),
+        coefficients=np.concatenate((one.coefficients, other.coefficients)),
+        cutoff=min(one.cutoff, other.cutoff),
+    )
+
+
+def _product(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries:
+    if not isinstance(a, PowerSeries):
+        a, b = _lifted(b), a
+    if not isinstance(b, PowerSeries):
+        return a.scaled(float(b))
+    # a O(t^Q) term of one factor meets the leading term of the other; a product is not
+    # carried further than its operands even where that would be known.
+    known = min(
+        a.cutoff + b.leading_exponent, b.cutoff + a.leading_exponent, max(a.cutoff, b.cutoff)
+    )
+    return PowerSeries(
+        exponents=np.add.outer(a.exponents, b.exponents).ravel(),
+        coefficients=np.multiply.outer(a.coefficients, b.coefficients).ravel(),
+        cutoff=known,
+    )
+
+
+def _quotient(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries:
+    if isinstance(b, PowerSeries):
+        return _product(a, _real_power(b, -1.0))
+    if b == 0:
+        raise SeriesError("division by zero has no expansion in powers of t")
+    return _lifted(a).scaled(1.0 / float(b))
+
+
+def _power(base: PowerSeries | float, exponent: PowerSeries | float) -> PowerSeries:
+    if not isinstance(exponent, PowerSeries):
+        return _real_power(_lifted(base), float(exponent))
+    if isinstance(base, PowerSeries):
+        if exponent.exponents.size == 1 and exponent.exponents[0] == 0:
+            return _real_power(base, float(exponent.coefficients[0]))
+        return _EXP(_product(exponent, _LOG(base)))
+    if not base > 0:
+        raise SeriesError(f"{base!r} to a power that varies has no expansion in powers of t")
+    return _EXP(exponent.scaled(math.log(base)))
+
+
 def _composition(series: PowerSeries, name: str, coefficients_at: Taylor) -> PowerSeries:
     """Substitute a series into the Taylor series of a function at its constant term."""
-    if series.leading_exponent < 0 or series.cutoff <= 0:
-        raise SeriesError(f"{name} of something unbounded at 0 has no expansion in powers of t")
-    value = series.coefficient(0.0)
+    value = _start_of(series, name)
     rest = series.without_initial_terms(1.0)
     step = rest.leading_exponent
-    if not rest.exponents.size:
-        return PowerSeries.constant(
-            _coefficients_at(value, 1, name, coefficients_at)[0], series.cutoff
-        )
-    if math.isinf(series.cutoff):
+    if rest.exponents.size and math.isinf(series.cutoff):
         raise SeriesError(f"{name} of an exact sum has infinitely many terms; give it a cutoff")
-    count = math.ceil((series.cutoff - SAME_EXPONENT) / step)
+    count = math.ceil((series.cutoff - SAME_EXPONENT) / step) if rest.exponents.size else 1
     if count > MOST_TERMS:
         raise SeriesError(f"{name}: more than {MOST_TERMS} exponents below {series.cutoff:g}")
-    coefficients = _coefficients_at(value, max(count, 1), name, coefficients_at)
+    with np.errstate(all="ignore"):
+        coefficients = coefficients_at(value, max(count, 1))
+    if not all(map(math.isfinite, coefficients)):
+        raise SeriesError(f"{name} has no finite Taylor coefficients at {value:g}")
     # Horner's scheme; a partial sum is needed no further than its later factors leave it
     exponents, sums = np.zeros(1), np.array([coefficients[-1]])
     for power, coefficient in zip(
@@ -276,16 +244,6 @@ def _composition(series: PowerSeries, name: str, coefficients_at: Taylor) -> Pow
     return PowerSeries(exponents=exponents, coefficients=sums, cutoff=series.cutoff)
 
 
-def _coefficients_at(value: float, count: int, name: str, coefficients_at: Taylor) -> list[float]:
-    try:
-        coefficients = coefficients_at(value, count)
-    except (OverflowError, ZeroDivisionError):
-        coefficients = [math.inf]
-    if not all(map(math.isfinite, coefficients)):
-        raise SeriesError(f"{name} has no finite Taylor coefficients at {value:g}")
-    return coefficients
-
-
 def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     integral = exponent.is_integer()
     if exponent == 0:
@@ -293,7 +251,8 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     # an exact sum has exact powers only
     if integral and 1 <= exponent <= (MOST_TERMS if math.isinf(series.cutoff) else 16):
         half = _real_power(series, exponent // 2)
-        return half * half * series if exponent % 2 else half * half
+        square = _product(half, half)
+        return _product(square, series) if exponent % 2 else square
     if not series.exponents.size:
         if exponent < 0:
             raise SeriesError(f"0**{exponent:g} has no expansion in powers of t")
@@ -314,7 +273,7 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     unit = _composition(
         ratio,
         f"a power {exponent:g}",
-        lambda value, count: power_coefficients(value, exponent, count),
+        lambda value, count: power_coefficients(exponent, count),
     )
     return PowerSeries(
         exponents=unit.exponents + lead * exponent,
@@ -323,53 +282,112 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     )
 
 
-def _abs(series: PowerSeries) -> PowerSeries:
-    """To the right of 0 the sign is that of the leading term."""
-    if series.exponents.size and series.coefficients[0] < 0:
-        return -series
-    return series
+def _start_of(series: PowerSeries, name: str) -> float:
+    """The value at t = 0 of the argument of a function."""
+    if series.leading_exponent < 0 or series.cutoff <= 0:
+        raise SeriesError(f"{name} of something unbounded at 0 has no expansion in powers of t")
+    return series.coefficient(0.0)
 
 
-def _sign(series: PowerSeries) -> PowerSeries:
-    if not series.exponents.size:
-        raise SeriesError("sign of something that is 0 at the start has no expansion")
-    return PowerSeries.constant(math.copysign(1.0, series.coefficients[0]), series.cutoff)
+def _cycle(name: str, *derivatives: Callable[[float], float]) -> SeriesFunction:
+    """A function whose derivatives come round: the function, its derivative, and so on."""
+
+    def coefficients(value: float, count: int) -> list[float]:
+        sizes = [float(one(value)) for one in derivatives]
+        return [sizes[k % len(sizes)] / math.factorial(min(k, 170)) for k in range(count)]
+
+    return lambda series: _composition(series, name, coefficients)
+
+
+def _integral(name: str, slope: Callable[[Any], Any]) -> SeriesFunction:
+    r"""A function by its derivative: :math:`f(x(0)) + \int f'(x)\, x'\, dt`."""
+
+    def function(series: PowerSeries) -> PowerSeries:
+        start = _start_of(series, name)
+        with np.errstate(all="ignore"):
+            value = float(NUMPY_FUNCTIONS[name](np.float64(start)))
+        if not math.isfinite(value):
+            raise SeriesError(f"{name} at {start:g} has no expansion in powers of t")
+        rate = series.derivative()
+        if not rate.exponents.size:
+            return PowerSeries.constant(value, series.cutoff)
+        terms = _product(slope(series), rate)
+        integral = PowerSeries(
+            exponents=terms.exponents + 1.0,
+            coefficients=terms.coefficients / (terms.exponents + 1.0),
+            cutoff=terms.cutoff + 1.0,
+        )
+        return _sum(integral, value)
+
+    return function
 
 
 def _cbrt(series: PowerSeries) -> PowerSeries:
     if series.exponents.size and series.coefficients[0] < 0:
-        return -((-series) ** (1 / 3))
-    return series ** (1 / 3)
+        return _real_power(series.scaled(-1.0), 1 / 3).scaled(-1.0)
+    return _real_power(series, 1 / 3)
 
 
 def _gamma(series: PowerSeries) -> PowerSeries:
     raise SeriesError("the Gamma function of something that varies is not expanded in powers of t")
 
 
+def _sign_of(series: PowerSeries) -> float:
+    """The sign to the right of 0, that of the leading term; 0: it is 0 as far as it is known."""
+    if math.isinf(series.cutoff):
+        raise SeriesError("the sign of an exact sum is known to the right of 0 only")
+    return math.copysign(1.0, series.coefficients[0]) if series.exponents.size else 0.0
+
+
+def _sign(series: PowerSeries) -> PowerSeries:
+    sign = _sign_of(series)
+    if sign == 0:
+        raise SeriesError("sign of something that is 0 at the start has no expansion")
+    return PowerSeries.constant(sign, series.cutoff)
+
+
 def _select(a: Any, b: Any, below: Any, above: Any) -> Any:
-    """What is taken to the right of 0: the leading term of the difference decides."""
+    """What is taken to the right of 0."""
     difference = a - b
-    if not difference.coefficients.size:  # equal as far as they are known
+    sign = _sign_of(difference)
+    if sign == 0:  # equal as far as they are known
         return (below + above) * 0.5 + difference * 0.0
-    return below if difference.coefficients[0] < 0 else above
+    return below if sign < 0 else above
 
 
-def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], PowerSeries]:
-    return lambda series: _composition(series, name, coefficients_at)
-
-
-_exp, _log = _composed("exp", TAYLOR["exp"]), _composed("log", TAYLOR["log"])
-SERIES_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = MappingProxyType(
+_EXP, _LOG = _cycle("exp", np.exp), _integral("log", lambda x: 1.0 / x)
+PowerSeries.rules = MappingProxyType(
     {
-        **{name: _composed(name, coefficients) for name, coefficients in TAYLOR.items()},
-        "sqrt": lambda series: series**0.5,
+        "negative": lambda series: series.scaled(-1.0),
+        "add": _sum,
+        "subtract": lambda a, b: _sum(a, -b),
+        "multiply": _product,
+        "divide": _quotient,
+        "power": _power,
+        "square": lambda series: _real_power(series, 2.0),
+        "sqrt": lambda series: _real_power(series, 0.5),
         "cbrt": _cbrt,
-        "log1p": lambda series: SERIES_FUNCTIONS["log"](1.0 + series),
-        "abs": _abs,
+        "exp": _EXP,
+        "expm1": _integral("expm1", _EXP),
+        "log": _LOG,
+        "log1p": _integral("log1p", lambda x: 1.0 / (1.0 + x)),
+        "sin": _cycle("sin", np.sin, np.cos, lambda x: -np.sin(x), lambda x: -np.cos(x)),
+        "cos": _cycle("cos", np.cos, lambda x: -np.sin(x), lambda x: -np.cos(x), np.sin),
+        "tan": lambda series: np.sin(series) / np.cos(series),
+        "sinh": _cycle("sinh", np.sinh, np.cosh),
+        "cosh": _cycle("cosh", np.cosh, np.sinh),
+        "tanh": lambda series: np.sinh(series) / np.cosh(series),
+        "arcsin": _integral("arcsin", lambda x: (1.0 - x**2) ** -0.5),
+        "arccos": _integral("arccos", lambda x: -((1.0 - x**2) ** -0.5)),
+        "arctan": _integral("arctan", lambda x: 1.0 / (1.0 + x**2)),
+        "arcsinh": _integral("arcsinh", lambda x: (1.0 + x**2) ** -0.5),
+        "arccosh": _integral("arccosh", lambda x: (x**2 - 1.0) ** -0.5),
+        "arctanh": _integral("arctanh", lambda x: 1.0 / (1.0 - x**2)),
+        "absolute": lambda series: series.scaled(_sign_of(series) or 1.0),
         "sign": _sign,
         "gamma": _gamma,
-        "min": lambda a, b: _select(a, b, a, b),
-        "max": lambda a, b: _select(a, b, b, a),
+        "minimum": lambda a, b: _select(a, b, a, b),
+        "maximum": lambda a, b: _select(a, b, b, a),
         "select": _select,
     }
 )

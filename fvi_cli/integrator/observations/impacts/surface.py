@@ -13,7 +13,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.request import Impact
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of
 
@@ -38,7 +37,7 @@ class Surface:
 
     def gap(self, position: Array, time: Array | float) -> Array:
         """The value of g, shapes ``(..., d)`` to ``(...)``."""
-        found = self.impact.when.evaluate(self.values(position, time), NUMPY_FUNCTIONS)
+        found = self.impact.when.evaluate(self.values(position, time))
         return np.broadcast_to(np.asarray(found), position.shape[:-1])
 
     def slopes(self, position: Array, time: float) -> tuple[Array, float]:
