@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import lru_cache
-from itertools import pairwise
 from math import comb
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
@@ -94,33 +95,17 @@ def _check_arguments(bdf_order: int, order: float, n_weights: int) -> Fraction:
     return Fraction(order)
 
 
-def _quotient(bdf_order: int) -> list[Fraction]:
+def _quotient(bdf_order: int) -> NDArray[np.object_]:
     """Exact coefficients of q_p(z) = sum_{k=1..p} (1-z)^(k-1) / k."""
     _check_bdf_order(bdf_order)
-    return [
-        sum(
-            (Fraction((-1) ** m * comb(k - 1, m), k) for k in range(m + 1, bdf_order + 1)),
-            start=Fraction(0),
-        )
-        for m in range(bdf_order)
-    ]
+    quotient = np.zeros(bdf_order, dtype=object)
+    for k in range(1, bdf_order + 1):
+        quotient[:k] += [Fraction((-1) ** m * comb(k - 1, m), k) for m in range(k)]
+    return quotient
 
 
-def _times_one_minus_z(polynomial: list[Fraction]) -> list[Fraction]:
-    padded = [Fraction(0), *polynomial, Fraction(0)]
-    return [high - low for low, high in pairwise(padded)]
-
-
-def _product(left: list[Fraction], right: list[Fraction]) -> list[Fraction]:
-    result = [Fraction(0)] * (len(left) + len(right) - 1)
-    for i, a in enumerate(left):
-        for j, b in enumerate(right):
-            result[i + j] += a * b
-    return result
-
-
-def _rounded(polynomial: list[Fraction]) -> Array:
-    coefficients = np.array([float(c) for c in polynomial])
+def _rounded(polynomial: NDArray[np.object_]) -> Array:
+    coefficients = polynomial.astype(float)
     coefficients.setflags(write=False)
     return coefficients
 
@@ -130,38 +115,41 @@ def _power_weights(
 ) -> Array:
     """Coefficients of ``(1-z)**binomial_exponent * q_p(z)**quotient_exponent``."""
     if binomial_exponent >= 0 and binomial_exponent.denominator == 1:
-        stencil = [Fraction(1)]
+        # exact: arrays of objects multiply and add by the operators of these
+        stencil = np.array([Fraction(1)])
         for _ in range(int(quotient_exponent)):
-            stencil = _product(stencil, _quotient(bdf_order))
+            stencil = np.convolve(stencil, _quotient(bdf_order))
         for _ in range(int(binomial_exponent)):
-            stencil = _times_one_minus_z(stencil)
+            stencil = np.convolve(stencil, np.array([Fraction(1), Fraction(-1)]))
         weights = np.zeros(n_weights)
-        n_stencil = min(len(stencil), n_weights)
+        n_stencil = min(stencil.size, n_weights)
         weights[:n_stencil] = _rounded(stencil)[:n_stencil]
         return weights
     binomial = _binomial_series(binomial_exponent, n_weights)
     if bdf_order == 1 or quotient_exponent == 0:
         return binomial
-    short = _power_series(quotient_polynomial(bdf_order), float(quotient_exponent), n_weights)
+    quotient, exponent = quotient_polynomial(bdf_order).tolist(), float(quotient_exponent)
+    short = _power_series(quotient, exponent, quotient[0] ** exponent, n_weights)
     return np.convolve(binomial, short)[:n_weights]
 
 
-def _power_series(coefficients: Array, exponent: float, n_terms: int) -> Array:
-    """Power of a polynomial by J.C.P. Miller's recurrence, cut where it is negligible."""
-    first, rest = float(coefficients[0]), coefficients[1:].tolist()
-    series = [first**exponent]
-    largest = abs(series[0])
+def _power_series(coefficients: list[Any], exponent: Any, first: Any, n_terms: int) -> list[Any]:
+    """Power of a polynomial by J.C.P. Miller's recurrence, cut where it is negligible.
+
+    The `first` coefficient is that of the polynomial to the exponent; all are numbers of one kind.
+    """
+    series, largest, reach = [first], abs(first), len(coefficients) - 1
     for n in range(1, n_terms):
-        reach = min(n, len(rest))
-        series.append(
-            sum((k * exponent - (n - k)) * rest[k - 1] * series[n - k] for k in range(1, reach + 1))
-            / (n * first)
+        terms = (
+            (k * exponent - (n - k)) * coefficients[k] * series[n - k]
+            for k in range(1, min(n, reach) + 1)
         )
+        series.append(sum(terms) / (n * coefficients[0]))
         largest = max(largest, abs(series[n]))
         # As many negligible terms in a row as the recurrence looks back: all others are, too.
-        if n >= len(rest) and max(map(abs, series[-len(rest) :])) < _NEGLIGIBLE * largest:
+        if n >= reach and max(map(abs, series[-reach:])) < _NEGLIGIBLE * largest:
             break
-    return np.array(series)
+    return series
 
 
 def _binomial_series(exponent: Fraction, n_terms: int) -> Array:
@@ -198,10 +186,7 @@ def _gamma_ratio_coefficients(exponent: Fraction) -> tuple[float, ...]:
     sinh = [Fraction(1)]
     for j in range(1, _BINOMIAL_TAIL_TERMS):
         sinh.append(sinh[-1] / (4 * 2 * j * (2 * j + 1)))
-    power = [Fraction(1)]
-    for n in range(1, _BINOMIAL_TAIL_TERMS):
-        terms = ((k * exponent - (n - k)) * sinh[k] * power[n - k] for k in range(1, n + 1))
-        power.append(sum(terms, start=Fraction(0)) / n)
+    power = _power_series(sinh, exponent, Fraction(1), _BINOMIAL_TAIL_TERMS)
     falling = Fraction(1)
     coefficients = [1.0]
     for k in range(1, _BINOMIAL_TAIL_TERMS):

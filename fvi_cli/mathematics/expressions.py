@@ -203,12 +203,12 @@ def _translate(
     builder = Builder()
     done: list[tuple[Term, float | None]] = []
     # Depth first without recursion: the second visit of a node makes its term.
-    pending: list[tuple[ast.expr, int, bool]] = [(syntax_tree(text), 1, False)]
+    pending: list[tuple[ast.expr, int, str, int]] = [(syntax_tree(text), 1, "", 0)]
     nodes = 0
     while pending:
-        node, depth, operands_done = pending.pop()
-        if operands_done:
-            _emit(done, node)
+        node, depth, kind, count = pending.pop()
+        if kind:
+            _emit(done, node, kind, count)
             continue
         nodes += 1
         if depth > LARGEST_DEPTH or nodes > MOST_NODES:
@@ -230,8 +230,10 @@ def _translate(
             else:
                 raise _unknown_name(node, [*variables, *values])
         else:
-            pending.append((node, depth, True))
-            pending.extend((child, depth + 1, False) for child in reversed(_operands(node)))
+            kind, operands = _operation(node)
+            if kind:
+                pending.append((node, depth, kind, len(operands)))
+            pending.extend((child, depth + 1, "", 0) for child in reversed(operands))
     return builder.system([done[0][0]])
 
 
@@ -298,11 +300,12 @@ def _col(node: ast.expr) -> int:
     return max(node.col_offset, 1)
 
 
-def _operands(node: ast.expr) -> list[ast.expr]:
+def _operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
+    """An operator or function with its operands; of a sign that changes nothing no name."""
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        return [node.left, node.right]
+        return _BINARY[type(node.op)], [node.left, node.right]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
-        return [node.operand]
+        return "negate" if isinstance(node.op, ast.USub) else "", [node.operand]
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         name = node.func.id
         if name not in FUNCTION_NAMES:
@@ -312,7 +315,7 @@ def _operands(node: ast.expr) -> list[ast.expr]:
             raise ExpressionError(f"{name} takes two arguments or more: {name}(a, b)", _col(node))
         if name not in EXTREMA and (len(node.args) != 1 or not is_plain):
             raise ExpressionError(f"{name} takes exactly one argument", _col(node))
-        return node.args
+        return _ALIASES.get(name, name), node.args
     if instead := _of_library(node):
         raise ExpressionError(instead, _col(node))
     raise ExpressionError(
@@ -320,18 +323,8 @@ def _operands(node: ast.expr) -> list[ast.expr]:
     )
 
 
-def _emit(done: list[tuple[Term, float | None]], node: ast.expr) -> None:
+def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, count: int) -> None:
     """Put what `node` makes in the place of its operands, with its value where that is fixed."""
-    if isinstance(node, ast.BinOp):
-        kind, count = _BINARY[type(node.op)], 2
-    elif isinstance(node, ast.UnaryOp):
-        if isinstance(node.op, ast.UAdd):
-            return
-        kind, count = "negate", 1
-    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        kind, count = _ALIASES.get(node.func.id, node.func.id), len(node.args)
-    else:
-        raise ExpressionError("not allowed", _col(node))
     first, *others = done[-count:]
     del done[-count:]
     try:

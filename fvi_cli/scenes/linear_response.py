@@ -24,7 +24,7 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import PowerSeries, SeriesError
 from fvi_cli.mathematics.transforms.characteristic import (
-    CharacteristicFunction,
+    characteristic_terms,
     characteristic_zeros,
 )
 from fvi_cli.scenes.relaxation import LinearResponse, law_response
@@ -71,7 +71,7 @@ def linear_response(
         For parameters out of range, a force that is not representable, or a characteristic
         function whose zeros cannot be separated.
     """
-    characteristic = CharacteristicFunction(mass=mass, stiffness=stiffness, damping=damping)
+    terms = characteristic_terms(mass=mass, stiffness=stiffness, damping=damping)
     start = {1.0: mass * position, 0.0: mass * velocity}
     for order, coefficient in damping:
         if derivative == "caputo" or order == 1.0:
@@ -95,12 +95,8 @@ def linear_response(
             inputs.append((begin, jump))
     inputs.insert(0, (0.0, {power: c for power, c in start.items() if c}))
     if laws:
-        return law_response(characteristic, inputs, laws, position)
-    return LinearResponse(
-        characteristic=characteristic,
-        inputs=tuple(inputs),
-        zeros=characteristic_zeros(characteristic),
-    )
+        return law_response(terms, inputs, laws, position)
+    return LinearResponse(terms=terms, inputs=tuple(inputs), zeros=characteristic_zeros(terms))
 
 
 def match_scene(scene: Scene) -> ExactSolution | None:

@@ -18,8 +18,7 @@ from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.laws.tempered import TemperedPower
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.transforms.characteristic import (
-    CharacteristicFunction,
-    CharacteristicSum,
+    Terms,
     ZeroCluster,
     characteristic_zeros,
 )
@@ -45,7 +44,7 @@ class LinearResponse:
     """
 
     # the left-hand side in powers of p = s + l, multiplied by the denominators of laws
-    characteristic: CharacteristicFunction | CharacteristicSum
+    terms: Terms
     # pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
@@ -62,7 +61,7 @@ class LinearResponse:
             if numerator and np.any(chosen):
                 with np.errstate(over="ignore", invalid="ignore"):
                     total[chosen] += contour_response(
-                        self.characteristic,
+                        self.terms,
                         self.zeros,
                         numerator,
                         time[chosen] - start,
@@ -72,7 +71,7 @@ class LinearResponse:
 
 
 def law_response(
-    plain: CharacteristicFunction,
+    plain: Terms,
     inputs: Inputs,
     laws: Sequence[tuple[RelaxationKernel, float]],
     position: float,
@@ -92,25 +91,23 @@ def law_response(
     for kernel, size in sizes.items():
         others = [below for other, (_, below) in fractions.items() if other != kernel]
         memory = plus(memory, product(fractions[kernel][0], *others), size)
-    total = product(shift_powers(dict(plain.terms), decay), everything)
+    total = product(shift_powers(dict(plain), decay), everything)
     total = plus(total, product(rate, memory))
     if len(total) > MOST_TERMS:
         raise ValueError(f"laws: {len(total)} powers; zeros of up to {MOST_TERMS} are looked for")
-    characteristic = CharacteristicSum(
-        terms=tuple((power, total[power]) for power in sorted(total, reverse=True) if total[power])
-    )
+    terms = tuple((power, total[power]) for power in sorted(total, reverse=True) if total[power])
     changed: list[tuple[float, Mapping[float, float]]] = []
     for index, (start, numerator) in enumerate(inputs):
         powers = product(shift_powers(dict(numerator), decay), everything)
         if index == 0:
             powers = plus(powers, memory, position)
         changed.append((start, {power: c for power, c in powers.items() if c}))
-    zeros = characteristic_zeros(characteristic)
+    zeros = characteristic_zeros(terms)
     if decay and any(zero.multiplicity > 1 for zero in zeros):
         # seen from -l zeros beside the axis are close together, and their residues cancel
         raise ValueError(f"laws: forgetting at {decay:g} is too far from the zeros")
     return LinearResponse(
-        characteristic=characteristic,
+        terms=terms,
         inputs=tuple(changed),
         zeros=zeros,
         decay=decay,

@@ -18,7 +18,7 @@ from fvi_cli.integrator.stability.modes import growing_frequencies, growing_mode
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.integrator.stability.systems import MatrixPencil, matrix_pencil
 from fvi_cli.mathematics.transforms.characteristic import (
-    CharacteristicFunction,
+    characteristic_terms,
     characteristic_zeros,
 )
 from fvi_cli.mathematics.transforms.zeros import (
@@ -160,7 +160,7 @@ def test_true_growth_is_not_called_unstable(stiffness, damping, method):
     prediction = predict_stability(scene, method, 3000)
     assert prediction.verdict == "stable"
     assert prediction.growing_modes >= 1
-    characteristic = CharacteristicFunction(mass=1.0, stiffness=stiffness, damping=damping)
+    characteristic = characteristic_terms(mass=1.0, stiffness=stiffness, damping=damping)
     largest = max(float(zero.center.real) for zero in characteristic_zeros(characteristic))
     assert prediction.exact_growth == pytest.approx(largest * 0.01, rel=1e-9)
     assert prediction.growth_per_step == pytest.approx(largest * 0.01, rel=0.05)

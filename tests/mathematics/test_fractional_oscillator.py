@@ -8,20 +8,20 @@ import pytest
 from spread import spread
 
 from fvi_cli.mathematics.transforms.characteristic import (
-    CharacteristicFunction,
+    characteristic_terms,
     characteristic_zeros,
 )
 from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
 
 
 def oscillator(stiffness, *damping, mass=1.0):
-    characteristic = CharacteristicFunction(mass=mass, stiffness=stiffness, damping=damping)
+    characteristic = characteristic_terms(mass=mass, stiffness=stiffness, damping=damping)
     return characteristic, characteristic_zeros(characteristic)
 
 
 def transform(characteristic, numerator, s):
     top = mpmath.fsum(mpmath.mpf(c) * s ** mpmath.mpf(p) for p, c in numerator.items())
-    bottom = mpmath.fsum(mpmath.mpf(c) * s ** mpmath.mpf(p) for p, c in characteristic.terms)
+    bottom = mpmath.fsum(mpmath.mpf(c) * s ** mpmath.mpf(p) for p, c in characteristic)
     return top / bottom
 
 

@@ -25,7 +25,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.transforms.characteristic import (
-    CharacteristicFunction,
+    characteristic_terms,
     characteristic_zeros,
 )
 from fvi_cli.scenes.structures.sandwich_beam import beam_matrices
@@ -77,7 +77,7 @@ def test_one_oscillator_has_the_zero_of_its_characteristic_function():
     for order, mu in ((0.3, 0.5), (0.5, 4.0), (1.5, 0.7), (1.9, 0.2)):
         damping = FractionalDamping(order=order, coefficient=mu)
         table = find_modes(linear_scene(np.eye(1), 2.0 * np.eye(1), damping), 1)
-        function = CharacteristicFunction(mass=1.0, stiffness=2.0, damping=((order, mu),))
+        function = characteristic_terms(mass=1.0, stiffness=2.0, damping=((order, mu),))
         (cluster,) = characteristic_zeros(function)
         assert table.is_complete
         assert table.modes[0].frequency == pytest.approx(cluster.center, rel=1e-11)

@@ -26,34 +26,21 @@ FIRST_STEPS = 10.0
 """Of a path in a unit of w, to begin with."""
 _CONVERGED = 4 * np.finfo(np.longdouble).eps
 
-
-@dataclass(frozen=True, kw_only=True)
-class CharacteristicFunction:
-    r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform."""
-
-    mass: float  # m > 0
-    stiffness: float = 0.0  # k, of any sign
-    # pairs (gamma_j, mu_j) with orders in (0, 2) and coefficients of any sign
-    damping: tuple[tuple[float, float], ...] = ()
-
-    @property
-    def terms(self) -> tuple[tuple[float, float], ...]:
-        """Pairs (power of s, coefficient), powers falling, without zeros."""
-        sums: dict[float, float] = {2.0: self.mass}
-        for order, coefficient in (*self.damping, (0.0, self.stiffness)):
-            sums[order] = sums.get(order, 0.0) + coefficient
-        return tuple((power, sums[power]) for power in sorted(sums, reverse=True) if sums[power])
+Terms = tuple[tuple[float, float], ...]
+"""A sum of powers: pairs (power of s, coefficient), powers falling, without zeros."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CharacteristicSum:
-    r"""Any sum of powers :math:`\sum_p c_p s^p`, as with relaxation laws, multiplied out."""
+def characteristic_terms(
+    *, mass: float, stiffness: float = 0.0, damping: tuple[tuple[float, float], ...] = ()
+) -> Terms:
+    r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform.
 
-    # pairs (power of s, coefficient), powers falling, without zeros
-    terms: tuple[tuple[float, float], ...]
-
-
-AnyCharacteristic = CharacteristicFunction | CharacteristicSum
+    The mass is positive; `damping` has pairs :math:`(\gamma_j, \mu_j)` with orders in (0, 2).
+    """
+    sums: dict[float, float] = {2.0: mass}
+    for order, coefficient in (*damping, (0.0, stiffness)):
+        sums[order] = sums.get(order, 0.0) + coefficient
+    return tuple((power, sums[power]) for power in sorted(sums, reverse=True) if sums[power])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +57,7 @@ class ZeroCluster:
     is_real: bool
 
 
-def characteristic_zeros(characteristic: AnyCharacteristic) -> tuple[ZeroCluster, ...]:
+def characteristic_zeros(terms: Terms) -> tuple[ZeroCluster, ...]:
     r"""Zeros with :math:`0 \le \arg s < 2.9` or so; others lie inside of every contour used.
 
     One damping term with positive coefficient and positive stiffness has a single conjugate pair
@@ -82,110 +69,106 @@ def characteristic_zeros(characteristic: AnyCharacteristic) -> tuple[ZeroCluster
     ValueError
         If the zeros found do not match their number by the argument principle.
     """
-    terms = characteristic.terms
     if len(terms) == 1:
         return ()
-    powers = np.array([power for power, _ in terms], dtype=np.longdouble)
-    coefficients = np.array([coefficient for _, coefficient in terms], dtype=np.longdouble)
-    low, high = _bounds(powers, coefficients)
+    powers, coefficients = np.array(terms, dtype=np.longdouble).T
+    sums = _ExponentialSum(powers, coefficients)
+    low, high = sums.bounds()
     # the balances alone nearly always find all zeros, which the count confirms
     for density in (0, 1, 4):
-        found = _polished(powers, coefficients, _seeds(powers, coefficients, low, high, density))
+        found = sums.polished(sums.balances(low, high, density))
         for strip in _STRIPS:
-            number = _count(powers, coefficients, low, high, strip)
+            number = sums.count(low, high, strip)
             if number is None:
                 continue
             inside = found[(found.imag < strip) & (found.real > low) & (found.real < high)]
-            clusters = _clusters(powers, coefficients, inside)
+            clusters = _clusters(sums, inside)
             if number == sum(c.multiplicity * (1 if c.is_real else 2) for c in clusters):
                 return clusters
     raise ValueError(f"characteristic function: the zeros of {terms!r} could not be separated")
 
 
-def _bounds(powers: LongArray, coefficients: LongArray) -> tuple[float, float]:
-    # Outside, the first (or last) term alone is larger than four times the sum of the others.
-    logs = np.log(np.abs(coefficients)) + math.log(4.0 * len(powers))
-    plain = np.log(np.abs(coefficients))
-    high = float(np.max((logs[1:] - plain[0]) / (powers[0] - powers[1:])))
-    low = float(np.min((plain[-1] - logs[:-1]) / (powers[:-1] - powers[-1])))
-    return max(low, -_LARGEST_LOGARITHM), min(high, _LARGEST_LOGARITHM)
+@dataclass(frozen=True, eq=False)
+class _ExponentialSum:
+    """The characteristic function of w = log s."""
 
+    powers: LongArray
+    coefficients: LongArray
 
-def _sums(
-    powers: LongArray, coefficients: LongArray, w: LongComplexArray
-) -> tuple[LongComplexArray, LongComplexArray, LongComplexArray]:
-    """The exponential sum, its derivative and the sum of moduli, each over its largest term."""
-    logs = np.log(np.abs(coefficients))[:, None] + powers[:, None] * w
-    parts = np.sign(coefficients)[:, None] * np.exp(logs - logs.real.max(axis=0))
-    return parts.sum(axis=0), (powers[:, None] * parts).sum(axis=0), np.abs(parts).sum(axis=0)
+    def bounds(self) -> tuple[float, float]:
+        """Real parts of w between which all zeros lie.
 
+        Outside, the first (or last) term alone is larger than four times the sum of the others.
+        """
+        powers, plain = self.powers, np.log(np.abs(self.coefficients))
+        logs = plain + math.log(4.0 * len(powers))
+        high = float(np.max((logs[1:] - plain[0]) / (powers[0] - powers[1:])))
+        low = float(np.min((plain[-1] - logs[:-1]) / (powers[:-1] - powers[-1])))
+        return max(low, -_LARGEST_LOGARITHM), min(high, _LARGEST_LOGARITHM)
 
-def _seeds(
-    powers: LongArray, coefficients: LongArray, low: float, high: float, density: int
-) -> LongComplexArray:
-    seeds: list[complex] = []
-    angles = np.linspace(0.0, 3.1, 12 * density)
-    shifts = np.linspace(-2.0, 2.0, 4 * density + 1) if density else np.empty(0)
-    for i in range(len(powers)):
-        for j in range(i + 1, len(powers)):
-            gap = powers[i] - powers[j]
-            ratio = -coefficients[j] / coefficients[i]
+    def values(
+        self, w: LongComplexArray
+    ) -> tuple[LongComplexArray, LongComplexArray, LongComplexArray]:
+        """The sum, its derivative and the sum of moduli, each over its largest term."""
+        powers = self.powers[:, None]
+        logs = np.log(np.abs(self.coefficients))[:, None] + powers * w
+        parts = np.sign(self.coefficients)[:, None] * np.exp(logs - logs.real.max(axis=0))
+        return parts.sum(axis=0), (powers * parts).sum(axis=0), np.abs(parts).sum(axis=0)
+
+    def balances(self, low: float, high: float, density: int) -> LongComplexArray:
+        """Places at which two terms cancel each other, and more around them."""
+        seeds: list[complex] = []
+        angles = np.linspace(0.0, 3.1, 12 * density)
+        shifts = np.linspace(-2.0, 2.0, 4 * density + 1) if density else np.empty(0)
+        terms = zip(self.powers, self.coefficients, strict=True)
+        for (power, coefficient), (other_power, other) in itertools.combinations(terms, 2):
+            gap, ratio = power - other_power, -other / coefficient
             radius = math.log(abs(ratio)) / gap
             start = 0.0 if ratio > 0 else math.pi
             turns = np.arange(int(3.1 * gap / (2 * math.pi)) + 2)
             exact = (start + 2 * math.pi * turns) / gap
             seeds.extend(complex(radius, angle) for angle in exact if angle <= 3.1)
             seeds.extend(complex(radius + shift, angle) for shift in shifts for angle in angles)
-    array = np.array(seeds, dtype=np.clongdouble)
-    return array[(array.real >= low) & (array.real <= high)]
+        array = np.array(seeds, dtype=np.clongdouble)
+        return array[(array.real >= low) & (array.real <= high)]
 
+    def polished(self, w: LongComplexArray) -> LongComplexArray:
+        """The zeros to which Newton's iteration leads."""
+        for _ in range(60):
+            value, slope, _ = self.values(w)
+            slope = np.where(slope == 0, 1.0, slope)
+            step = value / slope
+            step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step), 1e-300))
+            w = w - step
+            w = np.clip(w.real, -2000.0, 2000.0) + 1j * np.clip(w.imag, -4.0, 4.0)
+            if not np.any(np.abs(step) > _CONVERGED):
+                break
+        value, _, size = self.values(w)
+        w = w[np.abs(value) < 1e-13 * size.real]
+        # The coefficients are real: zeros come in mirror images.
+        return w.real + 1j * np.abs(w.imag)
 
-def _polished(powers: LongArray, coefficients: LongArray, w: LongComplexArray) -> LongComplexArray:
-    for _ in range(60):
-        value, slope, _ = _sums(powers, coefficients, w)
-        slope = np.where(slope == 0, 1.0, slope)
-        step = value / slope
-        step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step), 1e-300))
-        w = w - step
-        w = np.clip(w.real, -2000.0, 2000.0) + 1j * np.clip(w.imag, -4.0, 4.0)
-        if not np.any(np.abs(step) > _CONVERGED):
-            break
-    value, _, size = _sums(powers, coefficients, w)
-    w = w[np.abs(value) < 1e-13 * size.real]
-    # The coefficients are real: zeros come in mirror images.
-    return w.real + 1j * np.abs(w.imag)
+    def turn(self, path: Path, parameters: Array) -> float:
+        """Change of the argument along a path of w; nan if a zero lies on it."""
 
+        def logarithm(w: ComplexArray) -> ComplexArray:
+            sums = self.values(w.astype(np.clongdouble))[0]
+            return np.asarray(np.log(sums), dtype=np.complex128)
 
-def _turn(powers: LongArray, coefficients: LongArray, path: Path, parameters: Array) -> float:
-    """Change of the argument of the sum along a path of w; nan if a zero lies on it."""
+        return float(contour_integrals(OneFunction(logarithm), path, parameters)[0, 0])
 
-    def logarithm(w: ComplexArray) -> ComplexArray:
-        sums = _sums(powers, coefficients, w.astype(np.clongdouble))[0]
-        return np.asarray(np.log(sums), dtype=np.complex128)
+    def count(self, low: float, high: float, strip: float) -> int | None:
+        """Zeros with abs(arg) < strip by the argument principle; None if one is on the boundary."""
+        corners = (complex(high, 0.0), complex(high, strip), complex(low, strip), complex(low, 0.0))
+        turn = 0.0
+        for begin, end in itertools.pairwise(corners):
 
-    return float(contour_integrals(OneFunction(logarithm), path, parameters)[0, 0])
+            def line(part: Array, begin: complex = begin, end: complex = end) -> ComplexArray:
+                return np.asarray(begin + part * (end - begin), dtype=np.complex128)
 
-
-def _count(
-    powers: LongArray, coefficients: LongArray, low: float, high: float, strip: float
-) -> int | None:
-    """Zeros with abs(arg) < strip by the argument principle; None if one is on the boundary."""
-    corners = (complex(high, 0.0), complex(high, strip), complex(low, strip), complex(low, 0.0))
-    turn = 0.0
-    for begin, end in itertools.pairwise(corners):
-        steps = 2 + math.ceil(FIRST_STEPS * abs(end - begin))
-        turn += _turn(powers, coefficients, _line(begin, end), np.linspace(0.0, 1.0, steps))
-    return None if math.isnan(turn) else round(turn / math.pi)
-
-
-def _line(begin: complex, end: complex) -> Path:
-    return lambda part: np.asarray(begin + part * (end - begin), dtype=np.complex128)
-
-
-def _circle(center: complex, radius: float) -> Path:
-    return lambda part: np.asarray(
-        center + radius * np.exp(2j * math.pi * part), dtype=np.complex128
-    )
+            steps = 2 + math.ceil(FIRST_STEPS * abs(end - begin))
+            turn += self.turn(line, np.linspace(0.0, 1.0, steps))
+        return None if math.isnan(turn) else round(turn / math.pi)
 
 
 def _linked(first: LongComplexArray, second: LongComplexArray) -> NDArray[np.bool_]:
@@ -195,9 +178,7 @@ def _linked(first: LongComplexArray, second: LongComplexArray) -> NDArray[np.boo
     return np.asarray((np.abs(first[:, None] - second) < limit[:, None]).any(axis=1))
 
 
-def _clusters(
-    powers: LongArray, coefficients: LongArray, zeros: LongComplexArray
-) -> tuple[ZeroCluster, ...]:
+def _clusters(sums: _ExponentialSum, zeros: LongComplexArray) -> tuple[ZeroCluster, ...]:
     everything = np.concatenate([zeros, zeros.conj()])
     clusters: list[ZeroCluster] = []
     left = everything
@@ -208,33 +189,35 @@ def _clusters(
             members = everything[near]
             near = _linked(everything, members)
         left = left[~_linked(left, members)]
-        others = everything[~near]
         center = members.mean()
         # A zero that is not real is linked to its image, or at least half the distance off.
-        is_real = bool(abs(center.imag) < _SAME_ZERO / 4)
-        if not is_real and center.imag < 0:
-            continue
-        inner = float(np.abs(members - center).max())
-        outer = min([0.5, *np.abs(others - center).astype(float)])
-        radius = math.sqrt(max(inner, 1e-6) * outer)
-        around = _circle(complex(center), radius)
-        turn = _turn(powers, coefficients, around, np.linspace(0.0, 1.0, 65))
-        multiplicity = 0 if math.isnan(turn) else round(turn / (2 * math.pi))
-        if multiplicity == 1:
-            # The best of the copies, not their mean, which remembers where they came from.
-            center = members[np.abs(_sums(powers, coefficients, members)[0]).argmin()]
-        if is_real:
-            center = np.clongdouble(center.real)
-        clusters.append(
-            ZeroCluster(
-                center=np.exp(center),
-                radius=0.0 if multiplicity == 1 else max(inner, 1e-6),
-                clearance=outer,
-                multiplicity=multiplicity,
-                is_real=is_real,
-            )
-        )
+        if abs(center.imag) < _SAME_ZERO / 4 or center.imag > 0:
+            clusters.append(_cluster(sums, members, everything[~near]))
     return tuple(clusters)
+
+
+def _cluster(
+    sums: _ExponentialSum, members: LongComplexArray, others: LongComplexArray
+) -> ZeroCluster:
+    center = members.mean()
+    is_real = bool(abs(center.imag) < _SAME_ZERO / 4)
+    inner = float(np.abs(members - center).max())
+    outer = min([0.5, *np.abs(others - center).astype(float)])
+    around, radius = complex(center), math.sqrt(max(inner, 1e-6) * outer)
+    turn = sums.turn(
+        lambda part: around + radius * np.exp(2j * math.pi * part), np.linspace(0.0, 1.0, 65)
+    )
+    multiplicity = 0 if math.isnan(turn) else round(turn / (2 * math.pi))
+    if multiplicity == 1:
+        # The best of the copies, not their mean, which remembers where they came from.
+        center = members[np.abs(sums.values(members)[0]).argmin()]
+    return ZeroCluster(
+        center=np.exp(np.clongdouble(center.real) if is_real else center),
+        radius=0.0 if multiplicity == 1 else max(inner, 1e-6),
+        clearance=outer,
+        multiplicity=multiplicity,
+        is_real=is_real,
+    )
 
 
 def evaluate_powers(terms: Mapping[float, float], s: LongComplexArray) -> LongComplexArray:

@@ -17,13 +17,14 @@ trapezoidal rule*, SIAM Rev. 56 (2014), section 5, for the correction of a nearb
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.transforms.characteristic import (
-    AnyCharacteristic,
+    Terms,
     ZeroCluster,
     evaluate_powers,
 )
@@ -37,7 +38,7 @@ _SAME_POWER = 1e-9
 
 
 def contour_response(
-    characteristic: AnyCharacteristic,
+    terms: Terms,
     zeros: tuple[ZeroCluster, ...],
     numerator: Mapping[float, float],
     time: Array,
@@ -46,11 +47,11 @@ def contour_response(
 ) -> Array:
     r"""Inverse Laplace transform of :math:`N(s)/P(s)`, times :math:`e^{-l t}`.
 
-    The zeros of P are those of :func:`characteristic_zeros`; N maps powers of s, at most that of P
-    less 1, to coefficients; :math:`l \ge 0` is for transforms N(s + l)/P(s + l). At times >= 0 of
-    any shape the response is right to about 1e-14 of its own size near and after that time. Where
-    ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
-    abs(pole) on top.
+    P is a sum of powers, its zeros are those of :func:`characteristic_zeros`; N maps powers of s,
+    at most that of P less 1, to coefficients; :math:`l \ge 0` is for transforms N(s + l)/P(s + l).
+    At times >= 0 of any shape the response is right to about 1e-14 of its own size near and after
+    that time. Where ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times
+    t times abs(pole) on top.
 
     Raises
     ------
@@ -59,153 +60,117 @@ def contour_response(
         coincide nearly.
     """
     time = np.asarray(time, dtype=float)
-    top, leading = characteristic.terms[0]
+    top, leading = terms[0]
     if any(power > top - 1 + _SAME_POWER for power in numerator):
         raise ValueError(f"numerator: powers {sorted(numerator)} are not allowed above {top - 1:g}")
     if np.any(time < 0):
         raise ValueError("time: negative times are not allowed")
-    for zero in zeros:
-        is_separated = 4.0 * zero.radius <= zero.clearance
-        if zero.multiplicity > 1 and not (zero.is_real and is_separated):
+    clusters = [zero for zero in zeros if zero.multiplicity > 1]
+    for zero in clusters:
+        if not (zero.is_real and 4.0 * zero.radius <= zero.clearance):
             raise ValueError(f"characteristic function: zeros near {zero.center} nearly coincide")
     flat = time.ravel()
     at_start = sum(c for power, c in numerator.items() if power > top - 1 - _SAME_POWER)
     result = np.full(flat.shape, at_start / leading)
-    clusters = [zero for zero in zeros if zero.multiplicity > 1]
-    positive = flat > 0
     # A double zero on the positive axis is kept inside the contour, or well outside.
     close = np.zeros(flat.shape, dtype=bool)
     for cluster in clusters:
         close |= flat * float(cluster.center.real) < 0.75 * _SHIFT
-    for shift, chosen in ((0.0, positive & ~close), (_SHIFT, positive & close)):
+    steepest = max(-min(numerator), 0.0) if numerator else 0.0
+    # e^z n!/z^(n+1) is of the size of its integral where z is about n + 1.
+    vertex = 1.2 if clusters else min(max(steepest, 1.2), 10.0)
+    scale = vertex / (1.0 - math.sin(_ANGLE))
+    for shift, chosen in ((0.0, (flat > 0) & ~close), (_SHIFT, (flat > 0) & close)):
+        outside = zeros if not shift else [zero for zero in zeros if zero not in clusters]
+        contour = _Contour(terms, numerator, decay, scale, shift)
         indices = np.flatnonzero(chosen)
         for start in range(0, len(indices), _CHUNK):
             part = indices[start : start + _CHUNK]
-            outside = [
-                zero
-                for zero in zeros
-                if zero.multiplicity == 1 or not shift or zero not in clusters
-            ]
             # A growing response may leave the range of doubles, and is not finite from there on.
             with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-                result[part] = _one_chunk(
-                    characteristic,
-                    tuple(outside),
-                    numerator,
-                    flat[part],
-                    shift,
-                    decay,
-                    has_clusters=bool(clusters),
-                )
+                result[part] = contour.response(flat[part], outside)
     return result.reshape(time.shape)
 
 
-def _one_chunk(
-    characteristic: AnyCharacteristic,
-    zeros: tuple[ZeroCluster, ...],
-    numerator: Mapping[float, float],
-    time: Array,
-    shift: float,
-    decay: float,
-    *,
-    has_clusters: bool,
-) -> Array:
-    steepest = max(-min(numerator), 0.0) if numerator else 0.0
-    # e^z n!/z^(n+1) is of the size of its integral where z is about n + 1.
-    vertex = 1.2 if has_clusters else min(max(steepest, 1.2), 10.0)
-    scale = vertex / (1.0 - math.sin(_ANGLE))
-    simple = [zero for zero in zeros if zero.multiplicity == 1]
-    residues = [_residue(characteristic, zero, numerator, time, decay) for zero in simple]
-    positions = [_preimage(complex(zero.center), time, scale, shift) for zero in simple]
-    candidates = [(spacing, offset) for spacing in _SPACINGS for offset in (0.0, 0.5)]
-    factors = [
-        [np.exp(2j * np.pi * (offset - position / spacing)) for position in positions]
-        for spacing, offset in candidates
-    ]
-    # No node may come close to a pole.
-    distances = np.array(
-        [
-            np.min([np.abs(1.0 - f) for f in row], axis=0) if row else np.ones(time.shape)
-            for row in factors
+@dataclass(frozen=True, eq=False)
+class _Contour:
+    """Integrals of N/P e^(st) along s t = shift + scale (1 + sin(i u - angle)), a hyperbola."""
+
+    terms: Terms
+    numerator: Mapping[float, float]
+    decay: float
+    scale: float
+    shift: float
+
+    def response(self, time: Array, zeros: Sequence[ZeroCluster]) -> Array:
+        """The integral along the contour, with the residues at zeros outside of it."""
+        simple = [zero for zero in zeros if zero.multiplicity == 1]
+        residues = [self._residue(zero, time) for zero in simple]
+        positions = [self._preimage(complex(zero.center), time) for zero in simple]
+        candidates = [(spacing, offset) for spacing in _SPACINGS for offset in (0.0, 0.5)]
+        factors = [
+            [np.exp(2j * np.pi * (offset - position / spacing)) for position in positions]
+            for spacing, offset in candidates
         ]
-    )
-    best = distances.argmax(axis=0)
-    result = np.empty(time.shape)
-    for index, (spacing, offset) in enumerate(candidates):
-        chosen = best == index
-        if not np.any(chosen):
-            continue
-        value = _trapezoidal_sum(
-            characteristic, numerator, time[chosen], scale, shift, spacing, offset
-        ) * np.exp(-decay * time[chosen])
-        for zero, residue, factor in zip(simple, residues, factors[index], strict=True):
-            correction = residue[chosen] / (1.0 - factor[chosen])
-            value += (1.0 if zero.is_real else 2.0) * correction.real
-        result[chosen] = value
-    for zero in zeros:
-        if zero.multiplicity > 1:
-            result += _cluster_residues(characteristic, zero, numerator, time, decay)
-    return result
+        # No node may come close to a pole.
+        distances = np.array(
+            [
+                np.min([np.abs(1.0 - f) for f in row], axis=0) if row else np.ones(time.shape)
+                for row in factors
+            ]
+        )
+        best = distances.argmax(axis=0)
+        result = np.empty(time.shape)
+        for index, (spacing, offset) in enumerate(candidates):
+            chosen = best == index
+            if not np.any(chosen):
+                continue
+            value = self._trapezoidal_sum(time[chosen], spacing, offset)
+            value *= np.exp(-self.decay * time[chosen])
+            for zero, residue, factor in zip(simple, residues, factors[index], strict=True):
+                correction = residue[chosen] / (1.0 - factor[chosen])
+                value += (1.0 if zero.is_real else 2.0) * correction.real
+            result[chosen] = value
+        for zero in zeros:
+            if zero.multiplicity > 1:
+                result += self._cluster_residues(zero, time)
+        return result
 
+    def _preimage(self, s: complex, time: Array) -> ComplexArray:
+        """The u of a pole; Im u > 0 lies inside, on the side of the cut."""
+        return np.asarray(-1j * (np.arcsin((s * time - self.shift) / self.scale - 1.0) + _ANGLE))
 
-def _preimage(s: complex, time: Array, scale: float, shift: float) -> ComplexArray:
-    z = s * time
-    # z = shift + scale (1 + sin(i u - angle)); Im u > 0 lies inside, on the side of the cut.
-    return np.asarray(-1j * (np.arcsin((z - shift) / scale - 1.0) + _ANGLE))
+    def _trapezoidal_sum(self, time: Array, spacing: float, offset: float) -> Array:
+        last = math.acosh((_DECAY / self.scale + 1.0) / math.sin(_ANGLE))
+        u = spacing * (offset + np.arange(int(last / spacing) + 2))
+        weights = np.where(u == 0, 0.5, 1.0)
+        z = self.shift + self.scale * (1.0 + np.sin(1j * u - _ANGLE))
+        weights = weights * np.exp(z) * np.cos(1j * u - _ANGLE) * (spacing * self.scale / math.pi)
+        top = np.zeros((len(time), len(u)), dtype=complex)
+        bottom = np.zeros((len(time), len(u)), dtype=complex)
+        highest = self.terms[0][0]
+        for power, coefficient in self.numerator.items():
+            top += (coefficient * time ** (highest - 2.0 - power))[:, None] * z**power
+        for power, coefficient in self.terms:
+            # Multiplied by a power of t, so that the largest term is of order one at small times.
+            bottom += (coefficient * time ** (highest - power))[:, None] * z**power
+        return np.asarray(((top / bottom) @ weights).real * time)
 
+    def _residue(self, zero: ZeroCluster, time: Array) -> ComplexArray:
+        """Residue at a simple zero, with the exponential in extended precision."""
+        center = np.array([zero.center])
+        slope = {power - 1.0: power * c for power, c in self.terms if power}
+        constant = (evaluate_powers(self.numerator, center) / evaluate_powers(slope, center))[0]
+        values = constant * np.exp((zero.center - self.decay) * time.astype(np.longdouble))
+        return np.asarray(values, dtype=complex)
 
-def _trapezoidal_sum(
-    characteristic: AnyCharacteristic,
-    numerator: Mapping[float, float],
-    time: Array,
-    scale: float,
-    shift: float,
-    spacing: float,
-    offset: float,
-) -> Array:
-    last = math.acosh((_DECAY / scale + 1.0) / math.sin(_ANGLE))
-    u = spacing * (offset + np.arange(int(last / spacing) + 2))
-    weights = np.where(u == 0, 0.5, 1.0)
-    z = shift + scale * (1.0 + np.sin(1j * u - _ANGLE))
-    weights = weights * np.exp(z) * np.cos(1j * u - _ANGLE) * (spacing * scale / math.pi)
-    top = np.zeros((len(time), len(u)), dtype=complex)
-    bottom = np.zeros((len(time), len(u)), dtype=complex)
-    highest = characteristic.terms[0][0]
-    for power, coefficient in numerator.items():
-        top += (coefficient * time ** (highest - 2.0 - power))[:, None] * z**power
-    for power, coefficient in characteristic.terms:
-        # Multiplied by a power of t, so that the largest term is of order one at small times.
-        bottom += (coefficient * time ** (highest - power))[:, None] * z**power
-    return np.asarray(((top / bottom) @ weights).real * time)
-
-
-def _residue(
-    characteristic: AnyCharacteristic,
-    zero: ZeroCluster,
-    numerator: Mapping[float, float],
-    time: Array,
-    decay: float,
-) -> ComplexArray:
-    """Residue of N/P e^(st) at a simple zero, with the exponential in extended precision."""
-    center = np.array([zero.center])
-    slope = {power - 1.0: power * c for power, c in characteristic.terms if power}
-    constant = (evaluate_powers(numerator, center) / evaluate_powers(slope, center))[0]
-    values = constant * np.exp((zero.center - decay) * time.astype(np.longdouble))
-    return np.asarray(values, dtype=complex)
-
-
-def _cluster_residues(
-    characteristic: AnyCharacteristic,
-    cluster: ZeroCluster,
-    numerator: Mapping[float, float],
-    time: Array,
-    decay: float,
-) -> Array:
-    """All residues of a cluster on the positive axis, by a circle round it."""
-    nodes = np.exp(2j * np.pi * (np.arange(96) + 0.5) / 96)
-    center = float(cluster.center.real)
-    radius = np.clip(2.0 / time, 2.0 * cluster.radius * center, 0.5 * cluster.clearance * center)
-    s = (center + radius[:, None] * nodes).astype(np.clongdouble)
-    quotient = evaluate_powers(numerator, s) / evaluate_powers(dict(characteristic.terms), s)
-    integrand = quotient * np.exp((s - decay) * time[:, None]) * nodes
-    return np.asarray(integrand.real.mean(axis=1) * radius, dtype=float)
+    def _cluster_residues(self, cluster: ZeroCluster, time: Array) -> Array:
+        """All residues of a cluster on the positive axis, by a circle round it."""
+        nodes = np.exp(2j * np.pi * (np.arange(96) + 0.5) / 96)
+        center = float(cluster.center.real)
+        least, most = 2.0 * cluster.radius * center, 0.5 * cluster.clearance * center
+        radius = np.clip(2.0 / time, least, most)
+        s = (center + radius[:, None] * nodes).astype(np.clongdouble)
+        quotient = evaluate_powers(self.numerator, s) / evaluate_powers(dict(self.terms), s)
+        integrand = quotient * np.exp((s - self.decay) * time[:, None]) * nodes
+        return np.asarray(integrand.real.mean(axis=1) * radius, dtype=float)

@@ -19,7 +19,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.memory_work import fractional_integral, work_along
-from fvi_cli.mathematics.transforms.characteristic import CharacteristicSum, characteristic_zeros
+from fvi_cli.mathematics.transforms.characteristic import characteristic_zeros
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.scenes.relaxation import LinearResponse, product
@@ -61,9 +61,9 @@ def response_from_rest(order: float, coefficient: float, frequency: float) -> Li
     powers.
     """
     below = product({2.0: 1.0, order: coefficient, 0.0: 1.0}, {2.0: 1.0, 0.0: frequency**2})
-    whole = CharacteristicSum(terms=tuple(sorted(below.items(), reverse=True)))
+    whole = tuple(sorted(below.items(), reverse=True))
     zeros = characteristic_zeros(whole)
-    return LinearResponse(characteristic=whole, inputs=((0.0, {1.0: 1.0}),), zeros=zeros)
+    return LinearResponse(terms=whole, inputs=((0.0, {1.0: 1.0}),), zeros=zeros)
 
 
 @functools.lru_cache(maxsize=512)
