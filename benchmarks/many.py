@@ -269,7 +269,7 @@ def joined(members: Sequence[Scene]) -> Scene:
     stiffness = [
         float(m.potential.hessian(m.initial_position)[0, 0]) for m in members if m.potential
     ]
-    coefficients = [float(member.damping[0].coefficient[0, 0]) for member in members]
+    coefficients = [float(member.damping[0].matrix[0, 0]) for member in members]
     return linear_oscillator(
         final_time=FINAL_TIME,
         mass=np.eye(len(members)),

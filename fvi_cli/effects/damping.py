@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,58 +18,49 @@ from fvi_cli.effects.matrices import (
     dense,
     entries,
     is_sparse,
-    is_zero,
-    scaled,
     symmetric_form,
 )
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
+Coefficient = ArrayLike | SparseMatrix | Factored
+"""A number or a symmetric matrix, dense, sparse or in factors."""
+
 SAME = 1e-14
 """Entries of matrices of the same direction differ by no more than this part."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, init=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MatrixForce(MatrixEffect):
     """A force that is a symmetric matrix times something made of every coordinate's motion.
-
-    The matrix is given as coefficient, or as another force keeps it: its form, with the factors of
-    one that acts along a few directions only.
 
     Raises
     ------
     ValueError
         If the matrix is not symmetric and finite.
-    TypeError
-        If there is none.
     """
 
-    factored: Factored | None = None
+    # a number, a matrix (d, d), dense or sparse, or its factors; kept as the matrix
+    coefficient: Coefficient
+    factored: Factored | None = None  # of a matrix that was given by its factors
     name: str = ""  # a word that formulas know it by
     number: int = 0  # place among the dampers of a scene, from 1; 0: behind those that have one
+    form: Form = field(init=False, repr=False)
 
-    def __init__(
-        self,
-        *,
-        coefficient: ArrayLike | SparseMatrix | Factored | None = None,
-        form: Form | None = None,
-        factored: Factored | None = None,
-        name: str = "",
-        number: int = 0,
-    ) -> None:
-        if coefficient is not None:
-            factored = coefficient if isinstance(coefficient, Factored) else None
-            whole = coefficient.form if isinstance(coefficient, Factored) else coefficient
-            form = symmetric_form(whole, "coefficient")
-        if form is None:
-            raise TypeError("coefficient: it is missing")
+    def __post_init__(self) -> None:
+        given, factored = self.coefficient, self.factored
+        if isinstance(given, Factored):
+            factored = given
+            given = factored.form
+        if factored is None or given is not factored.form:
+            factored = None
+        form = symmetric_form(given, "coefficient") if factored is None else factored.form
         object.__setattr__(self, "form", form)
+        object.__setattr__(self, "coefficient", form)
         object.__setattr__(self, "factored", factored)
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "number", number)
 
     @property
-    def coefficient(self) -> Array:
+    def matrix(self) -> Array:
         """The matrix with all its zeros, shape ``(d, d)``."""
         return dense(self.form)
 
@@ -85,14 +76,14 @@ class MatrixForce(MatrixEffect):
     @cached_property
     def is_active(self) -> bool:
         """Whether the force does anything: its matrix is not zero."""
-        return not is_zero(self.form)
+        return bool(entries(self.form).any())
 
     @cached_property
     def scale_and_direction(self) -> tuple[float, Form]:
         """The coefficient matrix as a number times a matrix whose largest entry is 1."""
         kept = entries(self.form)
         scale = float(kept[np.abs(kept).argmax()])
-        return scale, scaled(self.form, 1.0 / scale)
+        return scale, (1.0 / scale) * self.form
 
 
 def is_same_direction(a: Form, b: Form) -> bool:
@@ -118,20 +109,13 @@ def distinct_directions(forces: Sequence[MatrixForce]) -> list[Form]:
     return found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, init=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FractionalDamping(MatrixForce):
     r"""The force :math:`-\mu D^{\gamma} q`.
 
-    Parameters
-    ----------
-    order
-        The order :math:`\gamma` in (0, 2) **as it stands in the equation of motion**; the paper
-        writes it :math:`\alpha + \beta = 2\alpha`.
-    coefficient
-        The number or symmetric matrix :math:`\mu`, shape ``(d, d)``, dense, sparse or in factors.
-        It may be indefinite: negative damping is a legitimate scene.
-    form, factored
-        In place of it, as another term keeps it: for :func:`dataclasses.replace`.
+    The order is the one **that stands in the equation of motion**; the paper writes it
+    :math:`\alpha + \beta = 2\alpha`. The coefficient :math:`\mu` may be indefinite: negative
+    damping is a legitimate scene.
 
     Raises
     ------
@@ -141,22 +125,11 @@ class FractionalDamping(MatrixForce):
 
     order: float
 
-    def __init__(
-        self,
-        *,
-        order: float,
-        coefficient: ArrayLike | SparseMatrix | Factored | None = None,
-        form: Form | None = None,
-        factored: Factored | None = None,
-        name: str = "",
-        number: int = 0,
-    ) -> None:
-        if not 0.0 < order < 2.0:
-            raise ArgumentError("order", f"{order!r} is not allowed; it must lie in (0, 2)")
-        super().__init__(
-            coefficient=coefficient, form=form, factored=factored, name=name, number=number
-        )
-        object.__setattr__(self, "order", float(order))
+    def __post_init__(self) -> None:
+        if not 0.0 < self.order < 2.0:
+            raise ArgumentError("order", f"{self.order!r} is not allowed; it must lie in (0, 2)")
+        super().__post_init__()
+        object.__setattr__(self, "order", float(self.order))
 
     @property
     def is_integer_order(self) -> bool:

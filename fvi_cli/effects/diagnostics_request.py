@@ -9,18 +9,11 @@ from fvi_cli.effects.symmetry import Symmetry
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiagnosticsRequest:
-    """Which diagnostics are computed beside a trajectory; by default none.
+    """Which diagnostics are computed beside a trajectory; by default none."""
 
-    Parameters
-    ----------
-    energy_balance
-        Dissipated work, work of the forcing, and the defect of the energy balance.
-    symmetries
-        Symmetries whose momentum maps are followed.
-    """
-
+    # dissipated work, work of the forcing, and the defect of the energy balance
     energy_balance: bool = False
-    symmetries: tuple[Symmetry, ...] = ()
+    symmetries: tuple[Symmetry, ...] = ()  # those whose momentum maps are followed
 
     @property
     def is_empty(self) -> bool:

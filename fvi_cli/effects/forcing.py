@@ -63,11 +63,6 @@ class ForcingPiece:
 class Forcing:
     """A force f(t) in R^d, smooth inside each piece but for the knots of samples.
 
-    Parameters
-    ----------
-    pieces
-        Pieces in the order of time; only the last is valid for ever.
-
     Raises
     ------
     ValueError
@@ -75,7 +70,7 @@ class Forcing:
         pieces differ in dimension.
     """
 
-    pieces: tuple[ForcingPiece, ...]
+    pieces: tuple[ForcingPiece, ...]  # in the order of time; only the last is valid for ever
 
     def __post_init__(self) -> None:
         if not self.pieces:
@@ -100,12 +95,8 @@ class Forcing:
     ) -> Forcing:
         """A force from d functions of the time, smooth between break points.
 
-        Parameters
-        ----------
-        functions
-            Each gives the force at times of any shape, in the same shape.
-        break_points
-            Times at which they jump or have kinks; there it is the value before that counts.
+        Each gives the force at times of any shape, in the same shape. At the break points they
+        jump or have kinks; there it is the value before that counts.
         """
         components = tuple(FunctionForce(function=one) for one in functions)
         ends = (*break_points, math.inf)
@@ -119,17 +110,9 @@ class Forcing:
         interpolation: Interpolation = "linear",
         beyond: Literal["zero", "refuse"] = "refuse",
     ) -> Forcing:
-        """A force through samples of d components at the same times.
+        """A force through samples of d components, each ``(n,)``, at the same times.
 
-        Parameters
-        ----------
-        time, values
-            Arrays of shape ``(n,)``.
-        interpolation
-            ``linear`` or ``cubic``.
-        beyond
-            What is behind the last sample: ``zero``, or ``refuse``: a scene that goes on for
-            longer is refused.
+        Behind the last sample it is ``zero``, or scenes that go on for longer are refused.
         """
         components = tuple(
             SampledForce.through(time, one, interpolation, source=f"component {index}")

@@ -27,11 +27,7 @@ from fvi_cli.mathematics.definite import singular_words
 class Inertia(MatrixEffect):
     r"""Kinetic energy :math:`T(v) = v^T M v / 2`.
 
-    Parameters
-    ----------
-    mass
-        Symmetric positive definite matrix M, shape ``(d, d)``, dense or sparse; a number is a
-        1 x 1 matrix.
+    The mass is M, ``(d, d)``, dense or sparse; a number is a 1 x 1 matrix.
 
     Raises
     ------

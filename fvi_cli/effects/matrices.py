@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.definite import singular_words
 
 if TYPE_CHECKING:
@@ -25,20 +26,28 @@ SPARSE_DENSITY = 0.1
 
 
 class SparseMatrix(Protocol):
-    """Operations on a sparse matrix; SciPy is loaded only where there is one."""
+    """A sparse matrix, with operations of arrays; SciPy is loaded only where there is one."""
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Numbers of rows and columns."""
 
-    def __matmul__(self, other: Array) -> Array:
-        """The matrix times columns."""
+    def __add__(self, other: Any, /) -> Any: ...
+    def __radd__(self, other: Any, /) -> Any: ...
+    def __rmul__(self, factor: float, /) -> Any: ...
+    def __matmul__(self, other: Array, /) -> Array: ...
+
+    def diagonal(self) -> Array:
+        """The entries on the diagonal, shape ``(d,)``."""
+
+    def nonzero(self) -> tuple[Places, Places]:
+        """Rows and columns of the entries that are not zero."""
 
     def toarray(self) -> Array:
         """The matrix with all its zeros."""
 
 
-Form = Array | SparseMatrix
+Form: TypeAlias = Array | SparseMatrix
 """A matrix as it is best kept."""
 Solve = Callable[[Array], Array]
 """From right-hand sides, shape ``(d,)`` or ``(d, n)``, to solutions."""
@@ -50,18 +59,17 @@ class Factored:
 
     rows: Array  # B, shape (r, d): the directions
     inner: Array  # C, symmetric, shape (r, r)
+    whole: Form | None = None  # the product, where it is known
 
-    @property
+    @cached_property
     def form(self) -> Form:
         """The d x d matrix, sparse where it has many rows."""
-        if self.rows.shape[1] < LEAST_SPARSE:
-            full = self.rows.T @ self.inner @ self.rows
-            return np.asarray(0.5 * (full + full.T))
-        from scipy.sparse import csr_array
-
-        rows = csr_array(self.rows)
-        product = csr_array(rows.T @ csr_array(self.inner) @ rows)
-        return cast("SparseMatrix", csr_array(0.5 * (product + product.T)))
+        if self.whole is not None:
+            return symmetric_form(self.whole, "coefficient")
+        rows: Any = self.rows  # arrays and sparse arrays by the operators that they share
+        rows = rows if rows.shape[1] < LEAST_SPARSE else as_csr(rows)
+        full = rows.T @ (as_csr(self.inner) if is_sparse(rows) else self.inner) @ rows
+        return symmetric_form(0.5 * (full + full.T), "coefficient")
 
 
 def is_sparse(matrix: object) -> bool:
@@ -174,20 +182,6 @@ def times(values: Array, matrix: Form) -> Array:
     return np.asarray((matrix @ flat.T).T.reshape(values.shape))
 
 
-def scaled(matrix: Form, factor: float) -> Form:
-    """A matrix times a number."""
-    if isinstance(matrix, np.ndarray):
-        return factor * matrix
-    return cast("SparseMatrix", as_csr(matrix) * factor)
-
-
-def added(one: Form, other: Form) -> Form:
-    """The sum of two matrices, sparse where both are."""
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return dense(one) + dense(other)
-    return cast("SparseMatrix", as_csr(one) + as_csr(other))
-
-
 def sparse_unit(dimension: int) -> SparseMatrix:
     """The unit matrix, entries only."""
     from scipy.sparse import eye_array
@@ -195,37 +189,20 @@ def sparse_unit(dimension: int) -> SparseMatrix:
     return cast(SparseMatrix, eye_array(dimension, format="csr"))
 
 
-def diagonal(matrix: Form) -> Array:
-    """The entries on the diagonal, shape ``(d,)``."""
-    return np.asarray(
-        np.diagonal(matrix) if isinstance(matrix, np.ndarray) else as_csr(matrix).diagonal()
-    )
-
-
 def entries(matrix: Form) -> Array:
     """The entries that are kept, shape ``(n,)``; all of a dense matrix."""
     return matrix.ravel() if isinstance(matrix, np.ndarray) else np.asarray(as_csr(matrix).data)
 
 
-def is_zero(matrix: Form) -> bool:
-    """Whether every entry is zero."""
-    return not np.any(entries(matrix))
-
-
 def is_diagonal(matrix: Form) -> bool:
     """Whether every entry off the diagonal is zero."""
-    if matrix.shape[0] == 1:
-        return True
-    return bool(np.count_nonzero(entries(matrix)) == np.count_nonzero(diagonal(matrix)))
+    return matrix.shape[0] == 1 or bool(np.equal(*matrix.nonzero()).all())
 
 
 def touched(matrix: Form) -> NDArray[np.bool_]:
     """Which rows of a matrix hold anything, shape ``(d,)``."""
-    if isinstance(matrix, np.ndarray):
-        return np.asarray(np.any(matrix != 0, axis=1))
-    sparse = as_csr(matrix)
-    found = np.zeros(sparse.shape[0], dtype=bool)
-    found[sparse.tocoo().row[sparse.data != 0]] = True
+    found = np.zeros(matrix.shape[0], dtype=bool)
+    found[matrix.nonzero()[0]] = True
     return found
 
 
@@ -240,7 +217,7 @@ def solver(matrix: Form) -> Solve:
     if isinstance(matrix, np.ndarray):
         return lambda right: np.asarray(np.linalg.solve(matrix, right))
     if is_diagonal(matrix):
-        along = diagonal(matrix)
+        along = matrix.diagonal()
         if not np.all(along != 0):
             raise np.linalg.LinAlgError("Singular matrix")
         return lambda right: np.asarray((right.T / along).T)
@@ -262,7 +239,7 @@ def negative_pivots(matrix: SparseMatrix) -> int:
     from scipy.sparse.linalg import splu
 
     if is_diagonal(matrix):
-        return int(np.count_nonzero(~(diagonal(matrix) > 0)))
+        return int(np.count_nonzero(~(matrix.diagonal() > 0)))
     try:
         factors = splu(
             as_csc(matrix),
@@ -295,7 +272,5 @@ def is_semidefinite(matrix: Form) -> bool:
         return True
     if isinstance(matrix, np.ndarray):
         return bool(np.linalg.eigvalsh(matrix)[0] >= -SEMIDEFINITE_TOLERANCE * largest)
-    from scipy.sparse import eye_array
-
-    slack = SEMIDEFINITE_TOLERANCE * largest * eye_array(matrix.shape[0], format="csr")
-    return negative_pivots(cast(SparseMatrix, as_csr(matrix) + slack)) == 0
+    slack = SEMIDEFINITE_TOLERANCE * largest * sparse_unit(matrix.shape[0])
+    return negative_pivots(matrix + slack) == 0

@@ -14,7 +14,6 @@ from fvi_cli.effects.matrices import (
     Form,
     MatrixEffect,
     SparseMatrix,
-    added,
     dense,
     is_diagonal,
     symmetric_form,
@@ -50,10 +49,7 @@ class Potential(Protocol):
 class QuadraticPotential(MatrixEffect):
     r"""Potential energy :math:`V(q) = q^T K q / 2` with a symmetric, possibly indefinite K.
 
-    Parameters
-    ----------
-    stiffness
-        The matrix K, shape ``(d, d)``, dense or sparse; a number is a 1 x 1 matrix.
+    The stiffness is K, ``(d, d)``, dense or sparse; a number is a 1 x 1 matrix.
     """
 
     def __init__(self, *, stiffness: ArrayLike | SparseMatrix) -> None:
@@ -80,23 +76,40 @@ class QuadraticPotential(MatrixEffect):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ExpressionPotential:
+class _StiffenedPotential:
+    """A potential energy to which :math:`q^T K q / 2` may be added for a matrix K."""
+
+    stiffness: Form | None = None  # K
+
+    def _of(self, name: str, position: Array) -> Array:
+        """V, its gradient or its Hessian without the matrix."""
+        raise NotImplementedError
+
+    @np.errstate(all="ignore")
+    def energy(self, position: Array) -> Array:
+        """V at `position`, shape ``(..., d)`` to ``(...)``."""
+        found = self._of("energy", position)
+        if self.stiffness is None:
+            return found
+        force = times(position, self.stiffness)
+        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, force))
+
+    @np.errstate(all="ignore")
+    def gradient(self, position: Array) -> Array:
+        """The first derivatives of V, shape ``(..., d)`` to ``(..., d)``."""
+        found = self._of("gradient", position)
+        return found if self.stiffness is None else found + times(position, self.stiffness)
+
+    @np.errstate(all="ignore")
+    def hessian(self, position: Array) -> Array:
+        """The second derivatives of V, shape ``(..., d)`` to ``(..., d, d)``."""
+        found = self._of("hessian", position)
+        return found if self.stiffness is None else found + dense(self.stiffness)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExpressionPotential(_StiffenedPotential):
     r"""Potential energy V(q) by formulas for V, its gradient and its Hessian.
-
-    The formulas work on arrays and, through `gradient_components`, on any algebra that brings its
-    own elementary functions (truncated power series, intervals).
-
-    Parameters
-    ----------
-    coordinates
-        Names of the d coordinates, in the order of the components of q.
-    parameters
-        Values of the other names in the expressions: numbers, or arrays that broadcast with the
-        components of positions.
-    energy_expression, gradient_expressions, hessian_expressions
-        V, its d first derivatives, and its d x d second derivatives; None: differentiated here.
-    stiffness
-        A matrix K whose :math:`q^T K q / 2` is added to V.
 
     Raises
     ------
@@ -104,12 +117,13 @@ class ExpressionPotential:
         If the numbers of expressions and coordinates do not match.
     """
 
-    coordinates: tuple[str, ...]
+    coordinates: tuple[str, ...]  # names of the d coordinates
     energy_expression: Expression
+    # first derivatives, and rows of second ones; None: differentiated here
     gradient_expressions: tuple[Expression, ...] | None = None
     hessian_expressions: tuple[tuple[Expression, ...], ...] | None = None
+    # the other names: numbers, or arrays that broadcast with the components of positions
     parameters: Mapping[str, float | Array] = field(default_factory=dict)
-    stiffness: Form | None = None
 
     def __post_init__(self) -> None:
         d = len(self.coordinates)
@@ -149,14 +163,22 @@ class ExpressionPotential:
         return {name: value for name, value in vars(self).items() if name != "_programs"}
 
     @cached_property
-    def _programs(self) -> tuple[PointFormulas, ...]:
-        """V, its gradient and its Hessian at points."""
-        systems = (self.energy_expression.system, self.gradient_system, self.hessian_system)
-        return tuple(PointFormulas(one, self.coordinates, self.parameters) for one in systems)
+    def _programs(self) -> Mapping[str, PointFormulas]:
+        systems = {
+            "energy": self.energy_expression.system,
+            "gradient": self.gradient_system,
+            "hessian": self.hessian_system,
+        }
+        return {
+            name: PointFormulas(one, self.coordinates, self.parameters)
+            for name, one in systems.items()
+        }
 
-    @cached_property
-    def _stiffness(self) -> Array | None:
-        return None if self.stiffness is None else dense(self.stiffness)
+    def _of(self, name: str, position: Array) -> Array:
+        found = self._programs[name](position)
+        if name == "hessian":
+            return found.reshape(*position.shape, self.dimension)
+        return np.asarray(found[..., 0]) if name == "energy" else found
 
     def evaluate(
         self,
@@ -165,73 +187,34 @@ class ExpressionPotential:
         parameters: Mapping[str, float | Array] | None = None,
     ) -> list[Array | float]:
         """Values of a program in the coordinates and, if not these, other parameters."""
-        names: dict[str, Array | float] = {**(parameters or self.parameters)}
-        for index, coordinate in enumerate(self.coordinates):
-            names[coordinate] = position[..., index]
-        return system.evaluate(names)
+        columns = zip(self.coordinates, np.moveaxis(position, -1, 0), strict=True)
+        return system.evaluate({**(parameters or self.parameters), **dict(columns)})
 
-    @np.errstate(all="ignore")
-    def energy(self, position: Array) -> Array:
-        """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        found = self._programs[0](position)[..., 0]
-        if self.stiffness is None:
-            return found
-        force = times(position, self.stiffness)
-        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, force))
-
-    @np.errstate(all="ignore")
-    def gradient(self, position: Array) -> Array:
-        """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
-        return self.slopes(position)
-
-    def slopes(self, position: Array) -> Array:
-        """The gradient; floating-point errors are treated as the caller's ``np.errstate`` says."""
-        found = self._programs[1](position)
-        return found if self.stiffness is None else found + times(position, self.stiffness)
-
-    @np.errstate(all="ignore")
-    def hessian(self, position: Array) -> Array:
-        """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        found = self._programs[2](position).reshape(*position.shape, self.dimension)
-        return found if self._stiffness is None else found + self._stiffness
-
-    def gradient_components(self, position: Sequence[T]) -> list[T | float]:
+    def gradient_components(self, position: Sequence[Any]) -> list[Any]:
         """dV/dq on any algebra: d values to d values (numbers where an entry is constant)."""
-        names: dict[str, Any] = {**self.parameters}
-        names.update(zip(self.coordinates, position, strict=True))
-        found = self.gradient_system.evaluate(names)
-        return found if self._stiffness is None else plus_linear(found, self._stiffness, position)
+        components = dict(zip(self.coordinates, position, strict=True))
+        found = self.gradient_system.evaluate({**self.parameters, **components})
+        return found if self.stiffness is None else plus_linear(found, self.stiffness, position)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SuppliedPotential:
+class SuppliedPotential(_StiffenedPotential):
     r"""Potential energy by the functions of an object of the user, which are held to their shapes.
 
-    Parameters
-    ----------
-    functions
-        V, its gradient and its Hessian.
-    dimension
-        Number d of degrees of freedom.
-    stiffness
-        A matrix K whose :math:`q^T K q / 2` is added to V.
+    Raises
+    ------
+    ValueError
+        Where a function returns another shape than it should.
     """
 
-    functions: Potential
-    dimension: int
-    stiffness: Form | None = None
+    functions: Potential  # V, its gradient and its Hessian
+    dimension: int  # number d of degrees of freedom
 
-    def _called(self, name: str, position: Array, further: int) -> Array:
-        """A copy of what a function returns for positions.
-
-        Raises
-        ------
-        ValueError
-            If it is not of the shape of the positions, less d, and `further` times d.
-        """
+    def _of(self, name: str, position: Array) -> Array:
+        """A copy of what a function returns for positions."""
         found = np.array(getattr(self.functions, name)(position), dtype=float)
-        d = self.dimension
-        expected = (*position.shape[:-1], *(d,) * further)
+        axes = ("energy", "gradient", "hessian").index(name)
+        expected = (*position.shape[:-1], *(self.dimension,) * axes)
         if found.shape != expected:
             raise ArgumentError(
                 "potential",
@@ -239,27 +222,6 @@ class SuppliedPotential:
                 f"positions of the shape {position.shape}; return {expected}",
             )
         return found
-
-    @np.errstate(all="ignore")
-    def energy(self, position: Array) -> Array:
-        """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        found = self._called("energy", position, 0)
-        if self.stiffness is None:
-            return found
-        force = times(position, self.stiffness)
-        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, force))
-
-    @np.errstate(all="ignore")
-    def gradient(self, position: Array) -> Array:
-        """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
-        found = self._called("gradient", position, 1)
-        return found if self.stiffness is None else found + times(position, self.stiffness)
-
-    @np.errstate(all="ignore")
-    def hessian(self, position: Array) -> Array:
-        """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        found = self._called("hessian", position, 2)
-        return found if self.stiffness is None else found + dense(self.stiffness)
 
 
 def checked_potential(
@@ -331,11 +293,11 @@ class LinearPotential:
         return np.asarray(self.offset - position @ self.force)
 
 
-def plus_linear(values: Sequence[Any], matrix: Array, position: Sequence[Any]) -> list[Any]:
+def plus_linear(values: Sequence[Any], matrix: Form, position: Sequence[Any]) -> list[Any]:
     """The values plus K q, on any algebra."""
     return [
         sum((float(a) * x for a, x in zip(row, position, strict=True) if a), value)
-        for value, row in zip(values, matrix, strict=True)
+        for value, row in zip(values, dense(matrix), strict=True)
     ]
 
 
@@ -344,9 +306,9 @@ def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:
     if potential is None:
         return QuadraticPotential(stiffness=stiffness)
     if isinstance(potential, QuadraticPotential):
-        return QuadraticPotential(stiffness=added(potential.form, stiffness))
+        return QuadraticPotential(stiffness=potential.form + stiffness)
     if not isinstance(potential, ExpressionPotential | SuppliedPotential):
         d = stiffness.shape[0]
         return SuppliedPotential(functions=potential, dimension=d, stiffness=stiffness)
     own = potential.stiffness
-    return replace(potential, stiffness=stiffness if own is None else added(own, stiffness))
+    return replace(potential, stiffness=stiffness if own is None else own + stiffness)

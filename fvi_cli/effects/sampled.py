@@ -28,7 +28,7 @@ INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4}
 class _WithFormula:
     """A component of a force to which an expression in t may be added."""
 
-    formula: Expression | None = None
+    formula: Expression | None = None  # the expression; None: nothing
 
     def plus(self, formula: Expression) -> Self:
         """The force plus an expression in t."""
@@ -43,22 +43,11 @@ class SampledForce(_WithFormula):
     r"""One component of a force as a piecewise polynomial through samples.
 
     .. math:: f(t) = \sum_{j=0}^{p-1} c_{jk} (t - t_k)^{p-1-j}, \qquad t_k \le t \le t_{k+1}
-
-    Parameters
-    ----------
-    knots
-        Times :math:`t_0 < t_1 < \dots < t_n`, shape ``(n + 1,)``.
-    coefficients
-        The :math:`c_{jk}`, shape ``(p, n)``, the highest power first.
-    source
-        Where the samples come from, for messages.
-    formula
-        An expression in t that is added; None: nothing.
     """
 
-    knots: Array
-    coefficients: Array
-    source: str = "samples"
+    knots: Array  # times t_0 < t_1 < ... < t_n, shape (n + 1,)
+    coefficients: Array  # the c_jk, shape (p, n), the highest power first
+    source: str = "samples"  # where the samples come from, for messages
 
     def __post_init__(self) -> None:
         set_arrays(self, knots=self.knots, coefficients=self.coefficients)
@@ -174,21 +163,12 @@ class SampledForce(_WithFormula):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FunctionForce(_WithFormula):
-    """One component of a force as a function of the time, with an expression in t added.
+    """One component of a force as a function of the time, with an expression in t added."""
 
-    Parameters
-    ----------
-    function
-        Times of any shape to the force at them, in the same shape; smooth between the break points
-        that its piece of the forcing has.
-    factor
-        What it is multiplied by.
-    formula
-        An expression in t that is added; None: nothing.
-    """
-
+    # times of any shape to the force at them, in the same shape; smooth between the break points
+    # that its piece of the forcing has
     function: Callable[[Array], Array]
-    factor: float = 1.0
+    factor: float = 1.0  # what it is multiplied by
 
     @property
     def text(self) -> str:

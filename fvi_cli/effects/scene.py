@@ -60,32 +60,7 @@ class Scene:
     .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + \sum_i A_i\, g_i\, k_i * q' + \nabla V(q)
               = f(t), \quad q(0)=q_0, q'(0)=v_0
 
-    Parameters
-    ----------
-    inertia
-        Kinetic energy; beside a `lagrangian` its mass matrix at the start.
-    initial_position, initial_velocity
-        q0 and v0, shape ``(d,)``.
-    final_time
-        T > 0.
-    potential, damping, forcing
-        The other effects; what is absent is not simulated. The potential is any object with the
-        functions of :class:`Potential`.
-    laws
-        Relaxation laws, which have relaxed before t = 0. Their relaxed moduli become part of the
-        potential, so that those of a scene have none.
-    lagrangian
-        In place of inertia and potential, where the mass matrix is not constant:
-        :math:`\frac{d}{dt} \partial_v L - \partial_q L` stands for
-        :math:`M q'' + \nabla V(q)`.
-    derivative
-        ``caputo``: D acts on q - q0 (and on q - q0 - v0 t for orders above 1);
-        ``riemann-liouville``: on q itself.
-    linear_potential
-        The potential c - f q of a constant force f that is part of `forcing`: it counts in the
-        energy, and its work is none of the forcing.
-    prescribed
-        The motion itself, of one coordinate, where it is given: only the forces are sought.
+    What is absent is not simulated.
 
     Raises
     ------
@@ -97,17 +72,23 @@ class Scene:
         Lagrangian.
     """
 
-    inertia: Inertia
-    initial_position: Array
+    inertia: Inertia  # beside a Lagrangian its mass matrix at the start
+    initial_position: Array  # q0 and v0, shape (d,)
     initial_velocity: Array
-    final_time: float
-    potential: Potential | None = None
+    final_time: float  # T > 0
+    potential: Potential | None = None  # any object with the functions of Potential
     damping: tuple[FractionalDamping, ...] = ()
     forcing: Forcing | None = None
+    # caputo: D acts on q - q0 (on q - q0 - v0 t for orders above 1); riemann-liouville: on q itself
     derivative: Derivative = "caputo"
+    # in place of inertia and potential, where the mass matrix is not constant: d/dt L_v - L_q
+    # stands for M q'' + grad V(q)
     lagrangian: Lagrangian | None = None
+    # these have relaxed before t = 0; their relaxed moduli become part of the potential
     laws: tuple[Law, ...] = ()
+    # c - f q of a constant force f in `forcing`: it is energy, and its work is none of the forcing
     linear_potential: LinearPotential | None = None
+    # the motion itself, of one coordinate, where it is given: only the forces are sought
     prescribed: PrescribedMotion | None = None
 
     def __post_init__(self) -> None:

@@ -19,24 +19,15 @@ class Symmetry:
     A turn has a skew matrix G, a translation the vector g alone (Marsden, West, *Discrete
     mechanics and variational integrators*, Acta Numerica 2001, section 1.2.3).
 
-    Parameters
-    ----------
-    name
-        What the momentum is called in files and figures.
-    generator
-        G, shape ``(d, d)``.
-    shift
-        g, shape ``(d,)``.
-
     Raises
     ------
     ValueError
         For sizes that do not match, entries that are not finite, or a flow that stands still.
     """
 
-    name: str
-    generator: Array
-    shift: Array
+    name: str  # what the momentum is called in files and figures
+    generator: Array  # G, shape (d, d)
+    shift: Array  # g, shape (d,)
 
     def __post_init__(self) -> None:
         set_arrays(self, generator=self.generator, shift=np.atleast_1d(self.shift))

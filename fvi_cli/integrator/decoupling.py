@@ -129,7 +129,7 @@ def linear_decoupling(scene: Scene) -> Decoupling | None:
     potential = scene.potential
     stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
     directions = [dense(matrix) for matrix in distinct_directions(scene.active_damping)]
-    directions += [law.coefficient for law in scene.active_laws]
+    directions += [law.matrix for law in scene.active_laws]
     return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 

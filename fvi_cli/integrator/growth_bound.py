@@ -150,7 +150,7 @@ def growth_limit(scene: Scene) -> float:
     if scene.is_dissipative:
         return 0.0
     root = np.linalg.inv(np.linalg.cholesky(scene.inertia.mass))
-    pairs = [(term.order, term.coefficient) for term in scene.active_damping]
+    pairs = [(term.order, term.matrix) for term in scene.active_damping]
     if isinstance(scene.potential, QuadraticPotential):
         pairs.append((0.0, scene.potential.stiffness))
     values = [np.linalg.eigvalsh(root @ form @ root.T) for _, form in pairs]

@@ -15,7 +15,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, is_zero, scaled, symmetric_form
+from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, entries
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -192,14 +192,12 @@ def with_dampers(
     terms = []
     for index, (order, coefficient, *name) in enumerate(dampers, start=before + 1):
         c = float(coefficient)
-        kept = None if rows is None else Factored(rows=rows, inner=c * np.eye(len(rows)))
+        own: Form | Factored = c * matrix
+        if rows is not None:
+            own = Factored(rows=rows, inner=c * np.eye(len(rows)), whole=c * matrix)
         terms.append(
             FractionalDamping(
-                order=float(order),
-                form=symmetric_form(scaled(matrix, c), "coefficient"),
-                factored=kept,
-                name="".join(map(str, name)),
-                number=index,
+                order=float(order), coefficient=own, name="".join(map(str, name)), number=index
             )
         )
     return {**data, "damping": (*terms, *data.get("damping", ()))}
@@ -219,7 +217,7 @@ def linear_oscillator(
     is no potential at all.
     """
     potential = QuadraticPotential(stiffness=stiffness)
-    return make_scene(mass, None if is_zero(potential.form) else potential, **data)
+    return make_scene(mass, potential if entries(potential.form).any() else None, **data)
 
 
 @scene_function

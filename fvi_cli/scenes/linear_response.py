@@ -117,7 +117,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
         else np.zeros((d, d))
     )
     terms, laws = scene.active_damping, scene.active_laws
-    matrices = [stiffness, *(force.coefficient for force in (*terms, *laws))]
+    matrices = [stiffness, *(force.matrix for force in (*terms, *laws))]
     modes = _common_modes(scene.inertia.mass, matrices)
     if modes is None:
         return None

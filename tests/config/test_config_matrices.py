@@ -181,8 +181,8 @@ def test_proportional_and_modal_damping_are_the_matrices_they_stand_for(folder):
     mass = scene.inertia.mass
     term = scene.damping[1]
     assert term.order == 0.6
-    assert term.coefficient == pytest.approx(0.2 * mass + 0.01 * scene.potential.stiffness)
-    by_modes = scene_of(folder, "problem.modal_damping=[0.02, 0.05]").damping[1].coefficient
+    assert term.matrix == pytest.approx(0.2 * mass + 0.01 * scene.potential.stiffness)
+    by_modes = scene_of(folder, "problem.modal_damping=[0.02, 0.05]").damping[1].matrix
     values, shapes = np.linalg.eig(np.linalg.solve(mass, scene.potential.stiffness))
     order = np.argsort(values.real)
     for index, ratio in enumerate((0.02, 0.05, 0.0)):

@@ -79,18 +79,12 @@ class ColeCole:
 def fractional_zener(
     *, order: float, time: float, relaxed: float, unrelaxed: float, coefficient: Coefficient
 ) -> Law:
-    r"""The law of four parameters.
+    r"""The law of four parameters, on a number or symmetric matrix.
 
     .. math:: G(s) = G_0 + (G_\infty - G_0) \frac{(s\tau)^a}{1 + (s\tau)^a}
 
-    Parameters
-    ----------
-    order, time
-        a in (0, 1) and :math:`\tau > 0`.
-    relaxed, unrelaxed
-        :math:`0 \le G_0 \le G_\infty`, the moduli of very slow and of very fast motions.
-    coefficient
-        The number or symmetric matrix on which it acts.
+    with the order a in (0, 1), the time :math:`\tau > 0`, and the moduli of very slow (relaxed) and
+    of very fast motions (unrelaxed), :math:`0 \le G_0 \le G_\infty`.
 
     Raises
     ------
@@ -118,22 +112,12 @@ def fractional_maxwell(
 ) -> Law:
     r"""A spring and a springpot in a row: :math:`G(s) = G \frac{(s\tau)^a}{1 + (s\tau)^a}`.
 
-    Parameters
-    ----------
-    order, time
-        a in (0, 1) and :math:`\tau > 0`.
-    modulus
-        G > 0, that of the spring.
-    coefficient
-        The number or symmetric matrix on which it acts.
+    The order is a in (0, 1), the time :math:`\tau > 0`, and the modulus G > 0 that of the spring.
 
     Raises
     ------
     ValueError
         For parameters out of range.
     """
-    return Law(
-        kernel=ColeCole(order=order, time=time),
-        size=positive(modulus, "modulus"),
-        coefficient=coefficient,
-    )
+    kernel = ColeCole(order=order, time=time)
+    return Law(kernel=kernel, size=positive(modulus, "modulus"), coefficient=coefficient)

@@ -15,15 +15,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from numpy.typing import ArrayLike
-
+from fvi_cli.effects.damping import Coefficient as Coefficient
 from fvi_cli.effects.damping import MatrixForce
-from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, scaled
+from fvi_cli.effects.matrices import Form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
-
-Coefficient = ArrayLike | SparseMatrix | Factored
-"""A number or a symmetric matrix, dense, sparse or in factors."""
 
 
 class RelaxationKernel(Protocol):
@@ -72,24 +68,9 @@ class RelaxationKernel(Protocol):
         """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, init=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Law(MatrixForce):
-    r"""The force :math:`A\,(G_0 q + g\, k * \dot q)` of a relaxation law.
-
-    Parameters
-    ----------
-    kernel
-        k, of no unit but for powers of the time.
-    size
-        g >= 0, in the unit of a modulus (times the powers of the time that k lacks).
-    coefficient
-        The number or symmetric matrix A on which the law acts, shape ``(d, d)``.
-    relaxed
-        The modulus G0 >= 0 that is left in the end. A scene counts it among its stiffnesses.
-    spring
-        A relaxed modulus that a scene has counted so already.
-    form, factored
-        In place of the coefficient, as another law keeps it: for :func:`dataclasses.replace`.
+    r"""The force :math:`A\,(G_0 q + g\, k * \dot q)` of a relaxation law; A is its coefficient.
 
     Raises
     ------
@@ -97,29 +78,16 @@ class Law(MatrixForce):
         For negative or infinite moduli, or a matrix that is not symmetric.
     """
 
-    kernel: RelaxationKernel
-    size: float
+    kernel: RelaxationKernel  # k, of no unit but for powers of the time
+    size: float  # g >= 0, a modulus (times the powers of the time that k lacks)
+    # G0 >= 0, the modulus that is left in the end; a scene counts it among its stiffnesses
     relaxed: float = 0.0
-    spring: float = 0.0
+    spring: float = 0.0  # a relaxed modulus that a scene has counted so already
 
-    def __init__(
-        self,
-        *,
-        kernel: RelaxationKernel,
-        size: float,
-        coefficient: Coefficient | None = None,
-        relaxed: float = 0.0,
-        spring: float = 0.0,
-        form: Form | None = None,
-        factored: Factored | None = None,
-        name: str = "",
-        number: int = 0,
-    ) -> None:
-        super().__init__(
-            coefficient=coefficient, form=form, factored=factored, name=name, number=number
-        )
-        object.__setattr__(self, "kernel", kernel)
-        for name, value in (("size", size), ("relaxed", relaxed), ("spring", spring)):
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("size", "relaxed", "spring"):
+            value = getattr(self, name)
             if not 0 <= value < math.inf:
                 raise ArgumentError(name, f"{value!r} is not allowed; it must not be negative")
             object.__setattr__(self, name, float(value))
@@ -127,7 +95,7 @@ class Law(MatrixForce):
     @property
     def stiffness(self) -> Form:
         """G0 A, shape ``(d, d)``."""
-        return scaled(self.form, self.relaxed)
+        return self.relaxed * self.form
 
     @property
     def is_active(self) -> bool:
@@ -148,26 +116,14 @@ class Law(MatrixForce):
 
 
 def positive(value: float, name: str) -> float:
-    """A number that must be positive and finite.
-
-    Raises
-    ------
-    ValueError
-        ``name: ...`` if it is not.
-    """
+    """A number that must be positive and finite; a complaint gives its name."""
     if not 0 < value < math.inf:
         raise ArgumentError(name, f"{value!r} is not allowed; it must be positive and finite")
     return float(value)
 
 
 def check_fraction(value: float, name: str = "order") -> float:
-    """A number that must lie between 0 and 1.
-
-    Raises
-    ------
-    ValueError
-        ``name: ...`` if it does not.
-    """
+    """A number that must lie between 0 and 1; a complaint gives its name."""
     if not 0 < value < 1:
         raise ArgumentError(name, f"{value!r} is not allowed; it must lie in (0, 1)")
     return float(value)

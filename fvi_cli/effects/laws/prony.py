@@ -67,16 +67,10 @@ def prony(
     coefficient: Coefficient,
     relaxed: float = 0.0,
 ) -> Law:
-    r"""The law :math:`G(t) = G_0 + \sum_i g_i e^{-t/\tau_i}`.
+    r"""The law :math:`G(t) = G_0 + \sum_i g_i e^{-t/\tau_i}`, on a number or symmetric matrix.
 
-    Parameters
-    ----------
-    moduli, times
-        :math:`g_i > 0` and :math:`\tau_i > 0`, as many of one as of the other.
-    coefficient
-        The number or symmetric matrix on which it acts.
-    relaxed
-        :math:`G_0 \ge 0`.
+    There are as many moduli :math:`g_i > 0` as times :math:`\tau_i > 0`; relaxed is
+    :math:`G_0 \ge 0`.
 
     Raises
     ------
@@ -89,14 +83,9 @@ def prony(
         raise ArgumentError(
             "times", f"{len(times)} of them are not allowed beside {len(moduli)} moduli"
         )
-    for index, value in enumerate(moduli):
-        positive(value, f"moduli.{index}")
-    for index, value in enumerate(times):
-        positive(value, f"times.{index}")
+    for name, values in (("moduli", moduli), ("times", times)):
+        for index, value in enumerate(values):
+            positive(value, f"{name}.{index}")
     masses = tuple((1.0 / time, float(g)) for g, time in zip(moduli, times, strict=True))
-    return Law(
-        kernel=PronyKernel(masses=masses),
-        size=1.0,
-        relaxed=relaxed,
-        coefficient=coefficient,
-    )
+    kernel = PronyKernel(masses=masses)
+    return Law(kernel=kernel, size=1.0, relaxed=relaxed, coefficient=coefficient)

@@ -80,20 +80,12 @@ class TemperedPower:
 def tempered(*, order: float, rate: float, coefficient: Coefficient) -> Law:
     r"""The law :math:`G(s) = s (s + l)^{\gamma - 1}`, a springpot that forgets in times of 1/l.
 
-    Parameters
-    ----------
-    order, rate
-        :math:`\gamma` in (0, 1) and l > 0.
-    coefficient
-        The number or symmetric matrix on which it acts.
+    The order is :math:`\gamma` in (0, 1), the rate l > 0.
 
     Raises
     ------
     ValueError
         For parameters out of range.
     """
-    return Law(
-        kernel=TemperedPower(order=order, rate=rate),
-        size=1.0,
-        coefficient=coefficient,
-    )
+    kernel = TemperedPower(order=order, rate=rate)
+    return Law(kernel=kernel, size=1.0, coefficient=coefficient)

@@ -30,7 +30,7 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
     matrix = np.zeros((2 * d, 2 * d))
     matrix[:d, d:] = np.eye(d)
     for term in scene.active_damping:
-        matrix[d:, d:] -= inverse_mass @ term.coefficient
+        matrix[d:, d:] -= inverse_mass @ term.matrix
     potential = scene.potential
     if isinstance(potential, QuadraticPotential):
         matrix[d:, :d] = -inverse_mass @ potential.stiffness

@@ -55,7 +55,7 @@ class Past:
             tail = float(own[LOCAL]) if one.is_integer_order else 0.0
             head = own[:LOCAL] - tail if one.is_integer_order else own
             term = _Term(
-                matrix=one.coefficient,
+                matrix=one.matrix,
                 backwards=np.ascontiguousarray(head[::-1]),
                 offset=offset(one),
                 samples=np.empty(shape),
@@ -63,8 +63,8 @@ class Past:
                 total=np.zeros(scene.dimension),
             )
             self._terms.append(term)
-            self.newest = self.newest + own[0] * one.coefficient
-            self.newest_offset = self.newest_offset + own[0] * term.offset @ one.coefficient
+            self.newest = self.newest + own[0] * one.matrix
+            self.newest_offset = self.newest_offset + own[0] * term.offset @ one.matrix
 
     def keep(self, k: int, sample: Array) -> None:
         """Keep the sample y of time k."""

@@ -138,7 +138,7 @@ def _system(
     last = slice(size - d, size)
     # every block is the derivative of the one before; the last is the equation of motion
     matrix = np.eye(size, k=d)
-    matrix[last, damped] -= inverse_mass @ term.coefficient
+    matrix[last, damped] -= inverse_mass @ term.matrix
 
     def rate(at: float, y: Array) -> Array:
         value = matrix @ y

@@ -155,7 +155,7 @@ class GruenwaldLetnikov(Scheme):
         if k == 0:
             for term in scene.active_damping:
                 if term.is_integer_order:
-                    force = force - scene.initial_velocity @ term.coefficient
+                    force = force - scene.initial_velocity @ term.matrix
         share = 0.5 if k == 0 else 1.0
         self.difference = self.difference + share * self.h**2 * (self.inverse_mass @ force)
         self.position[k + 1] = self.position[k] + self.difference

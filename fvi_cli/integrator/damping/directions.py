@@ -9,7 +9,7 @@ import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping, is_same_direction
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, dense, form, is_sparse, scaled
+from fvi_cli.effects.matrices import Form, dense, form, is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
@@ -104,7 +104,7 @@ def _direction(
 
 def _matrix(force: DampingForce, reach: Reach | None) -> Form:
     matrix = force.form if reach is None else reach.inner(force)
-    return form(scaled(matrix, force.size) if isinstance(force, Law) else matrix)
+    return form(force.size * matrix if isinstance(force, Law) else matrix)
 
 
 def _scale(force: DampingForce) -> float:

@@ -105,7 +105,7 @@ class LinearisedRun:
             )
         self._to_inputs, self._kept = self.tables.to_inputs, dict[int, Maps]()
         damping, laws = scene.damping, scene.laws
-        found = [one.coefficient for one in damping] + [o.size * o.coefficient for o in laws]
+        found = [one.matrix for one in damping] + [o.size * o.matrix for o in laws]
         # matrices of all damping terms and laws, those of laws times their size, (f, d, d)
         self.coefficients = np.array(found).reshape(-1, self.d, self.d)
         exponents = [min(1.0 - one.order, LARGEST_EXPONENT) for one in damping]

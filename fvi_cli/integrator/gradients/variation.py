@@ -93,8 +93,8 @@ def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
             remembered = run.forces_of(kernels)
         return [
             np.array([term.order for term in varied.damping]),
-            np.array([f.coefficient for f in varied.damping]),
-            np.array([law.size * law.coefficient for law in varied.laws]),
+            np.array([f.matrix for f in varied.damping]),
+            np.array([law.size * law.matrix for law in varied.laws]),
             remembered,
             loads_of(run, varied, "of_damping") if jumps else 0.0,
             varied.initial_position,

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, Solve, added, scaled, solver, times
+from fvi_cli.effects.matrices import Form, Solve, solver, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
@@ -52,8 +52,8 @@ class StiffModes:
         """Accelerations to forces ``(n, d)``, as far as a step of this size resolves them."""
         found = self._kept.get(step_size)
         if found is None:
-            softened = scaled(self._stiffness, (step_size / self._stages) ** 2)
-            found = self._kept[step_size] = solver(added(self._mass, softened))
+            softened = (step_size / self._stages) ** 2 * self._stiffness
+            found = self._kept[step_size] = solver(self._mass + softened)
             if len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
         return np.asarray(found(forces.T).T)

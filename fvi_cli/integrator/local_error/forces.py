@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
-from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
@@ -93,7 +92,7 @@ class SceneForces:
             return float(np.abs(inverse).sum(axis=1).max())
         constant = self._inverse
         if constant is None:
-            return 1.0 / float(diagonal(self._inertia.form).min())
+            return 1.0 / float(self._inertia.form.diagonal().min())
         return float(np.abs(constant).sum(axis=1).max())
 
     @cached_property
@@ -119,7 +118,7 @@ class SceneForces:
         """
         momentum, force = None, np.zeros((time.size, self._dimension))
         if self._potential is not None:
-            force = -self._potential.slopes(position)
+            force = -self._potential.gradient(position)
         elif self._supplied is not None:
             force = -self._supplied.gradient(position)
         elif self._lagrangian is not None:

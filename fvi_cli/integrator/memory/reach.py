@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import MatrixForce
-from fvi_cli.effects.matrices import Form, as_csr, form, touched
+from fvi_cli.effects.matrices import Form, as_csr, form, sparse_unit, touched
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -81,7 +81,5 @@ def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
             return Reach(rows=cast(Form, as_csr(rows)), components=None)
     if components.size == reached.size:
         return None
-    from scipy.sparse import eye_array
-
-    units = as_csr(cast(Form, eye_array(reached.size, format="csr")))[components]
+    units = as_csr(sparse_unit(reached.size))[components]
     return Reach(rows=cast(Form, units), components=components)

@@ -26,7 +26,7 @@ from numpy.polynomial import chebyshev
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import SparseMatrix, is_sparse, times
+from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.observations.motion import DenseMotion, join_series, stage_series
@@ -102,13 +102,9 @@ def damper_names(scene: Scene) -> tuple[str, ...]:
 def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunSteps]:
     """A damper with its deformation in place of the coordinates, and the run of that."""
     parts = dampers_of(scene)[place]
-    single = [replace(one, form=one.inner, factored=None) for one in parts]
+    single = [replace(one, coefficient=one.inner) for one in parts]
     count = parts[0].inner.shape[0]
-    mass: Array | SparseMatrix = np.eye(count)
-    if is_sparse(parts[0].inner):
-        from scipy.sparse import eye_array
-
-        mass = cast(SparseMatrix, eye_array(count, format="csr"))
+    mass = sparse_unit(count) if is_sparse(parts[0].inner) else np.eye(count)
     found = Scene(
         inertia=Inertia(mass=mass),
         initial_position=parts[0].deformation(scene.initial_position),

@@ -49,7 +49,7 @@ def matrix_pencil(scene: Scene) -> MatrixPencil:
         stiffness = scene.potential.stiffness
     sums: dict[float, Array] = {}
     for term in scene.active_damping:
-        sums[term.order] = sums.get(term.order, 0.0) + term.coefficient
+        sums[term.order] = sums.get(term.order, 0.0) + term.matrix
     return MatrixPencil(
         mass=scene.inertia.mass,
         stiffness=stiffness,

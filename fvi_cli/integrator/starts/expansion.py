@@ -112,7 +112,7 @@ class _Motion:
     def __init__(self, scene: Scene, cutoff: float) -> None:
         self._cutoff, self._subtracts = cutoff, scene.derivative == "caputo"
         self._inverse_mass = np.linalg.inv(scene.inertia.mass)
-        self._drags = [(term.order, term.coefficient) for term in scene.active_damping]
+        self._drags = [(term.order, term.matrix) for term in scene.active_damping]
         if isinstance(scene.potential, QuadraticPotential):
             self._drags.append((0.0, scene.potential.stiffness))
         self._stride = 2.0 - max((order for order, _ in self._drags), default=0.0)

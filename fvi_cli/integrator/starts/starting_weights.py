@@ -209,7 +209,7 @@ class _Correction:
             if scene.derivative == "caputo" and term.order > 1:
                 subtracted = times[:, :, None] * scene.initial_velocity
             own = h ** (-term.order) * np.stack(weights, axis=1)
-            self._terms.append((own, subtracted, term.coefficient))
+            self._terms.append((own, subtracted, term.matrix))
 
     def loads_of(self, samples: Array) -> Array:
         """Load vectors that samples of shape ``(n_exponents, m, d)`` make."""

@@ -8,15 +8,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final
 
-from numpy.typing import ArrayLike
-
-from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.damping import Coefficient, FractionalDamping
 from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
-from fvi_cli.effects.matrices import Factored, SparseMatrix, dense
+from fvi_cli.effects.matrices import dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
@@ -33,7 +31,6 @@ from fvi_cli.keys.settings import (
 )
 from fvi_cli.scenes.structures.matrix_keys import MATRIX_FILE, matrix_of
 
-Coefficient = ArrayLike | SparseMatrix | Factored
 Effect = FractionalDamping | Law
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 
+from fvi_cli.effects.damping import Coefficient
 from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
@@ -19,7 +20,6 @@ from fvi_cli.scenes.chains import Ends, chain, frame, neighbour_rows, string
 from fvi_cli.scenes.data import Damper
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import (
-    Coefficient,
     Term,
     damping_effects,
     damping_terms,

@@ -62,7 +62,7 @@ def sparse_matrix(
         data = data.astype(complex if data.dtype.kind == "c" else float)
     if kind == "coo":
         row, column = (_indices(parts, name, 0, rows, len(data)) for name in ("row", "col"))
-        return coo_array((data, (row, column)), shape=size)
+        return cast(SparseMatrix, coo_array((data, (row, column)), shape=size))
     if kind == "dia":
         offsets = _indices(parts, "offsets", 1 - rows, rows, len(data))
         if len(set(offsets.tolist())) != len(offsets):

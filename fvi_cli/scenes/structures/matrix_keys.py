@@ -15,12 +15,10 @@ import numpy as np
 from fvi_cli.effects.matrices import (
     Form,
     SparseMatrix,
-    added,
     as_csr,
     entries,
     is_definite,
     is_sparse,
-    scaled,
     sparse_unit,
 )
 from fvi_cli.errors import ArgumentError
@@ -147,7 +145,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
 
     def is_equal(one: str, other: str) -> bool:
         first, second = matrix_from_text(one), matrix_from_text(other)
-        difference = added(first, scaled(second, -1.0)) if first.shape == second.shape else None
+        difference = first + -1.0 * second if first.shape == second.shape else None
         return difference is not None and not entries(difference).any()
 
     key = ("matrix", file, variable)
@@ -218,4 +216,4 @@ def matrix_of(value: object, dimension: int, *, sparse: bool = False) -> Form:
     matrix = np.asarray(value, dtype=float)
     if matrix.ndim:
         return matrix
-    return scaled(sparse_unit(dimension), float(matrix)) if sparse else matrix * np.eye(dimension)
+    return float(matrix) * sparse_unit(dimension) if sparse else matrix * np.eye(dimension)

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.matrices import Form, added, as_csc, dense, scaled
+from fvi_cli.effects.matrices import Form, as_csc, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ListOf
 from fvi_cli.keys.scalars import Integer, Number
@@ -75,7 +75,7 @@ def rayleigh_damping(
             f"these need a = {a:.6g}, b = {b:.6g}, and a negative factor drives other modes; the "
             f"second ratio must be from {ratios[0] * low:.6g} to {ratios[0] * high:.6g}",
         )
-    together = added(scaled(mass, max(float(a), 0.0)), scaled(stiffness, max(float(b), 0.0)))
+    together = max(float(a), 0.0) * mass + max(float(b), 0.0) * stiffness
     return FractionalDamping(order=1.0, coefficient=together)
 
 

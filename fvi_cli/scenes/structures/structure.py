@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.matrices import Form, added, is_sparse, scaled, times
+from fvi_cli.effects.matrices import Form, is_sparse, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.scalars import Number
@@ -66,7 +66,7 @@ def structure(
     k = matrix_of(stiffness, size, sparse=sparse)
     damping = list(data.get("damping", ()))
     if proportional is not None:
-        together = added(scaled(m, proportional.mass), scaled(k, proportional.stiffness))
+        together = proportional.mass * m + proportional.stiffness * k
         damping.append(FractionalDamping(order=proportional.order, coefficient=together))
     if rayleigh is not None:
         damping.append(rayleigh_damping(m, k, rayleigh.ratios, rayleigh.modes))

@@ -191,7 +191,7 @@ def _predict_stiffness(
     def stiffness(of: Scene, _: float = 0.0) -> list[ComplexArray]:
         total = np.zeros(s.shape, dtype=complex)
         for part in (part for parts in dampers_of(of) for part in parts):
-            factor, spring = float(part.coefficient[0, 0]), getattr(part, "spring", 0.0)
+            factor, spring = float(part.matrix[0, 0]), getattr(part, "spring", 0.0)
             total += factor * (spring + np.array([part.symbol(at) for at in s.tolist()]))
         return [total]
 

@@ -42,7 +42,7 @@ def exact_solution(setting: CaseSetting) -> Callable[[Array], Array]:
     truth = json.loads(setting.truth)
     if isinstance(truth, Mapping) and "frequency" in truth:
         (term,) = setting.scene.damping
-        coefficient = float(term.coefficient[0, 0])
+        coefficient = float(term.matrix[0, 0])
         response = response_from_rest(term.order, coefficient, truth["frequency"])
         return lambda time: response(time)[:, None]
     if truth is None or isinstance(truth, Mapping):
@@ -154,7 +154,7 @@ def energy_defect(settings: Settings, run: Trajectory, *, hanging: float) -> flo
     force = np.zeros_like(velocity)
     for term in scene.active_damping:
         memory = fractional_integral(1.0 - term.order, run.step_size, velocity)
-        force += memory @ term.coefficient
+        force += memory @ term.matrix
     work = work_along(force, velocity, run.step_size)
     return float(np.abs(energy + work - energy[0]).max() / (energy[0] - hanging))
 

@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
@@ -88,14 +87,14 @@ def _quarter_period(scene: Scene) -> float:
     if potential is None:
         return final_time
     if isinstance(potential, QuadraticPotential):
-        stiffness = diagonal(potential.form)
+        stiffness = potential.form.diagonal()
     else:
         with np.errstate(all="ignore"):
             stiffness = np.diagonal(potential.hessian(scene.initial_position))
     if not np.isfinite(stiffness).all():
         return final_time
     # the Rayleigh quotients of the axes are all that is needed of the slowest mode
-    squares = np.abs(stiffness) / diagonal(scene.inertia.form)
+    squares = np.abs(stiffness) / scene.inertia.form.diagonal()
     slowest = float(squares[squares > 0].min(initial=math.inf))
     if not 0 < slowest < math.inf:
         return final_time

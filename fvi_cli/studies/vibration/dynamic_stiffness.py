@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero, negative_pivots
+from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, negative_pivots
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.stability.determinants import log_determinants
@@ -239,7 +239,7 @@ def _together(forms: Sequence[Form]) -> tuple[NDArray[np.int32], NDArray[np.int3
 
     pattern = None
     for form in forms:
-        if is_zero(form):
+        if not form.nonzero()[0].size:
             continue
         own = as_csr(form).copy()
         own.data = np.ones_like(own.data)
