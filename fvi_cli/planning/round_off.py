@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import itertools
 import math
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.mathematics.arrays import Array
 
 EPSILON: Final = float(np.finfo(float).eps)
 
@@ -44,21 +46,21 @@ def measured_floor(method: Method, order: float, n_steps: int) -> float:
     rows = _rows_of(method)
     if not rows:
         return 0.0
+    size, floors = math.log(n_steps), []
+    for pairs in rows.values():
+        sizes, values = (np.array(column) for column in zip(*pairs, strict=True))
+        less = math.exp(min(size - sizes[0], 0.0))
+        floors.append(less * _along(max(size, sizes[0]), sizes, values))
     orders = np.array(list(rows))
-    k = int(np.clip(np.searchsorted(orders, order), 1, orders.size - 1))
-    below, above = (_at(rows[orders[j]], n_steps) for j in (k - 1, k))
-    part = max((order - orders[k - 1]) / (orders[k] - orders[k - 1]), 0.0)
-    return float(below * (above / below) ** part)
+    return _along(max(order, orders[0]), orders, np.array(floors))
 
 
-def _at(floors: tuple[tuple[float, float], ...], n_steps: int) -> float:
-    """At N, from pairs of log N and the floor."""
-    sizes, values = (np.array(column) for column in zip(*floors, strict=True))
-    size = math.log(n_steps)
-    if size <= sizes[0] or sizes.size == 1:
-        return float(values[0] * math.exp(min(size - sizes[0], 0.0)))
-    k = int(np.clip(np.searchsorted(sizes, size), 1, sizes.size - 1))
-    part = (size - sizes[k - 1]) / (sizes[k] - sizes[k - 1])
+def _along(at: float, places: Array, values: Array) -> float:
+    """Values between places that increase, or behind the last, of which logarithms are linear."""
+    if places.size == 1:
+        return float(values[0])
+    k = int(np.clip(np.searchsorted(places, at), 1, places.size - 1))
+    part = (at - places[k - 1]) / (places[k] - places[k - 1])
     return float(values[k - 1] * (values[k] / values[k - 1]) ** part)
 
 
@@ -78,12 +80,10 @@ def _table() -> dict[tuple[str, str, int], dict[float, tuple[tuple[float, float]
         for row in csv.DictReader(file):
             if row["status"] != "ok":
                 continue
-            floor = float(row["units"])
-            if row["is_round_off"] == "True":
-                floor = max(floor, float(row["error"]))
+            error = float(row["error"]) if row["is_round_off"] == "True" else 0.0
             key = (row["cq"], row["sampling"], int(row["degree"]))
             of_order = found.setdefault(key, {}).setdefault(float(row["order"]), [])
-            of_order.append((math.log(2) * int(row["exponent"]), floor))
+            of_order.append((math.log(2) * int(row["exponent"]), max(float(row["units"]), error)))
     return {
         key: {order: _increasing(pairs) for order, pairs in sorted(rows.items())}
         for key, rows in found.items()
@@ -92,7 +92,6 @@ def _table() -> dict[tuple[str, str, int], dict[float, tuple[tuple[float, float]
 
 def _increasing(pairs: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     """With N increasing, and floors that do not fall (one measurement is a sample)."""
-    made: list[tuple[float, float]] = []
-    for size, floor in sorted(pairs):
-        made.append((size, max([floor, EPSILON, *(value for _, value in made)])))
-    return tuple(made)
+    sizes, floors = zip(*sorted(pairs), strict=True)
+    rising = itertools.accumulate((max(one, EPSILON) for one in floors), max)
+    return tuple(zip(sizes, rising, strict=True))
