@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
+from scipy.signal import fftconvolve
 from scipy.special import beta, gamma
 
 from fvi_cli.mathematics.arrays import Array
@@ -37,7 +38,7 @@ def fractional_integral(order: float, step_size: float, values: Array) -> Array:
         # right of every grid point, where the step begins, also for the derivative that jumps there
         coefficients = spline(left, nu=power) / factorial
         weights = _moments(order, power, n_steps)
-        total[1:] += _convolved(weights, coefficients)
+        total[1:] += fftconvolve(coefficients, weights[:, None], axes=0)[:n_steps]
     return np.asarray(total * (step_size**order / gamma(order)))
 
 
@@ -60,10 +61,3 @@ def _moments(order: float, power: int, n_steps: int) -> Array:
     # the kernel is singular at the near end of the last step
     moments[0] = beta(power + 1.0, order)
     return np.asarray(moments)
-
-
-def _convolved(weights: Array, coefficients: Array) -> Array:
-    from scipy.signal import fftconvolve
-
-    n = weights.size
-    return np.asarray(fftconvolve(coefficients, weights[:, None], axes=0)[:n])

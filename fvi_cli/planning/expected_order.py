@@ -63,8 +63,15 @@ def expected_order(
     """
     if has_kinks(scene):
         return math.nan
-    if isinstance(method, Baseline):
-        return _baseline_order(scene, method)
+    try:
+        if isinstance(method, Baseline):
+            return _baseline_order(scene, method)
+        return _order_of(scene, method, norm, n_steps, grading)
+    except SeriesError:
+        return math.nan
+
+
+def _order_of(scene: Scene, method: Method, norm: Norm, n_steps: int, grading: float) -> float:
     limit = interpolation_limit(scene, n_steps, grading=grading)
     smooth = min(smooth_order(scene, method), limit)
     if method.start == "graded":
@@ -72,10 +79,6 @@ def expected_order(
     if grading != 1.0:
         order = float(np.minimum(smooth, grading * _singular_order(scene, method, "max")))
         return order if norm == "max" or order == smooth else math.nan
-    if method.start == "weights" and not _omits_weights(scene, method):
-        # an exact fractional derivative is a singular force, whose moments the points see wrong;
-        # on the nodes the kick at 0 that the scheme leaves out comes to light
-        return _weighted_order(scene, method, smooth)
     # not `min`, for which nothing stated would be no limit
     return float(np.minimum(smooth, _singular_order(scene, method, norm)))
 
@@ -97,10 +100,7 @@ def _baseline_order(scene: Scene, method: Baseline) -> float:
         return order
     if abrupt > 1:
         order = min(order, 5.0 - 2.0 * abrupt)
-    try:
-        forcing = np.append(forcing_powers(scene), _powers_behind_breaks(scene))
-    except SeriesError:
-        return math.nan
+    forcing = np.append(forcing_powers(scene), _powers_behind_breaks(scene))
     return min([order, *(float(e) + 1.0 for e in forcing[~_is_integer(forcing)])])
 
 
@@ -135,26 +135,24 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
         powers = [start_power(scene, at_start=at) for at in (True, not scene.break_points)]
         least = min((power for power in powers if power is not None), default=math.inf)
         return least if norm == "max" or math.isinf(least) else math.nan
-    try:
-        solution = _solution_powers(scene)
-        behind = _powers_behind_breaks(scene)
-        forcing = np.append(forcing_powers(scene), behind)
-    except SeriesError:
-        return math.nan
-    limit = math.inf
-    abrupt = _abrupt_orders(scene)
+    solution, behind = _solution_powers(scene), _powers_behind_breaks(scene)
+    forcing, limit = np.append(forcing_powers(scene), behind), math.inf
+    abrupt, is_corrected = _abrupt_orders(scene), _has_starting_weights(scene, method)
     singular = forcing[~_is_integer(forcing)]
     if method.forcing_quadrature == "galerkin" and singular.size:
         limit = float(singular.min()) + 1.0
     if method.sampling == "nodes":
-        return min([limit, *((3.0 if order > 1 else 1.0) - order for order in abrupt)])
+        # weights let the kick at 0 that the scheme leaves out come to light
+        costs = [(3.0 if order > 1 else 1.0) - order for order in abrupt]
+        return math.nan if is_corrected else min([limit, *costs])
+    if is_corrected:
+        # an exact derivative is a singular force, whose moments the points see wrong
+        forces = _force_powers(scene, method, solution)
+        limit = min([limit, *(float(e) + 1.0 for e in forces[~_is_integer(forces)])])
+        solution = np.empty(0)
     if scene.break_points:
         solution = np.concatenate([solution, [2.0], behind + 2.0])
-    moving, derivative = _damping_powers(scene, solution)
-    if method.is_runge_kutta:
-        derivative = derivative[~(_is_integer(moving) & _is_integer(derivative))]
-    # backward differences err on every power in their first steps
-    exponents = np.concatenate((derivative, _potential_powers(scene, solution)))
+    exponents = _force_powers(scene, method, solution)
     if not exponents.size:
         return limit
     on_grid = float(exponents.min()) + 2.0
@@ -163,45 +161,33 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     return min(limit, 2 * on_grid if twice else on_grid)
 
 
-def _omits_weights(scene: Scene, method: Method) -> bool:
-    """Whether the systems for starting weights are too ill-conditioned."""
-    if not scene.active_damping:
+def _has_starting_weights(scene: Scene, method: Method) -> bool:
+    """Whether a run has starting weights, which are left out where they keep too few digits."""
+    if method.start != "weights" or not scene.active_damping:
         return False
+    # most methods have none, and they bring SciPy's special functions
     from fvi_cli.integrator.starts.starting_weights import omits_weights
 
-    return omits_weights(scene, method)
+    return not omits_weights(scene, method)
 
 
-def _weighted_order(scene: Scene, method: Method, smooth: float) -> float:
-    if method.sampling == "nodes":
-        return math.nan
-    try:
-        solution = _solution_powers(scene)
-    except SeriesError:
-        return math.nan
-    forces = np.concatenate(
-        (_damping_powers(scene, solution)[1], _potential_powers(scene, solution))
-    )
-    fractional = forces[~_is_integer(forces)]
-    return min(smooth, float(fractional.min()) + 1.0) if fractional.size else smooth
+def _force_powers(scene: Scene, method: Method, solution: Array) -> Array:
+    """Powers of the forces that damping and energies make of those of the solution.
 
-
-def _damping_powers(scene: Scene, solution: Array) -> tuple[Array, Array]:
-    """Powers of the solution that the derivatives act on, and those of the forces they make."""
-    moving, derivative = [np.empty(0)], [np.empty(0)]
-    caputo = scene.derivative == "caputo"
+    Runge-Kutta methods know derivatives of whole orders of whole powers; backward differences err
+    on every power in their first steps.
+    """
+    found: list[Array] = [np.empty(0)]
     for term in scene.active_damping:
         # the Caputo derivative subtracts the others; what Riemann-Liouville makes of the initial
         # position is known to round-off
-        own = solution[solution > (1.5 if caputo and term.order > 1 else 0.5)]
-        moving.append(own)
-        derivative.append(own - term.order)
-    return np.concatenate(moving), np.concatenate(derivative)
-
-
-def _potential_powers(scene: Scene, solution: Array) -> Array:
-    conservative = scene.potential is not None or scene.lagrangian is not None
-    return solution[~_is_integer(solution)] if conservative else np.empty(0)
+        is_reduced = scene.derivative == "caputo" and term.order > 1
+        own = solution[solution > (1.5 if is_reduced else 0.5)]
+        known = method.is_runge_kutta & _is_integer(own) & _is_integer(own - term.order)
+        found.append((own - term.order)[~known])
+    if scene.potential is not None or scene.lagrangian is not None:
+        found.append(solution[~_is_integer(solution)])
+    return np.concatenate(found)
 
 
 def _powers_behind_breaks(scene: Scene) -> Array:

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
 
-from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
@@ -34,11 +33,6 @@ DIFFERENCE = 1e-6
 """Times by which rates of arguments are found lie so far apart, relative to T."""
 
 
-def longest_step(final_time: float, n_steps: int, grading: float = 1.0) -> float:
-    """The longest one of N steps with ends T (k/N)^r."""
-    return float(final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading))
-
-
 def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
     """What steps are too long for, with both numbers and what to write; empty: nothing.
 
@@ -46,7 +40,8 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
     """
     if scene.prescribed is not None:
         return ()
-    step = longest_step(scene.final_time, n_steps, grading)
+    # the longest one of N steps with ends T (k/N)^r
+    step = scene.final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading)
     found: list[str] = []
     for component in () if scene.forcing is None else scene.forcing.samples:
         spacing = _spacing(component, scene.final_time)
@@ -140,28 +135,20 @@ def _pushed(scene: Scene, modes: Array) -> Array:
 
 
 def _forced_period(scene: Scene) -> float:
-    """Shortest period of the sines and cosines in formulas of the force."""
-    rate, begin = 0.0, 0.0
+    """Shortest period of the sines and cosines in formulas of the force, at probed times."""
+    rate, begin, distance = 0.0, 0.0, DIFFERENCE * scene.final_time
     for piece in () if scene.forcing is None else scene.forcing.pieces:
         end = min(piece.until, scene.final_time)
-        rate = max(rate, _largest_rate(piece, begin, end, scene.final_time))
+        times = begin + max(end - begin, 0.0) * PROBED_FRACTIONS
+        both = np.stack([times, times + distance])
+        for component, _ in piece.distinct if begin < end else ():
+            if isinstance(component, Expression):
+                waves = arguments_of(component.system, ("sin", "cos"))
+                known: dict[str, Array | float] = {**dict(component.constants), "t": both}
+                found = waves.evaluate(known)
+                for values in found:
+                    slopes = np.abs(np.diff(np.broadcast_to(values, both.shape), axis=0))
+                    slopes = slopes[np.isfinite(slopes)] / distance
+                    rate = max(rate, float(slopes.max(initial=0.0)))
         begin = end
     return 2.0 * math.pi / rate if rate > 0 else math.inf
-
-
-def _largest_rate(piece: ForcingPiece, begin: float, end: float, final_time: float) -> float:
-    """Largest rate of an argument of ``sin`` or ``cos`` at probed times."""
-    if begin >= end:
-        return 0.0
-    times = begin + (end - begin) * PROBED_FRACTIONS
-    distance = DIFFERENCE * final_time
-    both = np.stack([times, times + distance])
-    rates = [0.0]
-    for component, _ in piece.distinct:
-        if isinstance(component, Expression):
-            waves = arguments_of(component.system, ("sin", "cos"))
-            found: list[Array | float] = waves.evaluate({**dict(component.constants), "t": both})
-            for values in found:
-                slopes = np.abs(np.diff(np.broadcast_to(values, both.shape), axis=0)) / distance
-                rates.append(float(slopes[np.isfinite(slopes)].max(initial=0.0)))
-    return max(rates)

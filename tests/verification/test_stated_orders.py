@@ -1,6 +1,7 @@
 """An order that is stated is the one measured, or none is: forces and energies with kinks."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from oracles.ordinary import solve_ordinary
 from scipy.special import gamma
 from spread import spread
 
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.unsmooth_forces import has_kinks
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -84,6 +87,22 @@ def test_without_the_power_the_order_is_lost():
     ]
     assert slopes(errors) == pytest.approx([1.5, 1.5], abs=0.1)
     assert expected_order(scene, plain, "max", 128) == 1.5
+
+
+@pytest.mark.parametrize("dampers", [(), ((0.5, 0.3),), ((1.5, 0.3),)])
+@pytest.mark.parametrize("begins", [0.0, 1.0])
+def test_starting_weights_mend_no_moments_of_a_singular_force(begins, dampers):
+    """They correct derivatives of the motion: the rule of the action errs as without them."""
+    force = "1 + sqrt(t)" if begins == 0 else in_pieces("1", begins, f"1 + sqrt(t - {begins})")
+    scene = spring(*dampers, T=2.0, x=1.0, forcing=force)
+    exact = integrate(scene, Method(cq="gauss", degree=6, start="graded"), 256).position[-1, 0]
+    method = Method(cq="bdf3", degree=3, start="weights")
+    errors = [abs(integrate(scene, method, n).position[-1, 0] - exact) for n in LADDER]
+    assert slopes(errors) == pytest.approx([1.5, 1.5], abs=0.1)
+    assert expected_order(scene, method, "max", LADDER[-1]) == 1.5
+    # exact moments leave what the weights correct
+    control = replace(method, forcing_quadrature="exact")
+    assert expected_order(scene, control, "max", LADDER[-1]) > 1.9
 
 
 @spread(power=[1.5, 2.5, 1.1, 3.0, 3.7], place=[0.0, 0.31, -1.7, 1e-6], scale=[1.0, 1e3, 1e-3])
@@ -166,6 +185,10 @@ def test_which_forces_have_kinks(text, expected):
     assert has_kinks(scene) == expected
     stated = expected_order(scene, Method(cq="gauss", degree=2), "max", 64)
     assert math.isnan(stated) == expected
+    # a number may have a name
+    named = Expression.parse(text.replace("7*t", "rate*t"), ("t",), {"rate": 7.0})
+    piece = ForcingPiece(components=(named,))
+    assert has_kinks(spring(T=3.0, forcing=Forcing(pieces=(piece,)))) == expected
     # a kink at the end of a piece is at the end of a step
     at_break = spring(T=3.0, forcing=in_pieces("abs(t - 1.5)", 1.5, "abs(t - 1.5)"))
     assert not has_kinks(at_break)
