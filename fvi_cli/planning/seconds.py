@@ -24,8 +24,9 @@ FIRST_STEPS, LONGER = 16, 4
 """Steps of the first short run, and how many times longer each other one is (guessed)."""
 USUAL_BLOCKS = 1024
 """Steps from which on blocks are as long as in longer runs, or nearly."""
-ENOUGH_SECONDS, MOST_SECONDS = 0.1, 1.0
-"""No longer run is tried behind one that took so long, on so many steps and on fewer (guessed)."""
+ENOUGH_SECONDS, MOST_SECONDS, TABLES_SECONDS = 0.1, 1.0, 3.0
+"""No longer run is tried behind one that took so long, on so many steps, on fewer, and behind one
+that made tables (guessed)."""
 NOISY_SECONDS, REPEATED = 0.01, 3
 """Shorter runs are done so often, the least time counts (guessed)."""
 
@@ -82,6 +83,9 @@ def time_runs(
         sizes.append(size)
         taken.append(least)
         most = MOST_SECONDS if size < USUAL_BLOCKS else ENOUGH_SECONDS
+        if len(taken) > 1 and taken[-1] > LONGER**2 * taken[-2]:
+            # more than the square of its steps: it made tables that longer runs have as well
+            most = TABLES_SECONDS
         size = min(LONGER * size, n_steps)
     each = tuple(one / n_runs for one in taken)
     return Timing(n_steps=tuple(sizes), seconds=each, is_quadratic=is_quadratic)

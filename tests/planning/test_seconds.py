@@ -45,6 +45,14 @@ def test_steps_that_sum_over_all_before_them(is_quadratic):
     assert is_quadratic or found < exact / 10
 
 
+def test_tables_that_a_longer_run_makes_are_no_cost_of_a_step():
+    """Rises by more than the square of the steps are looked at once more."""
+    job = Job(lambda n: 0.002 + 1e-6 * n + (0.12 if n > 2000 else 0.0))
+    timing = job.timing(2**18, is_quadratic=False)
+    assert max(job.sizes) == 16384
+    assert timing.at(2**18) == pytest.approx(0.122 + 1e-6 * 2**18)
+
+
 def test_a_short_job_is_run_itself_and_a_slow_one_twice():
     job = Job(lambda n: 0.0006 * n)
     assert job.timing(20, is_quadratic=False).at(20) == pytest.approx(0.012)
