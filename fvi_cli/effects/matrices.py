@@ -128,18 +128,14 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
     return cast(Form, matrix)
 
 
-def _largest(matrix: Form, measure: Callable[[Array], Array]) -> tuple[int, int, float]:
-    """Row and column of the entry with the largest measure, and that."""
-    if isinstance(matrix, np.ndarray):
-        sizes = measure(matrix)
-        i, j = np.unravel_index(int(sizes.argmax()), sizes.shape)
-        return int(i), int(j), float(sizes[i, j])
-    kept = as_csr(matrix).tocoo()
-    sizes = measure(kept.data)
-    if not sizes.size:
+def _largest(matrix: Any, measure: Callable[[Array], Array]) -> tuple[int, int, float]:
+    """Row and column of the entry with the largest measure, and that; those of zeros are 0."""
+    rows, columns = matrix.nonzero()
+    if not rows.size:
         return 0, 0, 0.0
+    sizes = measure(np.asarray(matrix[rows, columns]).ravel())
     at = int(sizes.argmax())
-    return int(kept.row[at]), int(kept.col[at]), float(sizes[at])
+    return int(rows[at]), int(columns[at]), float(sizes[at])
 
 
 def _entry(row: int, column: int) -> str:
