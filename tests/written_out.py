@@ -113,7 +113,7 @@ def integrate_written_out(scene: Scene, method: Method, n_steps: int) -> Written
 def _start_momentum(scene: Scene) -> Array:
     if scene.lagrangian is None:
         return scene.inertia.mass @ scene.initial_velocity
-    return scene.lagrangian.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+    return scene.lagrangian.forces(scene.initial_position, scene.initial_velocity, 0.0)[0]
 
 
 def _derivatives(

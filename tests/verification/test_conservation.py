@@ -77,7 +77,7 @@ FLOWS: dict[str, tuple[Scene, int, float]] = {
 def start_of(scene: Scene) -> Array:
     position, velocity = scene.initial_position, scene.initial_velocity
     if scene.lagrangian is not None:
-        return np.concatenate([position, scene.lagrangian.momentum(position, velocity, 0.0)])
+        return np.concatenate([position, scene.lagrangian.forces(position, velocity, 0.0)[0]])
     return np.concatenate([position, scene.inertia.mass @ velocity])
 
 
