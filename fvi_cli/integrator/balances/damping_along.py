@@ -44,11 +44,12 @@ class DampingAlong:
     step_sizes: Array  # (n,)
     inputs: Array  # (q, n, i, e)
     reach: Reach | None = None  # what it reaches of a large structure
+    longest: int = PIECE  # equal steps that are worked out together, at most
 
     def forces(self) -> Array:
         r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
         memory = self.damping.memory
-        pieces = pieces_of_equal_steps(self.step_sizes)
+        pieces = pieces_of_equal_steps(self.step_sizes, self.longest)
         if isinstance(memory, Exponentials) and 2 * len(pieces) > self.step_sizes.size:
             found = list(self._forces_on_uneven(memory))
         else:
@@ -181,11 +182,11 @@ def damping_along(
     )
 
 
-def pieces_of_equal_steps(step_sizes: Array) -> list[tuple[int, int]]:
-    """Ranges of equal step sizes, none longer than :data:`PIECE`."""
+def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple[int, int]]:
+    """Ranges of equal step sizes, none longer than the longest."""
     ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]
     return [
-        (first, min(first + PIECE, end))
+        (first, min(first + longest, end))
         for begin, end in itertools.pairwise(ends)
-        for first in range(begin, end, PIECE)
+        for first in range(begin, end, longest)
     ]

@@ -26,7 +26,7 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.damping_along import DampingAlong
+from fvi_cli.integrator.balances.damping_along import PIECE, DampingAlong
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling
@@ -171,7 +171,12 @@ class LinearisedRun:
         unit = np.broadcast_to(np.eye(self.d), (len(terms), self.d, self.d))
         damping = self._damping_of(terms, unit, start)
         sizes = self.steps.step_size
-        return DampingAlong(damping=damping, step_sizes=sizes, inputs=velocity).forces()
+        return DampingAlong(
+            damping=damping,
+            step_sizes=sizes,
+            inputs=velocity,
+            longest=_block_of(4 * sizes.size, PIECE),
+        ).forces()
 
     def forces_of(self, terms: Sequence[Term]) -> Array:
         """Forces of terms on this motion, without matrices, ``(f, n, m, d)``."""
@@ -369,17 +374,19 @@ def _times(matrices: Array, values: Array) -> Array:
     return np.ascontiguousarray(found.reshape(-1, k, p).swapaxes(0, 1))
 
 
-def _equal_steps(sizes: Array, longest: int) -> Iterator[BlockSequence]:
-    """Blocks of equal steps, in sequences.
+def _block_of(n_steps: int, longest: int) -> int:
+    """B of N equal steps, a power of 2 with 16 B^2 <= N: tables are made step by step."""
+    count = 1
+    while 2 * count <= longest and 16 * count * count <= n_steps:
+        count *= 2
+    return count
 
-    Of N equal steps B are taken at once, a power of 2 with 16 B^2 <= N: tables of a block are made
-    step by step.
-    """
+
+def _equal_steps(sizes: Array, longest: int) -> Iterator[BlockSequence]:
+    """Blocks of equal steps, in sequences."""
     ends = [0, *(1 + np.flatnonzero(np.diff(sizes))).tolist(), sizes.size]
     for begin, end in itertools.pairwise(ends):
-        done, count = begin, 1
-        while 2 * count <= longest and 16 * count * count <= end - begin:
-            count *= 2
+        done, count = begin, _block_of(end - begin, longest)
         while done < end:
             count = min(count, end - done)
             blocks = (end - done) // count
