@@ -180,9 +180,8 @@ class LinearisedRun:
 
     def forces_of(self, terms: Sequence[Term]) -> Array:
         """Forces of terms on this motion, without matrices, ``(f, n, m, d)``."""
-        return self._plain(terms, self.steps.velocity[None], self.scene.initial_velocity[None])[
-            :, 0
-        ]
+        start = self.scene.initial_velocity[None]
+        return self._plain(terms, self.steps.velocity[None], start)[:, 0]
 
     @cached_property
     def plain_forces(self) -> Array:

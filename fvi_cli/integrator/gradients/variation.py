@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -60,10 +60,9 @@ class Variation:
     value: float  # in the scene that was integrated
     name: str = "parameter"  # in messages
 
-    @property
-    def other_form(self) -> ValueError:
-        """That scenes close beside the value cannot be compared."""
-        return ValueError(f"{self.name}: the scene has another form near {self.value:g}")
+    def refuse_form(self) -> NoReturn:
+        """Scenes close beside the value are not comparable."""
+        raise ValueError(f"{self.name}: the scene has another form near {self.value:g}")
 
 
 def disturbance(run: LinearisedRun, variations: Sequence[Variation]) -> Disturbance:
@@ -104,7 +103,7 @@ def _disturbance(run: LinearisedRun, one: Variation) -> tuple[Array, Array, Arra
     def by_numbers(varied: Scene, _: float) -> list[Any]:
         form, numbers = numbers_of(varied)
         if form != structure:
-            raise one.other_form
+            one.refuse_form()
         return of_damping(varied) + numbers
 
     def by_values(varied: Scene, _: float) -> list[Any]:
@@ -213,7 +212,7 @@ def _differences(
         number = one.value + place * step
         varied = one.family(number)
         if (len(varied.damping), varied.dimension) != (len(scene.damping), scene.dimension):
-            raise one.other_form
+            one.refuse_form()
         rows.append([np.asarray(own) for own in values(varied, number)])
     factors = [[stencil.get(place, 0.0) / step for place in stencils[1]] for stencil in stencils]
     derivatives, doubt, noise = [], 0.0, 0.0
