@@ -30,7 +30,7 @@ class Point(NamedTuple):
     iterations: int = 0  # of Newton
 
 
-class Grid:
+class EqualSteps:
     """The times t_k = k T / N of a scene, and its forces there."""
 
     def __init__(self, scene: Scene, n_steps: int) -> None:
@@ -52,67 +52,67 @@ class Grid:
         return self.scene.potential.gradient(position)
 
 
-Scheme = Callable[[Grid], Iterator[Point]]
+Scheme = Callable[[EqualSteps], Iterator[Point]]
 """The points of a run by single steps of one size h, the start among them."""
 
 
-def _past_of_velocities(grid: Grid) -> Past:
+def _past_of_velocities(steps: EqualSteps) -> Past:
     r"""Of the damping :math:`h^{1-\gamma} \sum_n w_n v_{k-n}` of Euler's methods.
 
     With the weights of :math:`(1 - z)^{\gamma - 1}` (Gruenwald-Letnikov on the velocity), which for
     :math:`\gamma = 1` is the velocity itself, so that the schemes are the classical ones there.
     """
-    scene, h = grid.scene, grid.h
+    scene, h = steps.scene, steps.h
 
     def weights(order: float, count: int) -> Array:
         return np.asarray(h ** (1 - order) * convolution_weights(1, order - 1, count), dtype=float)
 
     def offset(term: FractionalDamping) -> Array:
         is_shifted = term.order > 1 and scene.derivative == "caputo"
-        shape = grid.times.size, scene.dimension
+        shape = steps.times.size, scene.dimension
         return np.broadcast_to(is_shifted * scene.initial_velocity, shape)
 
-    past = Past(scene, grid.n_steps, weights, offset)
+    past = Past(scene, steps.n_steps, weights, offset)
     past.keep(0, scene.initial_velocity)
     return past
 
 
-def explicit_euler(grid: Grid) -> Iterator[Point]:
+def explicit_euler(steps: EqualSteps) -> Iterator[Point]:
     """Position and velocity, with everything at the beginning of a step."""
-    past, forces = _past_of_velocities(grid), grid.forcing()
-    position, velocity = grid.scene.initial_position, grid.scene.initial_velocity
+    past, forces = _past_of_velocities(steps), steps.forcing()
+    position, velocity = steps.scene.initial_position, steps.scene.initial_velocity
     yield Point(position, velocity)
-    for k in range(grid.n_steps):
-        force = forces[k] - past.force(k, k) - grid.potential_gradient(position)
-        position = position + grid.h * velocity
-        velocity = velocity + grid.h * (grid.inverse_mass @ force)
+    for k in range(steps.n_steps):
+        force = forces[k] - past.force(k, k) - steps.potential_gradient(position)
+        position = position + steps.h * velocity
+        velocity = velocity + steps.h * (steps.inverse_mass @ force)
         yield Point(position, velocity)
         past.keep(k + 1, velocity)
 
 
-def implicit_euler(grid: Grid) -> Iterator[Point]:
+def implicit_euler(steps: EqualSteps) -> Iterator[Point]:
     """Position and velocity, with everything at the end of a step."""
-    scene, past = grid.scene, _past_of_velocities(grid)
-    inertia = scene.inertia.mass / grid.h
-    matrix, forces = inertia + past.newest, grid.forcing() + past.newest_offset
+    scene, past = steps.scene, _past_of_velocities(steps)
+    inertia = scene.inertia.mass / steps.h
+    matrix, forces = inertia + past.newest, steps.forcing() + past.newest_offset
     position, velocity = scene.initial_position, scene.initial_velocity
     yield Point(position, velocity)
-    for k in range(grid.n_steps):
+    for k in range(steps.n_steps):
         velocity, used = solve_implicit(
             matrix,
             inertia @ velocity - past.force(k + 1, k) + forces[k + 1],
             scene.potential,
             velocity,
             base=position,
-            factor=grid.h,
+            factor=steps.h,
             weight=1.0,
         )
-        position = position + grid.h * velocity
+        position = position + steps.h * velocity
         yield Point(position, velocity, used)
         past.keep(k + 1, velocity)
 
 
-def gruenwald_letnikov(grid: Grid) -> Iterator[Point]:
+def gruenwald_letnikov(steps: EqualSteps) -> Iterator[Point]:
     r"""Central differences with the Gruenwald-Letnikov derivative of the positions.
 
     .. math:: M \frac{x_{k+1} - 2 x_k + x_{k-1}}{h^2}
@@ -123,29 +123,29 @@ def gruenwald_letnikov(grid: Grid) -> Iterator[Point]:
     (x - q0 - v0 t above order 1). Explicit. Order 1, that of the derivative. On a linear scene it
     is stable while h^2 k + mu (2/h)^gamma h^2 < 4.
     """
-    scene, h, forces = grid.scene, grid.h, grid.forcing()
+    scene, h, forces = steps.scene, steps.h, steps.forcing()
 
     def weights(order: float, count: int) -> Array:
         return np.asarray(h**-order * convolution_weights(1, order, count), dtype=float)
 
-    past = Past(scene, grid.n_steps, weights, caputo_offset(scene, grid.times))
+    past = Past(scene, steps.n_steps, weights, caputo_offset(scene, steps.times))
     # the last difference x_k - x_(k-1), so that 1 / h^2 never meets a rounded position
     position, difference = scene.initial_position, h * scene.initial_velocity
     yield Point(position)
-    for k in range(grid.n_steps):
+    for k in range(steps.n_steps):
         past.keep(k, position)
-        force = forces[k] - past.force(k, k) - grid.potential_gradient(position)
+        force = forces[k] - past.force(k, k) - steps.potential_gradient(position)
         if k == 0:
             for term in scene.active_damping:
                 if term.is_integer_order:
                     force = force - scene.initial_velocity @ term.coefficient
         share = 0.5 if k == 0 else 1.0
-        difference = difference + share * h**2 * (grid.inverse_mass @ force)
+        difference = difference + share * h**2 * (steps.inverse_mass @ force)
         position = position + difference
         yield Point(position)
 
 
-def product_integration(grid: Grid) -> Iterator[Point]:
+def product_integration(steps: EqualSteps) -> Iterator[Point]:
     r"""Second-order product integration of the integral equation of the scene.
 
     Integrated twice the equation of motion is
@@ -158,22 +158,22 @@ def product_integration(grid: Grid) -> Iterator[Point]:
     Equations*, Springer 2010, appendix C.1); the classical integrals (order 2, and 1 for damping of
     order 1) are running sums. Implicit. Order 2. It has positions only.
     """
-    scene, h = grid.scene, grid.h
+    scene, h = steps.scene, steps.h
 
     def weights(order: float, count: int) -> Array:
         return trapezoidal_weights(2 - order, h, count)
 
-    past = Past(scene, grid.n_steps, weights, caputo_offset(scene, grid.times))
+    past = Past(scene, steps.n_steps, weights, caputo_offset(scene, steps.times))
     past.keep(0, scene.initial_position)
-    line = scene.initial_position + grid.times[:, None] * scene.initial_velocity
-    every = line @ scene.inertia.mass + _forcing_twice_integrated(grid) + past.newest_offset
+    line = scene.initial_position + steps.times[:, None] * scene.initial_velocity
+    every = line @ scene.inertia.mass + _forcing_twice_integrated(steps) + past.newest_offset
     matrix = scene.inertia.mass + past.newest
     position = scene.initial_position
-    newest = grid.potential_gradient(position)
+    newest = steps.potential_gradient(position)
     # first and second integral of the potential force up to t_k
     once = twice = origin = np.zeros(scene.dimension)
     yield Point(position)
-    for k in range(grid.n_steps):
+    for k in range(steps.n_steps):
         gradient = newest
         known = every[k + 1] - twice - h * once - h * h / 3 * gradient
         position, used = solve_implicit(
@@ -185,19 +185,19 @@ def product_integration(grid: Grid) -> Iterator[Point]:
             factor=1.0,
             weight=h * h / 6,
         )
-        newest = grid.potential_gradient(position)
+        newest = steps.potential_gradient(position)
         twice = twice + h * once + h * h * (gradient / 3 + newest / 6)
         once = once + h / 2 * (gradient + newest)
         yield Point(position, iterations=0 if scene.is_linear else used)
         past.keep(k + 1, position)
 
 
-def _forcing_twice_integrated(grid: Grid) -> Array:
+def _forcing_twice_integrated(steps: EqualSteps) -> Array:
     """I^2 f at t_0 .. t_N for the interpolant of f, which may jump between steps."""
-    twice, h = np.zeros((grid.times.size, grid.scene.dimension)), grid.h
-    if grid.scene.forcing is None:
+    twice, h = np.zeros((steps.times.size, steps.scene.dimension)), steps.h
+    if steps.scene.forcing is None:
         return twice
-    ends = grid.scene.forcing.on_steps(grid.times[:-1], h, np.array([0.0, 1.0]))
+    ends = steps.scene.forcing.on_steps(steps.times[:-1], h, np.array([0.0, 1.0]))
     once = np.zeros_like(twice[1:])
     once[1:] = np.cumsum(h / 2 * ends.sum(axis=1), axis=0)[:-1]
     twice[1:] = np.cumsum(h * once + h * h * (ends[:, 0] / 3 + ends[:, 1] / 6), axis=0)
@@ -232,9 +232,9 @@ SCHEMES: dict[str, Scheme] = {
 def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     """The trajectory of a baseline of :data:`SCHEMES`."""
     began = time.perf_counter()
-    grid, bound = Grid(scene, n_steps), bound_at_end(scene, n_steps)
-    steps, h = SCHEMES[method.name](grid), grid.h
-    points = [next(steps)]
+    steps, bound = EqualSteps(scene, n_steps), bound_at_end(scene, n_steps)
+    scheme, h = SCHEMES[method.name](steps), steps.h
+    points = [next(scheme)]
     ready = time.perf_counter()
     failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
@@ -242,7 +242,7 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
             if k % STRIDE == 0:
                 report_progress(k, n_steps)
             try:
-                points.append(next(steps))
+                points.append(next(scheme))
             except StepFailedError as error:
                 failure = Failure.in_step(k, k * h, error)
                 break
