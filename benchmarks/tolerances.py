@@ -18,7 +18,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.observe import observe
+from fvi_cli.integrator.observations.observe import observe_members
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.studies.tolerance.runs import gauss, run_on
@@ -208,7 +208,8 @@ def _reported(scene: Scene, run: Trajectory, known: Known) -> Array:
     if run.steps is None:
         raise ValueError("tolerance: a run without its polynomials")
     method = gauss(scene, run.steps.tables.degree)
-    return observe(scene, method, run, Observations(times=known.times))[1].position
+    ((_, reported),) = observe_members([scene], method, [run], [Observations(times=known.times)])
+    return reported.position
 
 
 def _once(scene: Scene, run: Trajectory) -> float:

@@ -12,7 +12,7 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.dampers import damper_names, damper_values
+from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.integrator.observations.request import (
     Event,
@@ -91,7 +91,7 @@ def read_observations(
         return Observations()
     _check_neighbours(settings, methods, given[0] if given else "problem", at)
     of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
-    names = tuple(dict.fromkeys((*of_surfaces, *damper_names(problem.scene))))
+    names = tuple(dict.fromkeys((*of_surfaces, *damper_values(problem.scene))))
     if is_prescribed:
         # accelerations are those of an equation of motion, which a given motion has not
         accelerations = {f"a{name}" for name in problem.coordinates}

@@ -164,24 +164,20 @@ def growth_limit(scene: Scene) -> float:
 
 
 def _bound(scene: Scene, force: float) -> GrowthBound:
-    final_time = scene.final_time
-    displacement = final_time * np.abs(scene.initial_velocity).max()
-    per_force = final_time**2 * _largest_flexibility(scene.inertia)
-    scale = float(np.abs(scene.initial_position).max() + displacement + per_force * force)
-    rate = 0.0
+    least, per_force = least_bound(scene)
+    size, rate = least + per_force * force, 0.0
     if scene.is_sparse or (scene.is_linear and scene.active_laws):
         # what grows is not looked for in large structures and beside laws: then there is no bound
-        scale = scale if scene.is_dissipative else math.inf
+        size = size if scene.is_dissipative else math.inf
     elif scene.is_linear:
         rate = POORLY_RESOLVED * growth_limit(scene)
     elif not all(is_semidefinite(term.form) for term in scene.active_forces):
         # energy may come out of the damping without end
-        scale = math.inf
-    size = TOLERATED_FACTOR * scale
+        size = math.inf
     return GrowthBound(
         size=size if 0 < size < math.inf else math.inf,
         rate=rate,
-        per_force=TOLERATED_FACTOR * per_force,
+        per_force=per_force,
         force=force,
         scene=None if scene.is_linear else scene,
     )

@@ -15,7 +15,7 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.observations.dampers import damper_names
+from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run import parts
@@ -96,7 +96,7 @@ def integrate(
         events=events,
         impacts=impacts,
         parameters=parameters,
-        further=damper_names(scene),
+        further=tuple(damper_values(scene)),
     )
     if not request.is_empty:
         _, reported = integrate_observed(

@@ -8,7 +8,7 @@ from typing import Any
 
 from fvi_cli.config.keys.fit import Data
 from fvi_cli.config.observations import FORCE
-from fvi_cli.integrator.observations.dampers import damper_names
+from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.request import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -74,7 +74,7 @@ def _motion(
     coordinates, found = problem.coordinates, []
     parameters = described.get("parameters", {})
     known = known_names(coordinates, (*parameters, *problem.inputs))
-    known = tuple(dict.fromkeys((*known, *damper_names(problem.scene))))
+    known = tuple(dict.fromkeys((*known, *damper_values(problem.scene))))
     if problem.scene.prescribed is not None:
         known = tuple(name for name in known if name not in {f"a{one}" for one in coordinates})
     for name, column in given.columns.items():

@@ -24,6 +24,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, DampingTables, damping_of
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
+from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
@@ -43,54 +44,72 @@ class DampingAlong:
     step_sizes: Array  # (n,)
     inputs: Array  # (q, n, i, e)
     reach: Reach | None = None  # what it reaches of a large structure
-    is_prescribed: bool = False  # whether the motion, of one coordinate, is given
+    longest: int = PIECE  # equal steps that are worked out together, at most
 
     def forces(self) -> Array:
         r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
-        found: list[Array] = []
-        damping, (q, n, _, e) = self.damping, self.inputs.shape
-        states, column = damping.start()
-        if self.is_prescribed and isinstance(damping.memory, Exponentials):
-            is_uneven = 2 * len(pieces_of_equal_steps(self.step_sizes)) > n
-            if is_uneven and not damping.is_relative:
-                return self._forces_on_uneven(damping.memory, states)
-        for first, tables in self._pieces():
-            count = tables.kernels.count
-            driven = self.inputs[:, first : first + count].reshape(q, -1, e)
-            forces = [
-                damping.past(tables, states, column, count, index)
-                + damping.own(tables, driven, count, index)
-                for index in range(len(damping.directions))
-            ]
-            found.append(np.array(forces).reshape(len(forces), q, count, -1, e))
-            states = damping.push(tables, states, driven, count)
-            column = damping.push_column(tables, column, count)
-        zero = np.zeros((len(damping.directions), q, n, 0, e))
-        whole = np.concatenate(found, axis=2) if found else zero
+        memory = self.damping.memory
+        pieces = pieces_of_equal_steps(self.step_sizes, self.longest)
+        if isinstance(memory, Exponentials) and 2 * len(pieces) > self.step_sizes.size:
+            found = list(self._forces_on_uneven(memory))
+        else:
+            found = list(self._forces_on_blocks(pieces))
+        k, (q, n, _, e) = len(self.damping.directions), self.inputs.shape
+        whole = np.concatenate(found, axis=2) if found else np.zeros((k, q, n, 0, e))
         return whole if self.reach is None else self.reach.spread(whole)
 
-    def _forces_on_uneven(self, memory: Exponentials, states: Array) -> Array:
-        """The same of a given displacement on steps of many sizes; none subtracts its start."""
-        combinations, n = self.damping.combinations, self.step_sizes.size
-        found = np.empty((len(combinations), *self.inputs.shape))
+    def _forces_on_blocks(self, pieces: Sequence[tuple[int, int]]) -> Iterator[Array]:
+        """The same on successive steps, equal ones block by block."""
+        damping, (q, _, i, e) = self.damping, self.inputs.shape
+        states, column = damping.start()
+        k = len(damping.directions)
+        for first, blocks, tables in self._alike(pieces):
+            count, m = tables.kernels.count, tables.kernels.n_samples
+            driven = self.inputs[:, first : first + blocks * count]
+            driven = driven.reshape(q, blocks, count * i, e)
+            driven = np.ascontiguousarray(driven.swapaxes(0, 1))
+            path, columns = np.empty((blocks, *states.shape)), np.empty((blocks, *column.shape))
+            for index, own in enumerate(driven):
+                path[index], columns[index] = states, column
+                states = damping.push(tables, states, own, count)
+                column = damping.push_column(tables, column, count)
+            forces = [
+                damping.past(tables, path, columns, count, index)
+                + damping.own(tables, driven, count, index)
+                for index in range(k)
+            ]
+            yield np.array(forces).swapaxes(1, 2).reshape(k, q, blocks * count, m, e)
+
+    def _forces_on_uneven(self, memory: Exponentials) -> Iterator[Array]:
+        """The same on steps of many sizes, whose tables are made together."""
+        damping, (q, n, m, e) = self.damping, self.inputs.shape
+        states, column = damping.start()
+        start = damping.start_velocity[:, None]
         for begin in range(0, n, PIECE**2):
             sizes, places = np.unique(self.step_sizes[begin:][: PIECE**2], return_inverse=True)
             parts = [memory.of_steps(sizes[k : k + PIECE]) for k in range(0, sizes.size, PIECE)]
             local, response, intake, change = map(np.concatenate, zip(*parts, strict=True))
-            own = [one.combine(local.swapaxes(0, 1)) for one in combinations]
-            for first in range(begin, min(begin + PIECE**2, n), PIECE):
-                at = places[first - begin :][:PIECE]
-                inputs = self.inputs[:, first : first + PIECE]
+            own = [one.combine(local.swapaxes(0, 1)) for one in damping.combinations]
+            for first in range(0, places.size, PIECE):
+                at = places[first : first + PIECE]
+                inputs = self.inputs[:, begin + first :][:, : at.size]
                 driven = np.matmul(intake[at], inputs)
-                path = np.empty_like(driven)
+                path, columns = np.empty_like(driven), np.empty((at.size, *column.shape[1:]))
                 for index, place in enumerate(at.tolist()):
-                    path[:, index] = states
+                    path[:, index], columns[index] = states, column[0]
                     states = change[place][:, None] * states + driven[:, index] + states
-                for force, one, blocks in zip(found, combinations, own, strict=True):
-                    past = np.matmul(response[at], one.weights[:, None, :, None] * path)
-                    past += np.matmul(blocks[:, at], inputs)
-                    force[:, first : first + PIECE] = past * one.matrices[:, None]
-        return found
+                    column = change[place][:, None] * column + column
+                forces = []
+                every = zip(own, damping.combinations, damping.directions, strict=True)
+                for blocks, one, direction in every:
+                    acted, moved = path, inputs
+                    if direction.is_relative:
+                        # a derivative of the start velocity, for ever, is zero
+                        acted, moved = path + (columns - 1.0) * start, inputs - start
+                    force = np.matmul(response[at], one.weights[:, None, :, None] * acted)
+                    force += np.matmul(blocks[:, at], moved)
+                    forces.append(along(force.reshape(q, at.size * m, e), one.matrix))
+                yield np.array(forces).reshape(len(own), q, at.size, m, e)
 
     def stored(self) -> Array | None:
         """Energy in the memory by direction at the points, ``(k, q, n + 1)``.
@@ -102,8 +121,7 @@ class DampingAlong:
         if start is None:
             return None
         known = [start]
-        for first, tables in self._pieces():
-            last = first + tables.kernels.count
+        for first, last in pieces_of_equal_steps(self.step_sizes):
             single = self.damping.tables(float(self.step_sizes[first]), 1)
             kernels = single.kernels
             assert isinstance(kernels, ExponentialKernels)
@@ -118,14 +136,17 @@ class DampingAlong:
             known += [] if energy is None else [energy]
         return np.concatenate(known, axis=1).swapaxes(1, 2)
 
-    def _pieces(self) -> Iterator[tuple[int, DampingTables]]:
-        """First step and tables of all pieces of equal steps."""
+    def _alike(self, pieces: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int, DampingTables]]:
+        """First step, number and tables of successive blocks that are alike."""
         made: dict[tuple[float, int], DampingTables] = {}
-        for first, last in pieces_of_equal_steps(self.step_sizes):
-            key = float(self.step_sizes[first]), last - first
+        for key, own in itertools.groupby(
+            pieces, lambda piece: (float(self.step_sizes[piece[0]]), piece[1] - piece[0])
+        ):
             if key not in made:
                 made[key] = self.damping.tables(*key)
-            yield first, made[key]
+            firsts = [first for first, _ in own]
+            for begin in range(0, len(firsts), PIECE):
+                yield firsts[begin], len(firsts[begin : begin + PIECE]), made[key]
 
 
 def damping_along(
@@ -158,15 +179,14 @@ def damping_along(
         step_sizes=steps[0].step_size,
         inputs=inputs if reach is None else reach.along(inputs),
         reach=reach,
-        is_prescribed=scenes[0].prescribed is not None,
     )
 
 
-def pieces_of_equal_steps(step_sizes: Array) -> list[tuple[int, int]]:
-    """Ranges of equal step sizes, none longer than :data:`PIECE`."""
+def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple[int, int]]:
+    """Ranges of equal step sizes, none longer than the longest."""
     ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]
     return [
-        (first, min(first + PIECE, end))
+        (first, min(first + longest, end))
         for begin, end in itertools.pairwise(ends)
-        for first in range(begin, end, PIECE)
+        for first in range(begin, end, longest)
     ]

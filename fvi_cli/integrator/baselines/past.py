@@ -87,7 +87,7 @@ class Past:
         return force
 
 
-def without_start(scene: Scene, times: Array) -> Callable[[FractionalDamping], Array]:
+def caputo_offset(scene: Scene, times: Array) -> Callable[[FractionalDamping], Array]:
     """What derivatives take off positions: the start q0, and Caputo's above order 1 q0 + v0 t.
 
     The derivative of order 1 is that of x itself: q0 is taken off all the same, so that the first

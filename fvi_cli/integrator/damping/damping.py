@@ -92,6 +92,11 @@ class Damping:
         return any(self.memory.remembers(term) for row in one.terms for term in row)
 
     @property
+    def start_velocity(self) -> Array:
+        """Velocities at the start, ``(q, 1, e)``."""
+        return self._velocity
+
+    @property
     def subtracts(self) -> bool:
         """Whether a start velocity that is not zero is subtracted."""
         return bool(self._velocity.any()) and any(one.is_relative for one in self.directions)
@@ -191,7 +196,7 @@ class Damping:
     ) -> Array:
         """Force of the past on the first `count` steps of a block, ``(q, count m, e)``.
 
-        Of all directions together, or of one.
+        Of all directions together, or of one; for many blocks with a leading axis.
         """
         chosen = range(len(self.directions)) if direction is None else [direction]
         combinations = [self.combinations[index] for index in chosen]
@@ -201,7 +206,7 @@ class Damping:
             offset = tables.offsets[index]
             if offset is not None:
                 start = along(self._velocity, one.matrix)
-                force = force + offset[:, : force.shape[1], None] * start
+                force = force + offset[:, : force.shape[-2], None] * start
         return force
 
     def _acted_on(self, states: Array, column: Array) -> list[Array]:
@@ -218,9 +223,9 @@ class Damping:
         """
         size = count * tables.kernels.n_samples
         chosen = range(len(self.directions)) if direction is None else [direction]
-        total = np.zeros((len(inputs), size, inputs.shape[2]))
+        total = np.zeros((*inputs.shape[:-2], size, inputs.shape[-1]))
         for index in chosen:
-            force = np.matmul(tables.local[index][:, :size, : inputs.shape[1]], inputs)
+            force = np.matmul(tables.local[index][:, :size, : inputs.shape[-2]], inputs)
             total += along(force, self.combinations[index].matrix)
         return total
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import PronyKernel
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -59,78 +61,67 @@ def entries_of(scene: Scene) -> dict[str, GradientEntry]:
     found: dict[str, GradientEntry] = {}
 
     def add(name: str, value: object, changes: Callable[[Array], dict[str, Any]]) -> None:
-        family = partial(_changed, scene, changes)
+        def family(other: Array) -> Scene:
+            return replace(scene, **changes(other))
+
         found[name] = GradientEntry(name=name, value=np.array(value, dtype=float), family=family)
 
-    potential = scene.potential
-    if scene.lagrangian is None:
+    potential, lagrangian = scene.potential, scene.lagrangian
+    if lagrangian is None:
         add("mass", scene.inertia.mass, lambda v: {"inertia": Inertia(mass=v)})
+    else:
+        for name, own in lagrangian.parameters.items():
+            add(f"lagrangian.{name}", own, partial(_of_lagrangian, scene, lagrangian, name))
     if isinstance(potential, QuadraticPotential):
         stiffness = potential.stiffness
         add("stiffness", stiffness, lambda v: {"potential": QuadraticPotential(stiffness=v)})
-    if scene.lagrangian is not None:
-        for name, own in scene.lagrangian.parameters.items():
-            add(f"lagrangian.{name}", own, partial(_of_lagrangian, scene, name))
     if isinstance(potential, ExpressionPotential):
         for name, number in potential.parameters.items():
-            add(f"potential.{name}", number, partial(_parameter, potential, name))
-    for index, term in enumerate(scene.damping):
-        for name in ("order", "coefficient"):
-            exchange = partial(_exchanged, "damping", scene.damping, index, _with, name)
-            add(f"damping.{index}.{name}", getattr(term, name), exchange)
-    for index, law in enumerate(scene.laws):
-        for name in ("size", "coefficient"):
-            exchange = partial(_exchanged, "laws", scene.laws, index, _with, name)
-            add(f"laws.{index}.{name}", getattr(law, name), exchange)
-        numbers = vars(law.kernel)
-        if law.kernel.masses:
-            numbers = dict(zip(("rates", "weights"), np.transpose(law.kernel.masses), strict=True))
-        for name, value in numbers.items():
-            exchange = partial(_exchanged, "laws", scene.laws, index, _with_kernel, name)
-            add(f"laws.{index}.{name}", value, exchange)
+            add(f"potential.{name}", number, partial(_of_potential, potential, name))
+    for kind, names in (("damping", ("order", "coefficient")), ("laws", ("size", "coefficient"))):
+        every = getattr(scene, kind)
+        for index, one in enumerate(every):
+            numbers = {n: (getattr(one, n), partial(_with, one, n)) for n in names}
+            if isinstance(one, Law):
+                kept = vars(one.kernel)
+                if one.kernel.masses:
+                    columns = np.transpose(one.kernel.masses)
+                    kept = dict(zip(("rates", "weights"), columns, strict=True))
+                numbers |= {n: (value, partial(_with_kernel, one, n)) for n, value in kept.items()}
+            for name, (value, change) in numbers.items():
+                exchange = partial(_exchanged, kind, every, index, change)
+                add(f"{kind}.{index}.{name}", value, exchange)
     for name in ("initial_position", "initial_velocity"):
         add(name, getattr(scene, name), partial(_field, name))
     return found
-
-
-def _changed(scene: Scene, changes: Callable[[Array], dict[str, Any]], value: Array) -> Scene:
-    return replace(scene, **changes(value))
 
 
 def _field(name: str, value: Array) -> dict[str, Any]:
     return {name: value if value.ndim else float(value)}
 
 
-def _parameter(potential: ExpressionPotential, name: str, value: Array) -> dict[str, Any]:
+def _of_potential(potential: ExpressionPotential, name: str, value: Array) -> dict[str, Any]:
     parameters = {**potential.parameters, name: float(value)}
     return {"potential": replace(potential, parameters=parameters)}
 
 
-def _of_lagrangian(scene: Scene, name: str, value: Array) -> dict[str, Any]:
-    own = scene.lagrangian
-    if own is None:
-        return {}
+def _of_lagrangian(scene: Scene, own: Lagrangian, name: str, value: Array) -> dict[str, Any]:
     changed = replace(own, parameters={**own.parameters, name: float(value)})
     start = changed.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
     return {"lagrangian": changed, "inertia": Inertia(mass=start.mass)}
 
 
 def _exchanged(
-    kind: str,
-    every: tuple[Any, ...],
-    index: int,
-    change: Callable[..., Any],
-    name: str,
-    value: Array,
+    kind: str, every: tuple[Any, ...], index: int, change: Callable[[Array], Any], value: Array
 ) -> dict[str, Any]:
-    return {kind: (*every[:index], change(every[index], name, value), *every[index + 1 :])}
+    return {kind: (*every[:index], change(value), *every[index + 1 :])}
 
 
 def _with(one: Any, name: str, value: Array) -> Any:
     return replace(one, **_field(name, value))
 
 
-def _with_kernel(law: Any, name: str, value: Array) -> Any:
+def _with_kernel(law: Law, name: str, value: Array) -> Law:
     if name not in ("rates", "weights"):
         return replace(law, kernel=_with(law.kernel, name, value))
     masses = np.array(law.kernel.masses)

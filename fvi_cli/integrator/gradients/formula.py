@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,12 @@ from numpy.typing import NDArray
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.linearised import LinearisedRun, Tangent
+from fvi_cli.integrator.gradients.linearised import (
+    Disturbance,
+    LinearisedRun,
+    Tangent,
+    damped,
+)
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.observations.dampers import DamperForce, damper_values, dampers_of
 from fvi_cli.integrator.observations.motion import DenseMotion
@@ -41,8 +46,9 @@ class MotionAt:
         self._steps, self._places, self._which = steps, places, places[0]
         basis, tables = lobatto_basis(steps.tables.degree), steps.tables
         displacement = steps.step_size[self._which] * basis.values(places[1])[1:]
-        # of all unknowns, and of values at the stages
-        self._rows = np.stack([displacement.T, basis.derivatives(places[1])[1:].T])
+        # of velocities at the stages, and of other values there
+        by_unknowns = np.stack([displacement.T, basis.derivatives(places[1])[1:].T])
+        self._rows = by_unknowns @ tables.to_unknowns
         self._of_stages = np.ones((self._which.size, 1))
         if tables.points.size > 1:
             self._of_stages = np.ascontiguousarray(tables.stage_basis.values(places[1]).T)
@@ -53,25 +59,25 @@ class MotionAt:
 
     def changes(self, tangent: Tangent) -> tuple[Array, Array]:
         """Their changes by disturbances, each ``(p, k, d)``."""
-        unknowns = tangent.unknowns[:, self._which]
-        displacement, velocity = np.einsum("iks,pksd->ipkd", self._rows, unknowns)
+        stages = tangent.velocity[:, self._which]
+        displacement, velocity = np.einsum("ikr,pkrd->ipkd", self._rows, stages)
         return tangent.position[:, self._which] + displacement, velocity
 
     def force_changes(self, force: Array) -> Array:
-        """Changes of the damping force from those at the stages, ``(p, k, d)``."""
+        """Changes of a force from those at the stages, ``(p, k, d)``."""
         return np.asarray(np.einsum("kr,pkrd->pkd", self._of_stages, force[:, self._which]))
 
     def spread(self, by_position: Array, by_velocity: Array) -> tuple[Array, Array]:
-        """Derivatives by positions at mesh points and by unknowns from those by the motion."""
+        """From derivatives by the motion those by mesh points and by velocities at the stages."""
         by_motion = np.stack([by_position, by_velocity])
         n = len(self._steps.position)
         return (
             self._gathered(by_position, n),
-            self._gathered(np.einsum("iks,ikd->ksd", self._rows, by_motion), n - 1),
+            self._gathered(np.einsum("ikr,ikd->krd", self._rows, by_motion), n - 1),
         )
 
     def spread_force(self, by_force: Array) -> Array:
-        """Derivatives by the damping force at the stages from those there, ``(n, r, d)``."""
+        """From derivatives by a force those by its values at the stages, ``(n, r, d)``."""
         own = np.einsum("kr,kd->krd", self._of_stages, by_force)
         return self._gathered(own, self._steps.n_steps)
 
@@ -98,15 +104,14 @@ class Formula:
     def __init__(
         self, run: LinearisedRun, times: Array, expression: Expression, resolve_names: NameResolver
     ) -> None:
-        self._scene, self._expression, self._resolve_names = run.scene, expression, resolve_names
-        own = resolve_names(-1, 0.0)
-        self._own = own
+        self._run, self._expression, self._resolve_names = run, expression, resolve_names
+        self._own = own = resolve_names(-1, 0.0)
         kinds = {own.derived.get(name, (name, 0))[0] for name in expression.names}
-        self.is_of_motion = kinds <= {"", "v", "t"}
+        self._is_of_motion = kinds <= {"", "v", "t"}
         self._dampers = {
             name: one for name, one in damper_values(run.scene).items() if name in kinds
         }
-        force = run.damping_force if kinds & {"a", "d"} else None
+        force = damped(run.plain_forces, run.coefficients) if kinds & {"a", "d"} else None
 
         def forces(place: int | None, scene: Scene = run.scene) -> Sequence[Array | None]:
             if place is None:
@@ -118,19 +123,23 @@ class Formula:
             scenes=(run.scene,), steps=(run.steps,), shapes=(run.steps,), find_forces=forces
         )
         self._places = self._motion.located(0, times)
-        self.observation = MotionAt(run.steps, self._places)
-        self.values = Observer(self._motion, [own]).along(expression)(*self._places)
+        self._at = MotionAt(run.steps, self._places)
+        self.values = self._evaluate(self._motion, own)
 
-    def slopes(self) -> tuple[Array, Array, Array, Mapping[int, Array]]:
+    def _evaluate(self, motion: DenseMotion, names: Observations) -> Array:
+        return Observer(motion, [names]).along(self._expression)(*self._places)
+
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array, Array, Mapping[int, Array]]:
         """Derivatives by the position, the velocity and the damping force F, each ``(n, d)``.
 
         And by the forces of single terms without their matrices, by the places of these among the
         terms and laws of the scene.
         """
-        places, derived = self._places, self._own.derived
+        scene, places, derived = self._run.scene, self._places, self._own.derived
         observer = Observer(self._motion, [self._own])
         values = {**self._own.parameters, **observer.variables(self._expression, *places)}
-        by = np.zeros((4, places[0].size, self._scene.dimension))
+        by = np.zeros((4, places[0].size, scene.dimension))
         position, velocity, acceleration, damping = by
         rows = {"": position, "v": velocity, "a": acceleration, "d": damping}
         found = slopes_of(self._expression, values, {**derived, **self._dampers})
@@ -141,7 +150,7 @@ class Formula:
                 rows[prefix][:, index] = rate
                 continue
             value = self._dampers[name]
-            parts = dampers_of(self._scene)[value.place]
+            parts = dampers_of(scene)[value.place]
             share = np.broadcast_to(rate, places[0].shape)[:, None]
             unit = np.eye(1, parts[0].inner.shape[0], value.component)
             if value.kind == "deformation":
@@ -153,32 +162,56 @@ class Formula:
                 if isinstance(one, Law):
                     size = one.size
                     position += one.spring * share * row
-                place = [*self._scene.damping, *self._scene.laws].index(one)
+                place = [*scene.damping, *scene.laws].index(one)
                 terms[place] = terms.get(place, 0.0) + size * share * row
         if acceleration.any():
-            through = _through_accelerations(self._motion, places, acceleration)
-            by[[0, 1, 3]] += through
+            by[[0, 1, 3]] += _through_accelerations(self._motion, places, acceleration)
         # there the damping is what the initial data make of it, see `rates`
         at_start = self._motion.time(*places) == 0.0
         for weights in (damping, *terms.values()):
             weights[at_start] = 0.0
         return position, velocity, -damping, terms
 
+    def spread(self, by_value: Array) -> tuple[Array, Array, Array | None, Array | None]:
+        """What :meth:`LinearisedRun.adjoint` takes, from derivatives by the values ``(n,)``."""
+        *motion, force, by_terms = self._slopes
+        weights, terms = by_value[:, None], None
+        if by_terms:
+            terms = np.zeros((len(self._run.coefficients), *self._run.steps.velocity.shape))
+            for place, one in by_terms.items():
+                terms[place] = self._at.spread_force(weights * one)
+        whole = self._at.spread_force(weights * force) if force.any() else None
+        return (*self._at.spread(*(weights * one for one in motion)), whole, terms)
+
+    def changes(self, tangent: Tangent, change: Disturbance) -> Array:
+        """Derivatives by parameters through the motion, ``(n, p)``."""
+        *motion, force, by_terms = self._slopes
+        pairs = list(zip(motion, self._at.changes(tangent), strict=True))
+        if force.any() or by_terms:
+            plain = tangent.plain_forces
+            whole = np.add(change.damping, damped(plain, self._run.coefficients))
+            pairs += [
+                (by, self._at.force_changes(one))
+                for by, one in [(force, whole), *((by_terms[k], plain[k]) for k in by_terms)]
+            ]
+        return np.asarray(sum(np.einsum("nd,pnd->np", by, one) for by, one in pairs))
+
     def rates(self, variations: Sequence[Variation]) -> Array:
-        """Derivatives by parameters with all these held, ``(n, p)``: what the scene itself does."""
+        """Derivatives by parameters with the motion held, ``(n, p)``: what the scene itself does.
+
+        The force of all damping is held as well, that of a single damper is not.
+        """
         found = np.zeros((self.values.size, len(variations)))
-        if self.is_of_motion:
-            return found
-        for index, one in enumerate(variations):
-            values = partial(self._vary, index)
-            (found[:, index],) = differentiate(one, self._scene, values)
+        if not self._is_of_motion:
+            for index, one in enumerate(variations):
+                values = partial(self._vary, index)
+                (found[:, index],) = differentiate(one, self._run.scene, values)
         return found
 
     def _vary(self, index: int, scene: Scene, number: float) -> list[Array]:
         forces = partial(self._forces, scene=scene)
         motion = replace(self._motion, scenes=(scene,), find_forces=forces)
-        observer = Observer(motion, [self._resolve_names(index, number)])
-        return [observer.along(self._expression)(*self._places)]
+        return [self._evaluate(motion, self._resolve_names(index, number))]
 
 
 def _on_coordinates(damper: DamperForce, row: Array) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -73,29 +72,20 @@ def gradient_of(
     ValueError
         For times outside of the run, names that are not known, and a number without derivatives.
     """
-    terms: Array | None = None
     named = resolve_names or (lambda index, value: Observations(coordinates=names_of(scene)))
     expression = quantity.expression(named(-1, 0.0), scene)
     run = LinearisedRun(scene, method, run_steps(scene, method, steps))
     if expression is None:
-        observation = MotionAt(run.steps, run.steps.located(quantity.times))
-        given: tuple[Array, ...] = observation.motion()
-        by_position, by_velocity = quantity.derivatives(*given)
-        by_force, rates = np.zeros_like(by_position), np.zeros(len(variations))
+        motion = MotionAt(run.steps, run.steps.located(quantity.times))
+        given: tuple[Array, ...] = motion.motion()
+        cotangent = run.adjoint(*motion.spread(*quantity.derivatives(*given)))
+        rates = np.zeros(len(variations))
     else:
         formula = Formula(run, quantity.times, expression, named)
-        observation, given = formula.observation, (formula.values,)
+        given = (formula.values,)
         (by_value,) = quantity.derivatives(*given)
-        *slopes, by_terms = formula.slopes()
+        cotangent = run.adjoint(*formula.spread(by_value))
         rates = by_value @ formula.rates(variations)
-        by_position, by_velocity, by_force = (by_value[:, None] * one for one in slopes)
-        if by_terms:
-            terms = np.zeros((len(run.coefficients), *run.steps.velocity.shape))
-            for place, one in by_terms.items():
-                terms[place] = observation.spread_force(by_value[:, None] * one)
-    spread = observation.spread(by_position, by_velocity)
-    by_stages = observation.spread_force(by_force) if by_force.any() else None
-    cotangent = run.adjoint(*spread, by_stages, terms)
     # one after the other: a disturbance is as large as the run
     found = [float(cotangent.along(disturbance(run, [one]))[0]) for one in variations]
     derivatives, value = np.array(found) + rates, float(quantity.value(*given))
@@ -119,30 +109,9 @@ class Sensitivities:
     tangent: Tangent  # and to the motion
     variations: Sequence[Variation]
 
-    @cached_property
-    def by_force(self) -> Array:
-        """Derivatives of the damping force at the stages, ``(p, N, r, d)``."""
-        return self.run.damping_changes(self.tangent, self.change)
-
     def of(self, formula: Formula) -> Array:
         """Derivatives of an expression at n times of the run, ``(n, p)``."""
-        by_position, by_velocity, by_force, by_terms = formula.slopes()
-        position, velocity = formula.observation.changes(self.tangent)
-        found = formula.rates(self.variations)
-        found += np.einsum("nd,pnd->np", by_position, position)
-        found += np.einsum("nd,pnd->np", by_velocity, velocity)
-        if by_force.any():
-            force = formula.observation.force_changes(self.by_force)
-            found += np.einsum("nd,pnd->np", by_force, force)
-        for place, one in by_terms.items():
-            force = formula.observation.force_changes(self.by_terms[:, place])
-            found += np.einsum("nd,pnd->np", one, force)
-        return found
-
-    @cached_property
-    def by_terms(self) -> Array:
-        """Derivatives by the motion of forces of terms without matrices, ``(p, f, N, r, d)``."""
-        return self.run.plain_changes(self.tangent, self.change)
+        return formula.rates(self.variations) + formula.changes(self.tangent, self.change)
 
 
 def sensitivities(
@@ -157,11 +126,11 @@ def sensitivities(
         run = linear_run(scene, method, steps)
     else:
         run = LinearisedRun(scene, method, run_steps(scene, method, steps))
-    observation = MotionAt(run.steps, run.steps.located(times))
-    position, velocity = observation.motion()
+    motion = MotionAt(run.steps, run.steps.located(times))
+    position, velocity = motion.motion()
     change = disturbance(run, variations)
     tangent = run.tangent(change)
-    by_position, by_velocity = (np.moveaxis(o, 0, -1) for o in observation.changes(tangent))
+    by_position, by_velocity = (np.moveaxis(one, 0, -1) for one in motion.changes(tangent))
     return Sensitivities(
         position=position,
         velocity=velocity,
@@ -199,15 +168,14 @@ def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
     )
     run = LinearisedRun(scene, method, rest)
     loads = loads_of(run, scene, "of_forcing") + loads_of(run, scene, "of_damping")
+    loads -= run.loads_by(stages, run.changes_by_start(scene.initial_velocity))
     motion = run.tangent(
         Disturbance(
             loads=loads[None],
             position=scene.initial_position[None],
-            velocity=scene.initial_velocity[None],
             momentum=(scene.inertia.mass @ scene.initial_velocity)[None],
             damping=stages[None],
         )
     )
-    velocity = np.matmul(step_tables(method).to_inputs, motion.unknowns[0])
-    run.steps = replace(rest, position=motion.position[0], velocity=velocity)
+    run.steps = replace(rest, position=motion.position[0], velocity=motion.velocity[0])
     return run

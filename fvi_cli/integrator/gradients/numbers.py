@@ -24,8 +24,8 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.algebra.builder import Builder, Term, derivatives
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
+from fvi_cli.mathematics.algebra.builder import Builder, derivatives
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -73,19 +73,8 @@ def _numbered(system: FormulaSystem) -> list[int]:
 @lru_cache(maxsize=256)
 def _rate_system(system: FormulaSystem, moving: tuple[str, ...]) -> FormulaSystem:
     builder = Builder()
-    terms: dict[int, Term] = {}
-    names = {place: f"#{k}" for k, place in enumerate(_numbered(system))}
-    for place in system.needed:
-        kind, *rest = system.instructions[place]
-        used = [terms[k] for k in operands(system.instructions[place])]
-        if place in names:
-            name = names[place]
-            number = builder.variable(name) if name in moving else builder.number(float(rest[-1]))
-            terms[place] = number if kind == "number" else builder.apply("**", *used, number)
-        elif kind == "variable":
-            terms[place] = builder.variable(str(rest[0]))
-        else:
-            terms[place] = builder.apply(str(kind), *used)
+    names = {place: f"#{k}" for k, place in enumerate(_numbered(system)) if f"#{k}" in moving}
+    terms = builder.terms(system, named=names)
     again = builder.system([terms[place] for place in system.outputs])
     return derivatives(again, [{name: f"d{name}'" for name in moving}])[len(system.outputs) :]
 

@@ -10,14 +10,14 @@ relaxation laws and the jump of a Riemann-Liouville derivative are differentiate
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.balance import loads_along
-from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, damped
 from fvi_cli.integrator.gradients.numbers import numbers_of, rate_of_forcing, rates_of_forces
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.mathematics.arrays import Array
@@ -60,6 +60,10 @@ class Variation:
     value: float  # in the scene that was integrated
     name: str = "parameter"  # in messages
 
+    def refuse_form(self) -> NoReturn:
+        """Scenes close beside the value are not comparable."""
+        raise ValueError(f"{self.name}: the scene has another form near {self.value:g}")
+
 
 def disturbance(run: LinearisedRun, variations: Sequence[Variation]) -> Disturbance:
     """What parameters do to the equations of a run.
@@ -70,85 +74,69 @@ def disturbance(run: LinearisedRun, variations: Sequence[Variation]) -> Disturba
         If the scene is not there, or another one, close beside a value.
     """
     parts = [_disturbance(run, one) for one in variations]
+    # shapes, also where there are none
     (n, r, d), s = run.steps.velocity.shape, run.tables.degree
-    shapes = {"loads": (n, s + 1, d), "damping": (n, r, d)}
-    return Disturbance(
-        **{
-            name: np.array([part[name] for part in parts]).reshape(-1, *shapes.get(name, (d,)))
-            for name in ("loads", "damping", "position", "velocity", "momentum")
-        }
-    )
+    empty = [np.zeros(shape) for shape in ((0, n, s + 1, d), (0, d), (0, d), (0, n, r, d))]
+    every = zip(*parts, strict=True) if parts else empty
+    names = [one.name for one in fields(Disturbance)]
+    return Disturbance(**dict(zip(names, map(np.array, every), strict=True)))
 
 
-def _disturbance(run: LinearisedRun, one: Variation) -> dict[str, Array]:
+def _disturbance(run: LinearisedRun, one: Variation) -> tuple[Array, Array, Array, Array]:
+    """Load vectors, position and momentum at the start, and damping force by one parameter."""
     scene, points = run.scene, run.points
-    own, k = numbers_of(scene)[0], len(scene.damping)
-    jumps = scene.derivative != "caputo"
     position, velocity = scene.initial_position, scene.initial_velocity
+    structure, kernels = numbers_of(scene)[0], [law.kernel for law in scene.laws]
 
     def of_damping(varied: Scene) -> list[Any]:
-        kernels = [law.kernel for law in varied.laws]
-        remembered: Any = 0.0
-        if kernels != [law.kernel for law in scene.laws]:
-            remembered = run.forces_of(kernels)
+        own = [law.kernel for law in varied.laws]
         return [
             np.array([term.order for term in varied.damping]),
-            np.array([f.matrix for f in varied.damping]),
+            np.array([term.matrix for term in varied.damping]),
             np.array([law.size * law.matrix for law in varied.laws]),
-            remembered,
-            loads_of(run, varied, "of_damping") if jumps else 0.0,
+            run.forces_of(own) if own != kernels else 0.0,
+            loads_of(run, varied, "of_damping") if scene.derivative != "caputo" else 0.0,
             varied.initial_position,
             varied.initial_velocity,
         ]
 
     def by_numbers(varied: Scene, _: float) -> list[Any]:
-        structure, numbers = numbers_of(varied)
-        if structure != own:
-            raise ValueError(f"{one.name}: the scene has another form near {one.value:g}")
+        form, numbers = numbers_of(varied)
+        if form != structure:
+            one.refuse_form()
         return of_damping(varied) + numbers
 
     def by_values(varied: Scene, _: float) -> list[Any]:
         with np.errstate(all="ignore"):
+            forcing = loads_of(run, varied, "of_forcing")
+            motion = varied.forces(*points)
             start = varied.momentum(position, velocity, 0.0)
-            return [
-                *of_damping(varied),
-                *varied.forces(*points),
-                start,
-                loads_of(run, varied, "of_forcing"),
-            ]
+        return [*of_damping(varied), start, *motion, forcing]
 
     try:
         orders, coefficients, laws, remembered, loads, x, v, *rates = differentiate(
             one, scene, by_numbers
         )
         momentum, force = rates_of_forces(scene, rates, *points)
-        start = rates_of_forces(scene, rates, position, velocity, 0.0)[0]
+        impulse = rates_of_forces(scene, rates, position, velocity, 0.0)[0]
         if (forcing := rate_of_forcing(scene, rates)) is not None:
             loads = loads + loads_of(run, replace(scene, forcing=forcing), "of_forcing")
     except ValueError:
-        found = differentiate(one, scene, by_values)
-        orders, coefficients, laws, remembered, loads, x, v, momentum, force, start, more = found
-        loads = loads + more
+        orders, coefficients, laws, remembered, loads, x, v, *motion = differentiate(
+            one, scene, by_values
+        )
+        impulse, momentum, force, forcing = motion
+        loads = loads + forcing
     if x.any() or v.any():
         at_start = scene.derivatives(position[None], velocity[None], np.zeros(1))
-        start = start + at_start.mass[0] @ v + at_start.mixed[0] @ x
-    damping = np.zeros_like(force)
-    for force_of_one, matrix in zip(run.plain_forces, [*coefficients, *laws], strict=False):
-        if matrix.any():
-            damping += force_of_one @ matrix
-    slopes = run.plain_forces[len(run.coefficients) :]
-    for rate, slope, matrix in zip(orders, slopes, run.coefficients, strict=False):
-        if rate:
-            damping -= rate * slope @ matrix
+        impulse = impulse + at_start.mass[0] @ v + at_start.mixed[0] @ x
+    # by the matrices of all terms, and by their orders
+    turned = [-rate * matrix for rate, matrix in zip(orders, run.coefficients, strict=False)]
+    matrices = [*coefficients, *laws] or [np.zeros_like(run.coefficients[0])]
+    damping = run.changes_by_start(v) + damped(run.plain_forces, [*matrices, *turned])
     if np.ndim(remembered):
-        damping += np.einsum("knia,kab->nib", remembered, run.coefficients[k:])
-    return {
-        "loads": loads + run.loads_by(momentum, force - damping),
-        "damping": damping,
-        "position": x,
-        "velocity": v,
-        "momentum": start,
-    }
+        damping += damped(remembered, run.coefficients[len(scene.damping) :])
+    return loads + run.loads_by(momentum, force - damping), x, impulse, damping
 
 
 def loads_of(run: LinearisedRun, scene: Scene, part: str) -> Array:
@@ -207,9 +195,8 @@ def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
     return best.derivatives
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Differences:
-    """Derivatives by differences, their relative doubt and relative round-off."""
+class _Differences(NamedTuple):
+    """Derivatives by differences of a step, their relative doubt and relative round-off."""
 
     step: float
     derivatives: list[Any]
@@ -220,24 +207,23 @@ class _Differences:
 def _differences(
     one: Variation, scene: Scene, values: Values, step: float, stencils: Stencils
 ) -> _Differences:
-    at = []
+    rows = []
     for place in stencils[1]:
-        varied = one.family(one.value + place * step)
+        number = one.value + place * step
+        varied = one.family(number)
         if (len(varied.damping), varied.dimension) != (len(scene.damping), scene.dimension):
-            raise ValueError(f"{one.name}: the scene has another form near {one.value:g}")
-        at.append([np.asarray(o) for o in values(varied, one.value + place * step)])
-    flat = np.array([np.concatenate([own.ravel() for own in row]) for row in at])
-    # what does not change has the derivative 0, without round-off of the factors
-    base = flat[0]
+            one.refuse_form()
+        rows.append([np.asarray(own) for own in values(varied, number)])
     factors = [[stencil.get(place, 0.0) / step for place in stencils[1]] for stencil in stencils]
-    second, fourth = (np.asarray(row) @ (flat - base) for row in factors)
-    derivatives, doubt, noise, begin = [], 0.0, 0.0, 0
-    for own in at[0]:
-        part = slice(begin, begin := begin + own.size)
-        derivatives.append(fourth[part].reshape(own.shape))
-        if fourth[part].any():
-            size, left = np.abs(fourth[part]).max(), np.abs(second[part] - fourth[part]).max()
-            round_off = ROUND_OFF * np.abs(base[part]).max() / step
+    derivatives, doubt, noise = [], 0.0, 0.0
+    for column in zip(*rows, strict=True):
+        flat = np.array([own.ravel() for own in column])
+        # what does not change has the derivative 0, without round-off of the factors
+        second, fourth = np.array(factors) @ (flat - flat[0])
+        derivatives.append(fourth.reshape(column[0].shape))
+        if fourth.any():
+            size, left = np.abs(fourth).max(), np.abs(second - fourth).max()
+            round_off = ROUND_OFF * np.abs(flat[0]).max() / step
             noise = max(noise, float(round_off / size))
             doubt = max(doubt, float(left / size) if round_off < left < np.inf else 0.0)
-    return _Differences(step=step, derivatives=derivatives, doubt=doubt, noise=noise)
+    return _Differences(step, derivatives, doubt, noise)

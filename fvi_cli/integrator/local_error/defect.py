@@ -23,7 +23,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.lagrange import lobatto_basis
 
 KEPT = 128
 """Step sizes whose factors are kept."""
@@ -87,30 +87,20 @@ class StepPath:
         return self.begin + 0.5 * self.size
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _LookTables:
-    """Places by turns between and at the stages, ends among the former; all of a method."""
-
-    places: Array
-    values: Array
-    slopes: Array
-    from_stages: Array
-    stage_basis: LagrangeBasis
-
-
 @lru_cache(maxsize=32)
-def _look_tables(tables: StepTables) -> _LookTables:
+def _look_tables(tables: StepTables) -> tuple[Array, Array, Array, Array]:
+    """Places by turns between and at the stages, ends among the former; and maps of U and stages.
+
+    Of U to increments over h and velocities at all places, and of values at the stages to those
+    between them.
+    """
     basis, stages = lobatto_basis(tables.degree), tables.points
     between = np.concatenate([[0.0], 0.5 * (stages[:-1] + stages[1:]), [1.0]])
     places = np.empty(2 * stages.size + 1)
     places[::2], places[1::2] = between, stages
-    return _LookTables(
-        places=places,
-        values=np.ascontiguousarray(basis.values(places)[1:].T),
-        slopes=np.ascontiguousarray(basis.derivatives(places)[1:].T),
-        from_stages=np.ascontiguousarray(tables.stage_basis.values(between).T),
-        stage_basis=tables.stage_basis,
-    )
+    values, slopes = (one[1:].T for one in (basis.values(places), basis.derivatives(places)))
+    from_stages = np.ascontiguousarray(tables.stage_basis.values(between).T)
+    return places, np.ascontiguousarray(values), np.ascontiguousarray(slopes), from_stages
 
 
 class Between:
@@ -123,9 +113,8 @@ class Between:
     def __init__(
         self, forces: SceneForces, tables: StepTables, stiff: StiffModes | None = None
     ) -> None:
-        self.forces, self._stiff = forces, stiff
-        self._tables = _look_tables(tables)
-        self.places = self._tables.places
+        self.forces, self._stiff, self._stage_basis = forces, stiff, tables.stage_basis
+        self.places, self._values, self._slopes, self._from_stages = _look_tables(tables)
 
     def path_at(self, path: StepPath, places: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities and times at places of a step."""
@@ -136,11 +125,10 @@ class Between:
 
     def look(self, path: StepPath) -> PointForces:
         """Forces at all :attr:`places` of a step."""
-        tables, forces = self._tables, self.forces
-        position = path.position + path.size * (tables.values @ path.unknowns)
-        velocity = tables.slopes @ path.unknowns if forces.needs_velocity else position
-        times = path.begin + path.size * tables.places
-        return forces.at(position, velocity, times, path.middle)
+        position = path.position + path.size * (self._values @ path.unknowns)
+        velocity = self._slopes @ path.unknowns if self.forces.needs_velocity else position
+        times = path.begin + path.size * self.places
+        return self.forces.at(position, velocity, times, path.middle)
 
     def defect(self, path: StepPath, found: PointForces, *, fresh: bool) -> float:
         """What is missed between the stages, a length; infinite where a force is not finite.
@@ -162,13 +150,13 @@ class Between:
 
     def _sizes(self, path: StepPath, values: Array, factor: float) -> Array:
         """What is missed of forces or momenta between the stages, ``(n, d)`` to lengths."""
-        missed = values[::2] - self._tables.from_stages @ values[1::2]
+        missed = values[::2] - self._from_stages @ values[1::2]
         moved = np.abs(self._accelerations(path, missed))
         return np.asarray(factor * (moved[:, 0] if moved.shape[1] == 1 else moved.max(axis=1)))
 
     def interpolated(self, found: PointForces, places: Array) -> Array:
         """The polynomial through the forces at the stages, at other places, ``(n, d)``."""
-        return np.asarray(self._tables.stage_basis.values(places).T @ found.force[1::2])
+        return np.asarray(self._stage_basis.values(places).T @ found.force[1::2])
 
     def mobility_of(self, path: StepPath) -> float:
         """Largest acceleration to forces that are 1 at most."""
@@ -185,7 +173,7 @@ class Between:
         return self.forces.accelerations(forces, path.position, rate, path.begin)
 
     def _first_rate(self, path: StepPath) -> Array:
-        return np.asarray(self._tables.slopes[1] @ path.unknowns)
+        return np.asarray(self._slopes[1] @ path.unknowns)
 
     def _on_kink(self, kinks: Array, place: int) -> NDArray[np.bool_]:
         return np.asarray(np.abs(kinks[:, place]) <= ON_KINK * np.abs(kinks).max(axis=1))

@@ -13,7 +13,6 @@ force and have their full order.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +27,8 @@ from fvi_cli.integrator.local_error.defect import (
 )
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.intervals.functions import Interval
 from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN
 
@@ -41,14 +41,6 @@ NEGLIGIBLE = 0.01
 """Parts whose largest effect is less than this share of the tolerance are left alone."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hidden:
-    """What a search in a step came to."""
-
-    error: float = 0.0  # local error by what was found, a length; 0: none was
-    unresolved_at: float | None = None  # time at which the force may be infinite; None: nowhere
-
-
 class HiddenSearch:
     """Searches the steps of one run; the largest force so far is what counts as usual."""
 
@@ -56,10 +48,13 @@ class HiddenSearch:
         self._between = between
         self.largest = 0.0
 
-    def search(self, path: StepPath, seen: PointForces, tolerance: float) -> Hidden:
+    def search(
+        self, path: StepPath, seen: PointForces, tolerance: float
+    ) -> tuple[float, float | None]:
         """Look for forces between the samples of a step that matter beside the tolerance.
 
-        With the forces at the places of the step; the tolerance is a length.
+        With the forces at the places of the step; the tolerance is a length. The local error by
+        what was found, 0 where nothing was, and a time at which the force may be infinite.
         """
         low, high = seen.force.min(axis=0), seen.force.max(axis=0)
         largest = float(np.abs(seen.force).max())
@@ -76,18 +71,18 @@ class HiddenSearch:
                 effect = counts * (end - begin) * beyond
                 suspect = np.flatnonzero(effect > NEGLIGIBLE * tolerance)
                 if suspect.size == 0:
-                    return Hidden(error=error)
+                    return error, None
                 if suspect.size > MOST_PARTS:
                     suspect = suspect[np.argsort(effect[suspect])[-MOST_PARTS:]]
                 begin, end = begin[suspect], end[suspect]
                 middle = 0.5 * (begin + end)
                 error = max(error, self._missed(path, seen, middle))
                 if error > tolerance:
-                    return Hidden(error=error)
+                    return error, None
                 if halving == MOST_HALVINGS - 1:
                     infinite = path.begin + path.size * float(middle[0])
                 begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
-        return Hidden(error=error, unresolved_at=infinite)
+        return error, infinite
 
     def _beyond(
         self,
@@ -198,8 +193,8 @@ class Examiner:
         error = max(error, self._between.defect(path, seen, fresh=fresh))
         unresolved = None
         if error <= tolerance and self._forces.may_hide:
-            hidden = self._hidden.search(path, seen, tolerance)
-            error, unresolved = max(error, hidden.error), hidden.unresolved_at
+            hidden, unresolved = self._hidden.search(path, seen, tolerance)
+            error = max(error, hidden)
         return StepFinding(error=error, ends_on=ends_on, unresolved_at=unresolved)
 
     def go_on(self, finding: StepFinding) -> None:
@@ -223,13 +218,15 @@ class Examiner:
             return None, None
         number, low, high = crossing
 
-        def argument(place: float) -> float:
-            position, velocity, times = self._between.path_at(path, np.array([place]))
+        def argument(_: Places, places: Array) -> Array:
+            position, velocity, times = self._between.path_at(path, places)
             with np.errstate(all="ignore"):
-                found = self._forces.at(position, velocity, times, path.middle)
-            return float(found.kinks[number, 0])
+                found = self._forces.at(position, velocity, times, path.middle).kinks[number]
+            return np.asarray(found)
 
-        place = root_between(argument, low, high)
+        one, ends = np.zeros(1, dtype=np.intp), np.array([[low], [high]])
+        at_ends = argument(one, ends.ravel())[:, None]
+        place = float(bracketed_roots(argument, one, *ends, *at_ends)[0])
         if abs(place - 1.0) <= AT_END or (self._cuts >= MOST_CUTS and place > 0.5):
             return None, number
         if place * path.size <= shortest or self._cuts >= MOST_CUTS:
@@ -256,8 +253,6 @@ class Examiner:
 
 AT_END = 1e-13
 """Kinks as close to the end of a step as this, in steps, lie at its end."""
-MOST_ITERATIONS = 60
-ROUND_OFF = 4e-15
 BEYOND = np.array([1.02, 1.1, 1.3])
 """Where a step that was cut too short is continued to find its kink."""
 
@@ -285,31 +280,3 @@ def first_crossing(
         if found is None or at[place] < found[1]:
             found = (number, float(at[place]), float(at[place + 1]))
     return found
-
-
-def root_between(function: Callable[[float], float], low: float, high: float) -> float:
-    """Root of a function that changes its sign between two places (the Illinois method).
-
-    Every third place is the middle: an exponential is far from straight.
-    """
-    at_low, at_high = function(low), function(high)
-    last, side = high, 0
-    least = ROUND_OFF * max(abs(at_low), abs(at_high))
-    for iteration in range(MOST_ITERATIONS):
-        place = 0.5 * (low + high)
-        if iteration % 3 < 2 and at_high != at_low:
-            chord = (at_low * high - at_high * low) / (at_low - at_high)
-            place = chord if low < chord < high else place
-        value = function(place)
-        if abs(value) <= least or abs(place - last) <= ROUND_OFF:
-            return place
-        if value * at_high > 0:
-            high, at_high = place, value
-            at_low *= 0.5 if side < 0 else 1.0
-            side = -1
-        else:
-            low, at_low = place, value
-            at_high *= 0.5 if side > 0 else 1.0
-            side = 1
-        last = place
-    return last

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, ForcingPiece
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
@@ -32,7 +32,6 @@ LARGEST_INVERTED: Final = 200
 """Degrees of freedom up to which the mass matrix is inverted for the sake of an estimate."""
 MOST_FORMULAS: Final = 8
 """Formulas of a large structure that are followed one by one."""
-_NO_KINKS: Final = np.zeros((0, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,10 +64,13 @@ class SceneForces:
         self.needs_velocity = self._lagrangian is not None
         moving = (self._lagrangian, self._potential, self._supplied)
         self.is_of_time = all(one is None for one in moving)
-        called, hides = _character(scene)
+        systems = list(_systems(scene))
+        called = frozenset[str]().union(*(one.called for one in systems))
+        # what a program does is unknown
+        is_program = any(isinstance(one, FunctionForce) for one in _components(scene))
         self.has_kinks = bool(called & set(KINKED))
-        self.may_hide = hides
-        self.is_steep = bool(called & STEEP_FUNCTIONS)
+        self.may_hide = any(map(may_hide, systems))
+        self.is_steep = is_program or bool(called & STEEP_FUNCTIONS)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
     def are_absent_at(self, time: float) -> bool:
@@ -78,38 +80,33 @@ class SceneForces:
 
     def accelerations(self, force: Array, position: Array, velocity: Array, time: float) -> Array:
         """Accelerations to forces, with the mass matrix at one point, shape ``(n, d)``."""
-        if self._lagrangian is not None:
-            return np.asarray(force @ self._inverse_mass(position, velocity, time))
-        inverse = self._inverse
+        inverse = self._inverse_mass(position, velocity, time)
         if inverse is None:
             return self._inertia.velocity(force)
         return np.asarray(force * inverse[0, 0] if len(inverse) == 1 else force @ inverse)
 
     def mobility(self, position: Array, velocity: Array, time: float) -> float:
         """Largest acceleration to forces that are 1 at most."""
-        if self._lagrangian is not None:
-            inverse = self._inverse_mass(position, velocity, time)
-            return float(np.abs(inverse).sum(axis=1).max())
-        constant = self._inverse
-        if constant is None:
+        inverse = self._inverse_mass(position, velocity, time)
+        if inverse is None:
             return 1.0 / float(self._inertia.form.diagonal().min())
-        return float(np.abs(constant).sum(axis=1).max())
+        return float(np.abs(inverse).sum(axis=1).max())
 
-    @cached_property
-    def _inverse(self) -> Array | None:
-        """The inverse of a constant mass matrix, ``(d, d)``; None: it is large."""
-        if self._dimension > LARGEST_INVERTED:
-            return None
-        return self._inertia.velocity(np.eye(self._dimension))
-
-    def _inverse_mass(self, position: Array, velocity: Array, time: float) -> Array:
-        if self._lagrangian is None:  # pragma: no cover - called for a Lagrangian only
-            raise ValueError("mass: it is constant")
+    def _inverse_mass(self, position: Array, velocity: Array, time: float) -> Array | None:
+        """The inverse of the mass matrix at one point, ``(d, d)``; None: it is large."""
+        if self._lagrangian is None:
+            return self._inverse
         mass = self._lagrangian.derivatives(position, velocity, time).mass
         try:
             return np.asarray(np.linalg.inv(mass))
         except np.linalg.LinAlgError:
             return np.full_like(mass, np.inf)
+
+    @cached_property
+    def _inverse(self) -> Array | None:
+        if self._dimension > LARGEST_INVERTED:
+            return None
+        return self._inertia.velocity(np.eye(self._dimension))
 
     def at(self, position: Array, velocity: Array, time: Array, middle: float) -> PointForces:
         """Forces at points of a step with this `middle`, shapes ``(n, d)`` and ``(n,)``.
@@ -129,7 +126,9 @@ class SceneForces:
                 found = component.evaluate({"t": time})
                 if isinstance(found, np.ndarray) or found:
                     force[:, own] += np.asarray(found)[..., None]
-        kinks = self._kinks(position, velocity, time, piece) if self.has_kinks else _NO_KINKS
+        kinks = np.zeros((0, time.size))
+        if self.has_kinks:
+            kinks = self._kinks(position, velocity, time, piece)
         return PointForces(momentum=momentum, force=force, kinks=kinks)
 
     def _kinks(
@@ -224,35 +223,25 @@ class SceneForces:
         return self._forcing.pieces[bisect.bisect_left(self._breaks, middle)]
 
 
-def _character(scene: Scene) -> tuple[set[str], bool]:
-    """Functions that the formulas of a scene call, and whether these may hide anything."""
-    called: set[str] = set()
-    hides = False
-    systems: list[FormulaSystem] = []
+def _systems(scene: Scene) -> Iterator[FormulaSystem]:
+    """The formulas of the forces of a scene."""
     if isinstance(scene.potential, ExpressionPotential):
-        systems.append(scene.potential.gradient_system)
+        yield scene.potential.gradient_system
     if scene.lagrangian is not None:
-        systems.append(scene.lagrangian.first)
+        yield scene.lagrangian.first
+    for component in _components(scene):
+        formula = component if isinstance(component, Expression) else component.formula
+        if formula is not None:
+            yield formula.system
+
+
+def _components(scene: Scene) -> Iterator[ForceComponent]:
     for piece in () if scene.forcing is None else scene.forcing.pieces:
         for component, _ in piece.distinct:
-            formula = component if isinstance(component, Expression) else component.formula
-            if isinstance(component, FunctionForce):
-                # what a program does is unknown
-                called = called | STEEP_FUNCTIONS
-            if formula is not None:
-                systems.append(formula.system)
-    for system in systems:
-        called = called | system.called
-        hides = hides or _may_hide(system)
-    return called, hides
+            yield component
 
 
-def may_hide_in(expression: Expression) -> bool:
-    """Whether a formula may be large where no sample lies, see :class:`SceneForces`."""
-    return _may_hide(expression.system)
-
-
-def _may_hide(system: FormulaSystem) -> bool:
+def may_hide(system: FormulaSystem) -> bool:
     """Whether anything occurs in a program but sines and polynomials of low degree."""
     for place in system.needed:
         kind, *rest = system.instructions[place]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.forcing import ForceComponent, Forcing
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.local_error.forces import SceneForces, may_hide_in
+from fvi_cli.integrator.local_error.forces import SceneForces, may_hide
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.traced import trace
@@ -70,7 +70,7 @@ def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -
             break
         for component, _ in piece.distinct:
             formula = _formula_of(component)
-            if formula is not None and may_hide_in(formula):
+            if formula is not None and may_hide(formula.system):
                 found = _Search(formula, begin, end, negligible).result()
                 points.update(found.points)
                 unresolved += [] if found.unresolved_at is None else [found.unresolved_at]

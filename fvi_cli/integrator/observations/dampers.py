@@ -94,11 +94,6 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     return found
 
 
-def damper_names(scene: Scene) -> tuple[str, ...]:
-    """The names of :func:`damper_values`."""
-    return tuple(damper_values(scene))
-
-
 def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunSteps]:
     """A damper with its deformation in place of the coordinates, and the run of that."""
     parts = dampers_of(scene)[place]

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -35,12 +35,14 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.pieces import AT_A_TIME, by_owner
+from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.mathematics.series.chebyshev import (
     evaluate_series,
+    in_rows,
     second_kind_points,
     slopes_of_series,
     to_coefficients,
@@ -138,52 +140,49 @@ class DenseMotion:
     @cached_property
     def _polynomials(self) -> tuple[Array, Array]:
         """Chebyshev coefficients of increments over h and of velocities, both ``(K, N, d)``."""
-        increments, rates = [], []
-        are_own = [one is own for one, own in zip(self.shapes, self.steps, strict=True)]
-        kinds = list(zip(are_own, map(_has_rough_velocities, self.scenes), strict=True))
-        for members in _alike(self.shapes, kinds):
-            shapes = [self.shapes[k] for k in members]
-            unknowns, d = _unknowns(shapes), shapes[0].velocity.shape[-1]
-            displacement = shapes[0].tables.increments_to_series @ _first_axis(unknowns)
-            velocity = np.stack([one.velocity for one in shapes])
-            rate = shapes[0].tables.stages_to_series @ _first_axis(velocity)
-            if not are_own[members[0]]:
-                gaps = self._gaps(members, unknowns)
-                to_displacement, to_rate = _corrections()
-                displacement = _sum(displacement, to_displacement @ gaps)
-                rate = _sum(rate, to_rate @ gaps)
-            increments.append(_one_after_the_other(displacement, d))
-            rates.append(_one_after_the_other(rate, d))
-        return join_series(increments), join_series(rates)
+        velocity = [one.velocity for one in self.shapes]
+        increments = maps_of_stages(
+            self.shapes, velocity, lambda t: t.increments_to_series @ t.to_unknowns
+        )
+        rates = stage_series(self.shapes, velocity)
+        if all(one is own for one, own in zip(self.shapes, self.steps, strict=True)):
+            return increments, rates
+        gaps, (to_increments, to_rates) = self._gaps(), _corrections()
+        return _corrected(increments, to_increments, gaps), _corrected(rates, to_rates, gaps)
 
-    def _gaps(self, members: Sequence[int], unknowns: Array) -> Array:
-        """What shapes lack of mean velocities, and of velocities at both ends, ``(q, 3, n d)``.
+    def _gaps(self) -> Array:
+        """What shapes lack of mean velocities, and of velocities at both ends, ``(3, N, d)``.
 
         Mean velocities are those of the increments, since in short steps the difference of two
         positions is round-off.
         """
-        steps, (q, n, s, d) = [self.steps[k] for k in members], unknowns.shape
-        mean = _unknowns(steps)[:, :, -1] - unknowns[:, :, -1]
-        left = right = mean
-        if not _has_rough_velocities(self.scenes[members[0]]):
-            ends = _end_slopes(self.shapes[members[0]].tables.degree)
-            flat = unknowns.reshape(-1, s, d)
-            begin, end = np.einsum("sk,nsd->knd", ends, flat).reshape(2, q, n, d)
-            with np.errstate(all="ignore"):
-                left, right = (
-                    np.stack(one) for one in zip(*map(self._velocities, members), strict=True)
-                )
-            left, right = left - begin, right - end
-        return np.stack([mean, left, right], axis=1).reshape(q, 3, -1)
 
-    def _velocities(self, member: int) -> tuple[Array, Array]:
-        """Velocities of a run where its steps begin and where they end, both ``(n, d)``."""
+        def means(steps: Sequence[RunSteps]) -> Array:
+            velocity = [one.velocity for one in steps]
+            return maps_of_stages(steps, velocity, lambda t: t.to_unknowns[-1:])
+
+        found = np.repeat(means(self.steps) - means(self.shapes), 3, axis=0)
+        ends = maps_of_stages(
+            self.shapes,
+            [one.velocity for one in self.shapes],
+            lambda t: _end_slopes(t.degree).T @ t.to_unknowns,
+        )
+        for member, (scene, steps) in enumerate(zip(self.scenes, self.steps, strict=True)):
+            is_rough = any(term.order > 1 for term in scene.active_damping)
+            if not is_rough and steps is not self.shapes[member]:
+                own = slice(*self.firsts[member : member + 2].tolist())
+                with np.errstate(all="ignore"):
+                    found[1:, own] = self._velocities(member) - ends[:, own]
+        return found
+
+    def _velocities(self, member: int) -> Array:
+        """Velocities of a run where its steps begin and where they end, ``(2, n, d)``."""
         scene, steps = self.scenes[member], self.steps[member]
         behind = before = scene.velocity(steps.position, steps.momentum, steps.time)
         if steps.jump is not None:
             at_end = steps.momentum - steps.jump
             before = scene.velocity(steps.position, at_end, steps.time)
-        return behind[:-1], before[1:]
+        return np.stack([behind[:-1], before[1:]])
 
     def momentum_and_energy(
         self, position: Array, steps: Places, tau: Array
@@ -270,57 +269,32 @@ class DenseMotion:
         return np.asarray(np.einsum("nij,nj->ni", mass, missing))
 
 
-def _alike(shapes: Sequence[RunSteps], kinds: Sequence[Hashable] = ()) -> Iterator[list[int]]:
-    """Successive members, of one kind where these are given, whose series are made at once."""
-
-    def kind(k: int) -> Hashable:
-        return id(shapes[k].tables), shapes[k].n_steps, kinds and kinds[k]
-
-    for _, members in itertools.groupby(range(len(shapes)), kind):
-        every = list(members)
-        # so many that their steps stay in the cache
-        count = max(1, AT_A_TIME // max(shapes[every[0]].n_steps, 1))
-        for first in range(0, len(every), count):
-            yield every[first : first + count]
-
-
-def _has_rough_velocities(scene: Scene) -> bool:
-    return any(term.order > 1 for term in scene.active_damping)
-
-
-def _unknowns(steps: Sequence[RunSteps]) -> Array:
-    """U of members with the same tables and as many steps, ``(q, n, s, d)``."""
-    velocity = np.concatenate([one.velocity for one in steps])
-    found = np.einsum("sr,nrd->nsd", steps[0].tables.to_unknowns, velocity)
-    return np.asarray(found.reshape(len(steps), -1, *found.shape[1:]))
-
-
-def _first_axis(values: Array) -> Array:
-    """From ``(q, n, k, d)`` to ``(q, k, n d)``."""
-    q, _, k, _ = values.shape
-    return np.ascontiguousarray(values.swapaxes(1, 2)).reshape(q, k, -1)
-
-
-def _one_after_the_other(series: Array, d: int) -> Array:
-    """From series of members ``(q, K, n d)`` to ``(K, q n, d)``."""
-    return series.swapaxes(0, 1).reshape(series.shape[1], -1, d)
-
-
-def stage_series(shapes: Sequence[RunSteps], values: Sequence[Array]) -> Array:
-    """Chebyshev coefficients of polynomials through values at the stages, ``(K, N, d)``."""
+def maps_of_stages(
+    steps: Sequence[RunSteps], values: Sequence[Array], matrix_of: Callable[[StepTables], Array]
+) -> Array:
+    """Linear maps of values at the stages on the steps of all members, ``(K, N, d)``."""
     found = []
-    for members in _alike(shapes):
-        own = np.stack([values[k] for k in members])
-        series = shapes[members[0]].tables.stages_to_series @ _first_axis(own)
-        found.append(_one_after_the_other(series, own.shape[-1]))
+    for tables, pairs in itertools.groupby(
+        zip(steps, values, strict=True), lambda pair: pair[0].tables
+    ):
+        own = np.concatenate([one for _, one in pairs])
+        n, r, d = own.shape
+        rows = in_rows(own.swapaxes(1, 2).reshape(n * d, r), matrix_of(tables).T)
+        found.append(np.ascontiguousarray(rows.reshape(n, d, -1).transpose(2, 0, 1)))
     return join_series(found)
 
 
-def _sum(one: Array, other: Array) -> Array:
-    """Sum of series ``(q, K, n)`` of different lengths."""
-    long, short = (one, other) if one.shape[1] >= other.shape[1] else (other, one)
-    found = long.copy()
-    found[:, : short.shape[1]] += short
+def stage_series(steps: Sequence[RunSteps], values: Sequence[Array]) -> Array:
+    """Chebyshev coefficients of polynomials through values at the stages, ``(K, N, d)``."""
+    return maps_of_stages(steps, values, lambda tables: tables.stages_to_series)
+
+
+def _corrected(series: Array, matrix: Array, gaps: Array) -> Array:
+    """Series with what `matrix` makes of gaps added to them."""
+    found = np.zeros((max(len(series), len(matrix)), *series.shape[1:]))
+    found[: len(series)] = series
+    for column, gap in zip(matrix.T, gaps, strict=True):
+        found[: len(matrix)] += column[:, None, None] * gap
     return found
 
 

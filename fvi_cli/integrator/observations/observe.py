@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
@@ -31,8 +32,8 @@ def integrate_observed(
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     checkpoints: RunKeeper | None = None,
-) -> tuple[Trajectory, Trajectory]:
-    """Integrate a scene and observe it, as :func:`observe` says.
+) -> Pair:
+    """Integrate a scene and observe it, as :func:`observe_members` says.
 
     `every`, `diagnostics` and `checkpoints` as for
     :func:`fvi_cli.integrator.integrate.integrate`; a run with impacts has the last alone.
@@ -43,6 +44,7 @@ def integrate_observed(
         For methods whose steps are no polynomials, and impacts on a mesh of the caller's own.
     """
     check_observable(method)
+    impacts: Mapping[str, Array] = {}
     if not request.impacts or not isinstance(method, Method):
         run = integrate(
             scene,
@@ -53,19 +55,22 @@ def integrate_observed(
             with_steps=True,
             checkpoints=checkpoints,
         )
-        return observe(scene, method, run, request, checkpoints=checkpoints)
-    if not isinstance(n_steps, int):
+    elif isinstance(n_steps, int):
+        run, impacts = integrate_with_impacts(
+            scene,
+            method,
+            n_steps,
+            request.impacts,
+            coordinates=request.coordinates,
+            parameters=request.parameters,
+            checkpoints=checkpoints,
+        )
+    else:
         raise ValueError("impacts: steps are cut where these are; give a number of steps")
-    run, times = integrate_with_impacts(
-        scene,
-        method,
-        n_steps,
-        request.impacts,
-        coordinates=request.coordinates,
-        parameters=request.parameters,
-        checkpoints=checkpoints,
+    (found,) = observe_members(
+        [scene], method, [run], [request], impacts=impacts, checkpoints=checkpoints
     )
-    return observe(scene, method, run, request, impacts=times, checkpoints=checkpoints)
+    return found
 
 
 def integrate_observed_members(
@@ -88,50 +93,31 @@ def integrate_observed_members(
     return observe_members(scenes, method, runs, requests, checkpoints=checkpoints)
 
 
-def observe(
-    scene: Scene,
-    method: AnyMethod,
-    trajectory: Trajectory,
-    request: Observations,
-    *,
-    impacts: Mapping[str, Array] | None = None,
-    checkpoints: RunKeeper | None = None,
-) -> Pair:
-    """Requested outputs of a finished run with its steps.
-
-    The times of its impacts, by name, are reported like events. The second run, for the motion
-    between its points, has a part of its checkpoint.
-
-    The run on its mesh, up to where an event ended it; and at the times that are asked for, with
-    what was observed.
-
-    Raises
-    ------
-    ValueError
-        For a run without steps, and times outside of it.
-    """
-    (found,) = observe_members(
-        [scene], method, [trajectory], [request], impacts=impacts, checkpoints=checkpoints
-    )
-    return found
-
-
 def observe_members(
     scenes: Sequence[Scene],
     method: AnyMethod,
     trajectories: Sequence[Trajectory],
     requests: Sequence[Observations],
     *,
-    impacts: Mapping[str, Array] | None = None,
+    impacts: Mapping[str, Array] = MappingProxyType({}),
     checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
-    """Requested outputs of finished runs by one method, all at once; see :func:`observe`.
+    """Requested outputs of finished runs, with their steps, by one method, all at once.
 
-    Each member has the bits that it has by itself. The formulas, and the directions of events, are
-    those of the first member; values of the names in them are those of each.
+    For each the run on its mesh, up to where an event ended it; and at the times that are asked
+    for, with what was observed. It has the bits that it has by itself. The formulas, and the
+    directions of events, are those of the first member; values of the names in them are those of
+    each. The times of impacts of the first, by name, are reported like events. The second run, for
+    the motion between its points, has a part of the checkpoint.
+
+    Raises
+    ------
+    ValueError
+        For a run without steps, and times outside of it.
     """
     check_observable(method)
-    if not isinstance(method, Method) or any(one.steps is None for one in trajectories):
+    steps = [one.steps for one in trajectories if one.steps is not None]
+    if not isinstance(method, Method) or len(steps) < len(trajectories):
         raise ValueError("observe: the steps of the run were not kept")
     for scene, one in zip(scenes, requests, strict=True):
         if one.times is not None and one.times[-1] > scene.final_time * (1.0 + 1e-12):
@@ -139,27 +125,23 @@ def observe_members(
                 f"output: {one.times[-1]:g} is not allowed; the run goes from 0 to "
                 f"{scene.final_time:g}"
             )
-    moving, found = [], dict[int, Pair]()
-    for index, trajectory in enumerate(trajectories):
-        if trajectory.steps is None or not trajectory.steps.n_steps:
-            time = trajectory.time if trajectory.steps is None else trajectory.steps.time
-            found[index] = trajectory, replace(trajectory, observed=Observed(mesh=time))
-        else:
-            moving.append(index)
+    found = dict[int, Pair]()
     groups: dict[int, list[int]] = {}
-    for index in moving:
+    for index, (scene, run) in enumerate(zip(scenes, trajectories, strict=True)):
+        if not steps[index].n_steps:
+            found[index] = run, replace(run, observed=Observed(mesh=steps[index].time))
+            continue
         # the force of a given motion is that of all dampers, of which each may have others
-        is_given = scenes[index].prescribed is not None
-        groups.setdefault(len(dampers_of(scenes[index])) if is_given else 0, []).append(index)
+        count = 0 if scene.prescribed is None else len(dampers_of(scene))
+        groups.setdefault(count, []).append(index)
     for count, members in groups.items():
-        steps = [trajectories[k].steps for k in members]
         motion = dense_motion(
             [scenes[k] for k in members],
             method,
-            [one for one in steps if one is not None],
+            [steps[k] for k in members],
             part_of(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
         )
         observer = Observer(motion, [requests[k] for k in members])
         runs = [trajectories[k] for k in members]
-        found.update(zip(members, observer.observe(runs, impacts or {}), strict=True))
+        found.update(zip(members, observer.observe(runs, impacts), strict=True))
     return [found[index] for index in range(len(trajectories))]

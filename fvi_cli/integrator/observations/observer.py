@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.observations.dampers import (
     DampersAlong,
     DamperValue,
@@ -23,7 +22,6 @@ from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.observations.request import Event, Observations
 from fvi_cli.integrator.observations.search import event_places, extents_of
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
@@ -94,81 +92,47 @@ class Observer:
         self, trajectories: Sequence[Trajectory], impacts: Mapping[str, Array]
     ) -> list[Pair]:
         """Requested outputs of each run, as :func:`observe_members`."""
-        motion, q = self.motion, len(trajectories)
-        events: list[dict[str, Occurrences]] = [{} for _ in range(q)]
-        remarks = [[one] if one else [] for one in motion.remarks]
+        motion = self.motion
+        remarks = motion.remarks or [""] * len(trajectories)
+        members = [
+            _Member(run, float(steps.time[-1]), [one] if one else [])
+            for run, steps, one in zip(trajectories, motion.steps, remarks, strict=True)
+        ]
         for name, event in (self._first.events or {}).items():
-            self._find(name, event, events, remarks)
+            self._find(name, event, members)
         for name, time in impacts.items():
-            events[0][name] = self._occurrences(*motion.located(0, time))
-            events[0][name] = replace(events[0][name], time=time)
-        given = zip(motion.scenes, self.requests, motion.steps, strict=True)
-        for member, (scene, one, steps_of) in enumerate(given):
-            remarks[member] += _rough_dampers(scene, one, steps_of)
-        runs, ends, stopped = list(trajectories), [float(one.time[-1]) for one in motion.steps], []
-        for member, one in enumerate(self.requests):
-            stopped.append("")
-            for name, event in (one.events or {}).items():
-                times = events[member][name].time
-                if event.stop and times.size and times[0] < ends[member]:
-                    ends[member], stopped[member] = float(times[0]), name
-            if stopped[member]:
-                end = ends[member]
-                events[member] = {name: _until(own, end) for name, own in events[member].items()}
-                runs[member] = self._cut(member, runs[member], end)
-                remarks[member].append(f"stopped by the event {stopped[member]} at t = {end:.10g}")
-        at = [self._reported(*one) for one in zip(range(q), runs, ends, strict=True)]
+            found = self._occurrences(*motion.located(0, time))
+            members[0].events[name] = replace(found, time=time)
+        at = []
+        for index, one in enumerate(members):
+            one.remarks += self._rough_dampers(index)
+            self._stop(index, one)
+            wanted = self.requests[index].times
+            times = one.run.time if wanted is None else wanted
+            at.append(motion.located(index, times[times <= one.end * (1.0 + 1e-12)]))
         steps, tau = (np.concatenate(one) for one in zip(*at, strict=True))
         edges = np.cumsum([one[0].size for one in at])[:-1]
-        quantities: list[dict[str, Array]] = [{} for _ in range(q)]
-        extents: list[dict[str, Extent]] = [{} for _ in range(q)]
         for name, expression in (self._first.quantities or {}).items():
             along = self.along(expression)
-            for member, own in enumerate(np.split(along(steps, tau), edges)):
-                quantities[member][name] = own
-            for member, extent in enumerate(extents_of(motion, along, ends)):
-                extents[member][name] = extent
-        columns: list[list[Array]] = []
-        if self._first.times is not None:
-            position, time = motion.position(steps, tau), motion.time(steps, tau)
-            every = time, position, *motion.momentum_and_energy(position, steps, tau)
-            columns = [np.split(one, edges) for one in every]
-        found = []
-        for k, run in enumerate(runs):
-            on_mesh = run
-            if remarks[k]:
-                on_mesh = replace(run, remarks=(*run.remarks, *remarks[k]))
-            mesh = motion.steps[k].time
-            observed = Observed(
-                mesh=mesh[mesh <= ends[k]],
-                quantities=quantities[k],
-                extents=extents[k],
-                events=events[k],
-                stopped_by=stopped[k],
-            )
-            if not columns:
-                found.append((on_mesh, replace(on_mesh, observed=observed)))
-                continue
-            t, x, p, e = (one[k] for one in columns)
-            at_times = replace(
+            values = np.split(along(steps, tau), edges)
+            extents = extents_of(motion, along, [one.end for one in members])
+            for one, own, extent in zip(members, values, extents, strict=True):
+                one.quantities[name], one.extents[name] = own, extent
+        pairs = [one.pair(mesh=mesh.time) for one, mesh in zip(members, motion.steps, strict=True)]
+        if self._first.times is None:
+            return pairs
+        position, time = motion.position(steps, tau), motion.time(steps, tau)
+        every = time, position, *motion.momentum_and_energy(position, steps, tau)
+        columns = zip(*(np.split(one, edges) for one in every), strict=True)
+        return [
+            (
                 on_mesh,
-                observed=observed,
-                time=t,
-                position=x,
-                momentum=p,
-                energy=e,
-                diagnostics=None,
+                replace(found, time=t, position=x, momentum=p, energy=e, diagnostics=None),
             )
-            found.append((on_mesh, at_times))
-        return found
+            for (on_mesh, found), (t, x, p, e) in zip(pairs, columns, strict=True)
+        ]
 
-    def _find(
-        self,
-        name: str,
-        event: Event,
-        events: Sequence[dict[str, Occurrences]],
-        remarks: Sequence[list[str]],
-    ) -> None:
+    def _find(self, name: str, event: Event, members: Sequence[_Member]) -> None:
         """Put the occurrences of an event to those of every member, with what may be missing."""
         motion = self.motion
         counts = [one.n_steps for one in motion.steps]
@@ -176,12 +140,12 @@ class Observer:
         found = self._occurrences(step, place)
         edges = np.searchsorted(step, motion.firsts[1:-1])
         parts = (np.split(one, edges) for one in (found.time, found.position, found.velocity))
-        for own, time, position, velocity in zip(events, *parts, strict=True):
-            own[name] = Occurrences(time=time, position=position, velocity=velocity)
+        for one, time, position, velocity in zip(members, *parts, strict=True):
+            one.events[name] = Occurrences(time=time, position=position, velocity=velocity)
         for member, since in lost.items():
             first = int(motion.firsts[member])
             at = motion.time(np.array([first + int(since)]), np.array([since % 1.0]))
-            remarks[member].append(
+            members[member].remarks.append(
                 f"events.{name}: {event.when.text} changes too fast to find every change of its "
                 f"sign from t = {at[0]:.6g} on; some of these times may be missing"
             )
@@ -194,59 +158,85 @@ class Observer:
             velocity=motion.velocity(steps, tau),
         )
 
-    def _reported(self, member: int, run: Trajectory, end: float) -> tuple[Places, Array]:
-        """Places of the times that are reported of a member."""
-        wanted = self.requests[member].times
-        times = run.time if wanted is None else wanted
-        return self.motion.located(member, times[times <= end * (1.0 + 1e-12)])
-
-    def _cut(self, member: int, trajectory: Trajectory, end: float) -> Trajectory:
-        """The run up to a time, its last point; the truncated run counts as complete."""
-        kept = trajectory.time < end
-        at = self.motion.located(member, np.array([end]))
+    def _stop(self, index: int, member: _Member) -> None:
+        """End the run of a member at the first event that does so; it counts as complete."""
+        for name, event in (self.requests[index].events or {}).items():
+            times = member.events[name].time
+            if event.stop and times.size and times[0] < member.end:
+                member.end, member.stopped_by = float(times[0]), name
+        if not member.stopped_by:
+            return
+        run, end = member.run, member.end
+        member.remarks.append(f"stopped by the event {member.stopped_by} at t = {end:.10g}")
+        for name, one in member.events.items():
+            kept = one.time <= end
+            member.events[name] = Occurrences(
+                time=one.time[kept], position=one.position[kept], velocity=one.velocity[kept]
+            )
+        kept = run.time < end
+        at = self.motion.located(index, np.array([end]))
         position = self.motion.position(*at)
         momentum, energy = self.motion.momentum_and_energy(position, *at)
 
         def join(values: Array | None, last: Array) -> Array | None:
             return None if values is None else np.concatenate([values[kept], last])
 
-        return replace(
-            trajectory,
-            time=np.append(trajectory.time[kept], end),
-            position=np.concatenate([trajectory.position[kept], position]),
-            momentum=join(trajectory.momentum, momentum),
-            energy=join(trajectory.energy, energy),
+        member.run = replace(
+            run,
+            time=np.append(run.time[kept], end),
+            position=np.concatenate([run.position[kept], position]),
+            momentum=join(run.momentum, momentum),
+            energy=join(run.energy, energy),
             status="ok",
             message="",
             diagnostics=None,
         )
 
+    def _rough_dampers(self, index: int) -> list[str]:
+        """Remarks on single dampers that keep the error of the first step, or begin infinite."""
+        scene, request = self.motion.scenes[index], self.requests[index]
+        rough = rough_dampers(scene)
+        if not rough:
+            return []
+        formulas = [*(request.quantities or {}).values()]
+        formulas += [one.when for one in (request.events or {}).values()]
+        used = frozenset[str]().union(*(one.names for one in formulas))
+        found = []
+        for name, one in damper_values(scene).items():
+            if name not in used or one.place not in rough or one.kind == "deformation":
+                continue
+            is_known = is_separable(scene)
+            if one.kind == "force":
+                found.append(
+                    f"{name} is infinite at t = 0; least, greatest, peak and rms leave that out"
+                )
+            else:
+                is_known = len(rough) == 1 and loses_by_dampers(scene, self.motion.steps[index])
+            if not is_known:
+                found.append(rough_remark(scene, f"{name} keeps"))
+        return found
 
-def _rough_dampers(scene: Scene, request: Observations, steps: RunSteps) -> tuple[str, ...]:
-    """Remark on single dampers that keep the error of the first step, or begin infinite."""
-    rough = rough_dampers(scene)
-    if not rough:
-        return ()
-    formulas = [*(request.quantities or {}).values()]
-    formulas += [one.when for one in (request.events or {}).values()]
-    used = frozenset[str]().union(*(one.names for one in formulas))
-    found = []
-    for name, one in damper_values(scene).items():
-        if name not in used or one.place not in rough or one.kind == "deformation":
-            continue
-        is_force = one.kind == "force"
-        if is_force:
-            found.append(
-                f"{name} is infinite at t = 0; least, greatest, peak and rms leave that out"
-            )
-        is_known = is_separable(scene) if is_force else len(rough) == 1
-        if not (is_known and (is_force or loses_by_dampers(scene, steps))):
-            found.append(rough_remark(scene, f"{name} keeps"))
-    return tuple(found)
 
+@dataclass(eq=False)
+class _Member:
+    """What is found of a run, as far as it goes on."""
 
-def _until(one: Occurrences, end: float) -> Occurrences:
-    kept = one.time <= end
-    return Occurrences(
-        time=one.time[kept], position=one.position[kept], velocity=one.velocity[kept]
-    )
+    run: Trajectory
+    end: float
+    remarks: list[str]
+    stopped_by: str = ""
+    events: dict[str, Occurrences] = field(default_factory=dict)
+    quantities: dict[str, Array] = field(default_factory=dict)
+    extents: dict[str, Extent] = field(default_factory=dict)
+
+    def pair(self, mesh: Array) -> Pair:
+        """The run on its mesh, and with what was observed."""
+        on_mesh = replace(self.run, remarks=(*self.run.remarks, *self.remarks))
+        observed = Observed(
+            mesh=mesh[mesh <= self.end],
+            quantities=self.quantities,
+            extents=self.extents,
+            events=self.events,
+            stopped_by=self.stopped_by,
+        )
+        return on_mesh, replace(on_mesh, observed=observed)

@@ -42,7 +42,6 @@ AT_A_TIME = 2048
 """Steps of a member that make a part, and steps of all members that are computed together."""
 MOST_PIECES = 2**17
 """Pieces of one length of a part; where there would be more, features may be missed."""
-ROOT_SWEEPS = 80
 
 _NODES = second_kind_points(POINTS)
 _TO_COEFFICIENTS = to_coefficients(_NODES).T.copy()
@@ -191,46 +190,3 @@ def coefficients_of(values: Array) -> Array:
     """Chebyshev coefficients of values, both of shape ``(n, POINTS)``."""
     # a single point without a value, such as t = 0, is no reason to halve
     return in_rows(np.where(np.isfinite(values), values, 0.0), _TO_COEFFICIENTS)
-
-
-def bracketed_roots(
-    along: Along, step: Places, left: Array, right: Array, at_left: Array, at_right: Array
-) -> Array:
-    """Roots between places with values of different sign, all at once, shape ``(n,)``.
-
-    Bisection with inverse quadratic interpolation (Chandrupatla, *Advances in Engineering
-    Software* 28, 1997), to round-off in the place.
-    """
-    a, b, fa, fb = right.copy(), left.copy(), at_right.copy(), at_left.copy()
-    c, fc = a.copy(), fa.copy()
-    share, found = np.full(a.size, 0.5), np.zeros(a.size)
-    open_ = np.arange(a.size)
-    for _ in range(ROOT_SWEEPS):
-        place = a + share * (b - a)
-        value = along(step[open_], place)
-        same = np.sign(value) == np.sign(fa)
-        c, fc = np.where(same, a, b), np.where(same, fa, fb)
-        b, fb = np.where(same, b, a), np.where(same, fb, fa)
-        a, fa = place, value
-        nearer = np.abs(fa) < np.abs(fb)
-        best = np.where(nearer, a, b)
-        found[open_] = best
-        width = np.abs(b - a)
-        least = 4e-16 * np.maximum(np.abs(best), 1e-3)
-        going = ~((width <= 2.0 * least) | (np.where(nearer, fa, fb) == 0.0))
-        if not going.any():
-            break
-        with np.errstate(all="ignore"):
-            xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
-            quadratic = (phi**2 < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
-            share = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (
-                fc - fb
-            )
-            limit = least / width
-        usable = quadratic & np.isfinite(share)
-        share = np.where(usable, share, 0.5)
-        share = np.clip(share, np.minimum(limit, 0.5), np.maximum(1.0 - limit, 0.5))
-        # a root that is found rests, so that it does not depend on the others
-        a, b, c, share, open_ = a[going], b[going], c[going], share[going], open_[going]
-        fa, fb, fc = fa[going], fb[going], fc[going]
-    return found

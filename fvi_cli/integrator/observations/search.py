@@ -10,9 +10,10 @@ import numpy as np
 
 from fvi_cli.integrator.observations.formulas import FormulaAlong, Isolated, Resolved
 from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.pieces import Along, bracketed_roots, parts_of, pieces_of
+from fvi_cli.integrator.observations.pieces import Along, parts_of, pieces_of
 from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.brackets import bracketed_roots
 
 
 def event_places(

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.stability.patterns import DAMPING, Patterns, pattern_size, step_patterns
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.stability.patterns import DAMPING, MASS, STIFFNESS, Patterns, step_patterns
 from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
 from fvi_cli.mathematics.transforms.zeros import Functions, LogFunction
@@ -83,7 +83,7 @@ def step_determinants(
 ) -> StepDeterminants:
     r"""Of systems with one step size, or of one system with many.
 
-    The forms are 1, M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, by the size of M; the damping
+    The forms are M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, by the size of M; the damping
     of all systems has the same orders.
     """
     first = systems[0]
@@ -91,13 +91,12 @@ def step_determinants(
     h = np.asarray(step_size)[..., None, None]
     mass = np.array([system.mass for system in systems])
     scale = np.abs(mass).max(axis=(1, 2), keepdims=True)
-    unit = np.broadcast_to(np.eye(first.dimension), mass.shape)
     stiffness = h * h / scale * np.array([system.stiffness for system in systems])
     damping = [
         h ** (2.0 - order) / scale * np.array([system.damping[j][1].T for system in systems])
         for j, order in enumerate(orders)
     ]
-    forms = np.broadcast_arrays(unit, mass / scale, stiffness, *damping)
+    forms = np.broadcast_arrays(mass / scale, stiffness, *damping)
     return StepDeterminants(
         patterns=step_patterns(method, orders),
         forms=np.stack(forms, axis=1),
@@ -106,11 +105,11 @@ def step_determinants(
 
 
 def _degree(method: AnyMethod, orders: tuple[float, ...]) -> int:
-    """About how many zeros a determinant has: its rows, and what powers of a symbol turn."""
-    turns = 0.0
-    if isinstance(method, Method) and not method.is_runge_kutta:
-        turns = method.bdf_order * max(orders, default=0.0)
-    return pattern_size(method) + math.ceil(turns)
+    """About how many zeros a determinant has: its unknowns, and what powers of a symbol turn."""
+    if isinstance(method, Baseline):
+        return 2
+    turns = 0.0 if method.is_runge_kutta else method.bdf_order * max(orders, default=0.0)
+    return method.degree + 2 + math.ceil(turns)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,10 +150,9 @@ def _coefficients(patterns: ComplexArray) -> ComplexArray:
     """Coefficients of the determinant by its values on circles, shape ``(k, n + 1, n + 1)``."""
     n = patterns.shape[-1] + 1
     roots = np.exp(2j * np.pi * np.arange(n) / n)
-    fixed = patterns[:, 0] + patterns[:, 1]
     matrices = (
-        fixed[:, None, None]
-        + roots[:, None, None, None] * patterns[:, None, None, 2]
+        patterns[:, None, None, MASS]
+        + roots[:, None, None, None] * patterns[:, None, None, STIFFNESS]
         + roots[:, None, None] * patterns[:, None, None, DAMPING]
     )
     return np.asarray(np.fft.fft2(np.linalg.det(matrices), axes=(1, 2)) / n**2)

@@ -107,6 +107,7 @@ class GrowingModes:
 
     count: int  # with multiplicity
     growth: float  # log(1/|z|) of the worst; 0 where none grows
+    zeros: Sequence[ComplexArray | None]  # z of the modes of every system, where they were located
 
 
 def growing_modes(
@@ -128,20 +129,21 @@ def growing_modes(
     if np.any(counts == UNDECIDED):
         raise ZeroCountError("a mode lies too close to the circle of no growth to be counted")
     count = int(counts.sum())
+    zeros: list[ComplexArray | None] = [NO_FREQUENCIES] * len(systems)
     if not count:
-        return GrowingModes(0, 0.0)
-    least = -math.log1p(-1.0 / (_SHARES[-1] * n_steps))
-    return GrowingModes(count, _worst(determinants[np.flatnonzero(counts)], least, count))
+        return GrowingModes(0, 0.0, zeros)
+    which, least = np.flatnonzero(counts), -math.log1p(-1.0 / (_SHARES[-1] * n_steps))
+    if count <= FEW and (located := _located(determinants[which], least)) is not None:
+        for index, own in zip(which.tolist(), located, strict=True):
+            zeros[index] = own
+        return GrowingModes(count, _fastest(located), zeros)
+    return GrowingModes(count, _worst(determinants[which], least, count), [None] * len(zeros))
 
 
 def _worst(determinants: StepDeterminants, low: float, count: int) -> float:
-    """Growth of the worst mode, which exceeds `low`: located where few modes are that fast."""
-    high, located = FASTEST, 0
+    """Growth of the worst mode, which exceeds `low`: located where fewer modes are that fast."""
+    high, tried = FASTEST, count
     while high > (1.0 + ACCURACY) * low:
-        if count <= FEW and count != located:
-            growth, located = _located(determinants, math.exp(-low)), count
-            if growth is not None:
-                return growth
         middle = math.sqrt(low * high)
         counts = count_zeros(determinants, math.exp(-middle))
         if counts.any():
@@ -149,20 +151,27 @@ def _worst(determinants: StepDeterminants, low: float, count: int) -> float:
             low, count = middle, int(np.abs(counts).sum())
         else:
             high = middle
+        if count <= FEW and count != tried:
+            tried = count
+            if (located := _located(determinants, low)) is not None:
+                return _fastest(located)
     return low
 
 
-def _located(determinants: StepDeterminants, radius: float) -> float | None:
-    """The same by the modes themselves; None where they cannot be separated."""
-    smallest = math.inf
+def _located(determinants: StepDeterminants, growth: float) -> list[ComplexArray] | None:
+    """The modes that grow faster, of every system; None where they cannot be separated."""
+    found: list[ComplexArray] = []
     for number in range(determinants.number):
         try:
-            zeros = find_zeros(determinants.of(number), radius, determinants.degree)
+            zeros = find_zeros(determinants.of(number), math.exp(-growth), determinants.degree)
         except ZeroCountError:
             return None
         if zeros is None:
             return None
-        smallest = min(smallest, float(np.abs(zeros).min(initial=math.inf)))
-    if smallest == math.inf:
-        return None
+        found.append(zeros)
+    return found if any(one.size for one in found) else None
+
+
+def _fastest(zeros: Sequence[ComplexArray]) -> float:
+    smallest = min(float(np.abs(one).min(initial=math.inf)) for one in zeros)
     return -math.log(smallest) if smallest > math.exp(-FASTEST) else FASTEST

@@ -5,8 +5,8 @@ system for position, momentum and increments,
 
 .. math::
    (1 - z) x - z \delta^s &= 0 \\
-   (1 - z) p + z h \Big[ K \Big(x + \sum_{i,\nu} b_i l_\nu(c_i) \delta^\nu\Big)
-     + \sum_i \beta_i F_i \Big] &= 0 \\
+   (1 - z) p + z h G &= 0, \qquad
+      G = K \Big(x + \sum_{i,\nu} b_i l_\nu(c_i) \delta^\nu\Big) + \sum_i \beta_i F_i \\
    \frac1h \sum_{i,\mu} b_i l_\nu' l_\mu' M \delta^\mu - h \sum_i b_i l_\nu K X_i
      - h \sum_i \beta_i l_\nu F_i + p\, \delta_{\nu 0} &= 0,
 
@@ -15,12 +15,13 @@ differences, and likewise with :math:`\Delta(z)^{\gamma_j - 1}` for Runge-Kutta 
 determinant is analytic in :math:`|z| < 1`, and a zero z there is a mode that grows by
 :math:`1 / |z|` in a step.
 
-The system is
+It is that of s equations for :math:`\delta^1, \dots, \delta^{s-1}` and y, with
+:math:`\delta^s = (1 - z)\, y` and :math:`x = z y`, in which p is eliminated from the second and
+the last equation with :math:`\nu = 0` by their sum. They are
 
-.. math:: A_0 \otimes 1 + A_1 \otimes M + A_2 \otimes h^2 K
-          + \sum_j A_{2+j} \otimes h^{2 - \gamma_j} \mu_j
+.. math:: A_0 \otimes M + A_1 \otimes h^2 K + \sum_j A_{1+j} \otimes h^{2 - \gamma_j} \mu_j
 
-with small matrices :math:`A_i(z)`, the patterns, in which momenta are counted in units of mass / h.
+with small matrices :math:`A_i(z)`, the patterns, whose entries are finite wherever z is.
 """
 
 from __future__ import annotations
@@ -42,30 +43,29 @@ Patterns = Callable[[ComplexArray], ComplexArray]
 Forces = Callable[[ComplexArray], list[ComplexArray]]
 """Forces of the increments at points z, ``(k, m, s)`` for each order."""
 
-IDENTITY, MASS, STIFFNESS, DAMPING = 0, 1, 2, 3
+MASS, STIFFNESS, DAMPING = 0, 1, 2
 """Places of the patterns; those of the damping orders begin at the last one."""
 
 LARGEST_CONDITION = 1e6
 """Eigenvectors worse conditioned than this belong to eigenvalues that meet."""
 
 
-_BASELINE_SIZES = {"explicit-euler": 2, "implicit-euler": 2, "gruenwald-letnikov": 1}
-"""Unknowns of a step of those baselines whose step equations are known here."""
+_BASELINES: dict[str, Callable[[ComplexArray], tuple[ComplexArray, ComplexArray]]] = {
+    "explicit-euler": lambda z: (z * z, z),
+    "implicit-euler": lambda z: (np.ones_like(z), np.ones_like(z)),
+    "gruenwald-letnikov": lambda z: (z, z),
+}
+"""Those whose equations are ``(1 - z)^2 M + a h^2 K + b (1 - z)^order h^(2 - order) mu``: a, b."""
 
 
 def has_patterns(method: AnyMethod) -> bool:
     """Whether the step equations of `method` are known here; those of some baselines are not."""
-    return not isinstance(method, Baseline) or method.name in _BASELINE_SIZES
-
-
-def pattern_size(method: AnyMethod) -> int:
-    """Rows of a pattern: position, momentum and the increments of a step."""
-    return _BASELINE_SIZES[method.name] if isinstance(method, Baseline) else method.degree + 2
+    return not isinstance(method, Baseline) or method.name in _BASELINES
 
 
 @functools.lru_cache(maxsize=64)
 def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
-    """The patterns for these orders of damping, ``(k,)`` z to ``(k, 3 + len(orders), n, n)``.
+    """The patterns for these orders of damping, ``(k,)`` z to ``(k, 2 + len(orders), s, s)``.
 
     Raises
     ------
@@ -75,9 +75,14 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     if not has_patterns(method):
         raise ValueError(f"method: the step equations of {method_name(method)} are not known here")
     if isinstance(method, Baseline):
-        if method.name == "gruenwald-letnikov":
-            return _central_patterns(orders)
-        return _euler_patterns(method, orders)
+        factors = _BASELINES[method.name]
+
+        def of_baseline(z: ComplexArray) -> ComplexArray:
+            by_stiffness, by_damping = factors(z)
+            damping = [by_damping * (1.0 - z) ** order for order in orders]
+            return np.stack([(1.0 - z) ** 2, by_stiffness, *damping], axis=1)[..., None, None]
+
+        return of_baseline
     tables = step_tables(method)
     force_weights = tables.sample_test_weights
     if method.is_runge_kutta:
@@ -87,60 +92,24 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     else:
         forces = _sampled_forces(method, tables, orders)
     s = tables.degree
-    n = s + 2
-    constant = np.zeros((DAMPING, n, n))
-    linear = np.zeros((DAMPING, n, n))
-    x, p, u = 0, 1, slice(2, n)
-    constant[IDENTITY, x, x], linear[IDENTITY, x, x] = 1.0, -1.0
-    linear[IDENTITY, x, n - 1] = -1.0
-    constant[IDENTITY, p, p], linear[IDENTITY, p, p] = 1.0, -1.0
-    constant[IDENTITY, 2, p] = 1.0
-    constant[MASS, u, u] = tables.mass_matrix
-    linear[STIFFNESS, p, x] = 1.0
-    linear[STIFFNESS, p, u] = tables.weights @ tables.basis[1:].T
-    constant[STIFFNESS, u, x] = -tables.test_weights[:-1].sum(axis=1)
-    constant[STIFFNESS, u, u] = -np.einsum("ni,mi->nm", tables.test_weights[:-1], tables.basis[1:])
-    momentum_weights = force_weights.sum(axis=0)
+    # of the equations with nu = 0 to s - 1 and of G, by the increments and x
+    constant = np.zeros((DAMPING, s + 1, s + 1))
+    constant[MASS, :s, :s] = tables.mass_matrix
+    constant[STIFFNESS, :s, :s] = -tables.test_weights[:-1] @ tables.basis[1:].T
+    constant[STIFFNESS, :s, s] = -tables.test_weights[:-1].sum(axis=1)
+    constant[STIFFNESS, s] = np.append(tables.weights @ tables.basis[1:].T, 1.0)
+    tests = np.concatenate([-force_weights[:-1], force_weights.sum(axis=0)[None]])
 
     def patterns(z: ComplexArray) -> ComplexArray:
-        at = z[:, None, None]
-        result = np.zeros((z.size, DAMPING + len(orders), n, n), dtype=np.complex128)
-        result[:, :DAMPING] = constant + at[..., None] * linear
+        whole = np.zeros((z.size, DAMPING + len(orders), s + 1, s + 1), dtype=np.complex128)
+        whole[:, :DAMPING] = constant
         for index, force in enumerate(forces(z)):
-            result[:, DAMPING + index, u, u] = -(force_weights[:-1] @ force)
-            result[:, DAMPING + index, p, u] = z[:, None] * (momentum_weights @ force)
-        return result
-
-    return patterns
-
-
-def _central_patterns(orders: tuple[float, ...]) -> Patterns:
-    """Central differences of the positions, with the backward differences of fractional order."""
-
-    def patterns(z: ComplexArray) -> ComplexArray:
-        result = np.zeros((z.size, DAMPING + len(orders), 1, 1), dtype=np.complex128)
-        result[:, MASS, 0, 0] = (1.0 - z) ** 2
-        result[:, STIFFNESS, 0, 0] = z
-        for index, order in enumerate(orders):
-            result[:, DAMPING + index, 0, 0] = z * (1.0 - z) ** order
-        return result
-
-    return patterns
-
-
-def _euler_patterns(method: Baseline, orders: tuple[float, ...]) -> Patterns:
-    late = method.name == "explicit-euler"
-
-    def patterns(z: ComplexArray) -> ComplexArray:
-        shift = z if late else np.ones_like(z)
-        result = np.zeros((z.size, DAMPING + len(orders), 2, 2), dtype=np.complex128)
-        result[:, IDENTITY, 0, 0] = 1.0 - z
-        result[:, IDENTITY, 0, 1] = -shift
-        result[:, MASS, 1, 1] = 1.0 - z
-        result[:, STIFFNESS, 1, 0] = shift
-        for index, order in enumerate(orders):
-            result[:, DAMPING + index, 1, 1] = shift * (1.0 - z) ** (order - 1.0)
-        return result
+            whole[:, DAMPING + index, :, :s] = tests @ force
+        at = z[:, None, None]
+        last = (1.0 - at) * whole[..., s - 1] + at * whole[..., s]
+        columns = np.concatenate([whole[..., : s - 1], last[..., None]], axis=3)
+        behind = at * columns[..., s, :] - (1.0 - at) * columns[..., 0, :]
+        return np.concatenate([columns[..., 1:s, :], behind[..., None, :]], axis=2)
 
     return patterns
 

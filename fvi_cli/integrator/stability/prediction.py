@@ -122,13 +122,17 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     try:
         growing = growing_modes(systems, method, h, n_steps)
         limit = exact + math.log(TOLERATED_GROWTH) / n_steps
-        is_spurious = growing.growth > limit and (
-            exact == 0.0
-            or any(
-                _has_spurious_mode(part, exact_modes, method, h, limit)
-                for part, exact_modes in found
+        is_spurious = growing.growth > limit
+        if is_spurious and exact > 0.0:
+            is_spurious = any(
+                _has_spurious_mode(
+                    _zeros_beyond(part, method, h, limit) if zeros is None else zeros,
+                    frequencies,
+                    h,
+                    limit,
+                )
+                for zeros, (part, frequencies) in zip(growing.zeros, found, strict=True)
             )
-        )
     except ZeroCountError as error:
         return StabilityPrediction(verdict="unknown", exact_growth=exact, reason=str(error))
     reason = (
@@ -213,18 +217,22 @@ def _factor(growth: float) -> str:
     return f"{math.exp(min(growth, 700.0)):.4g}"
 
 
+def _zeros_beyond(
+    system: MatrixPencil, method: AnyMethod, step_size: float, limit: float
+) -> ComplexArray | None:
+    """The z of modes that grow faster than `limit` per step; None: they cannot be separated."""
+    determinant = step_determinants([system], method, step_size)
+    return find_zeros(determinant.of(0), math.exp(-limit), determinant.degree)
+
+
 def _has_spurious_mode(
-    system: MatrixPencil,
-    frequencies: ComplexArray | None,
-    method: AnyMethod,
-    step_size: float,
-    limit: float,
+    zeros: ComplexArray | None, frequencies: ComplexArray | None, step_size: float, limit: float
 ) -> bool:
     """Whether a mode that grows faster than `limit` per step is none of the exact scene."""
-    determinant = step_determinants([system], method, step_size)
-    zeros = find_zeros(determinant.of(0), math.exp(-limit), determinant.degree)
-    if zeros is not None and not zeros.size:
-        return False
+    if zeros is not None:
+        zeros = zeros[np.abs(zeros) < math.exp(-limit)]
+        if not zeros.size:
+            return False
     if zeros is None or frequencies is None or not frequencies.size:
         return True
     with np.errstate(divide="ignore"):

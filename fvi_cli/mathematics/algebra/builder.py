@@ -75,21 +75,31 @@ class Builder:
         return self._add("power" if kind == "**" else kind, *(one.place for one in terms))
 
     def terms(
-        self, system: FormulaSystem, bound: Mapping[str, float] | None = None
+        self,
+        system: FormulaSystem,
+        bound: Mapping[str, float] | None = None,
+        named: Mapping[int, str] | None = None,
     ) -> dict[int, Term]:
-        """Another program in this one, by its places; numbers may take the place of variables."""
+        """Another program in this one, by its places.
+
+        Numbers may take the place of variables, and variables that of numbers and exponents.
+        """
         found: dict[int, Term] = {}
+        names, values = named or {}, bound or {}
         for place in system.needed:
             kind, *rest = system.instructions[place]
-            if kind == "number" or (kind == "variable" and rest[0] in (bound or {})):
-                value = rest[0] if kind == "number" else (bound or {})[str(rest[0])]
-                found[place] = self.number(float(value))
-            elif kind == "variable":
-                found[place] = self.variable(str(rest[0]))
-            else:
-                used = [found[one] for one in operands(system.instructions[place])]
-                exponent = [self.number(float(rest[1]))] if kind == "**" else []
-                found[place] = self.apply(str(kind), *used, *exponent)
+            number: Term | None = None
+            if place in names:
+                number = self.variable(names[place])
+            elif kind in ("number", "**"):
+                number = self.number(float(rest[-1]))
+            elif kind == "variable" and rest[0] in values:
+                number = self.number(float(values[str(rest[0])]))
+            if kind in ("number", "variable"):
+                found[place] = self.variable(str(rest[0])) if number is None else number
+                continue
+            used = [found[one] for one in operands(system.instructions[place])]
+            found[place] = self.apply(str(kind), *used, *([] if number is None else [number]))
         return found
 
     def include(

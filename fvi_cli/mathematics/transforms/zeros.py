@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -35,11 +36,15 @@ USUAL_DEGREE = 8
 LARGEST_COUNT = 64
 """More zeros than these are not located."""
 
-PER_ZERO = 6
-"""Points of half a circle at first, for each zero: with 2 to 4 of them pairs of zeros beside the
-circle were missed by one point in a thousand of maps of BDF5 and BDF6, with 6 by none of 26,000."""
+PER_ZERO, PER_FACTOR = 4, 2
+"""Points of half a circle at first: 4 for each zero; and for every two zeros one more for each
+factor of 2 towards its ends, where the modes of coupled systems gather in short steps. So 6 of
+10,000 drawn systems of 2 to 6 components by explicit Euler were counted otherwise than by their
+eigenvalues, and with 6 and one for each factor 174 were; on maps of BDF3 to 6 and stiff Runge-Kutta
+methods none of 56,000 points by either, against 16 times as many points."""
 LARGEST_CHANGE = 1.0
-"""Of log f between neighbouring points of a path."""
+"""Of log f between neighbouring points of a path: less finds more pairs of zeros, and round-off for
+zeros where the steps are as short as a millionth of the run."""
 LARGEST_SURPRISE = 0.5
 """Difference between the changes over an interval and over its halves."""
 DEEPEST = 48
@@ -194,10 +199,12 @@ def count_zeros(functions: Functions, radius: float) -> Integers:
     return np.where(np.isfinite(counts) & (counts >= 0), counts, UNDECIDED).astype(np.int64)
 
 
+@lru_cache(maxsize=64)
 def _first_angles(radius: float, degree: int) -> Array:
     r"""Angles in :math:`[0, \pi]` to begin with, closer to each other at both ends."""
     least = min(max(1.0 - radius, 1e-12), 0.3)
-    number = math.ceil(math.log2(math.pi / 2 / least)) + 2
+    factors = math.ceil(math.log2(math.pi / 2 / least)) + 1
+    number = math.ceil(factors * max(1.0, degree / PER_FACTOR)) + 1
     rising = np.geomspace(least / 2, math.pi / 2, number)
     even = np.linspace(0.0, math.pi, PER_ZERO * degree)
     return np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))

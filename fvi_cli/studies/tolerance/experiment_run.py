@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.observations.observe import integrate_observed, observe
+from fvi_cli.integrator.observations.observe import integrate_observed, observe_members
 from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
@@ -184,7 +184,10 @@ def _observed(
     """The run at the requested times, with its quantities and events."""
     request, method = run.observations, run.method
     if found.steps is not None and isinstance(method, Method):
-        return observe(problem.scene, method, found, request, checkpoints=checkpoints)[1]
+        ((_, reported),) = observe_members(
+            [problem.scene], method, [found], [request], checkpoints=checkpoints
+        )
+        return reported
     scene, diagnostics = problem.scene, run.experiment.diagnostics
     reported = integrate_observed(
         scene, method, run.n_steps, request, diagnostics=diagnostics, checkpoints=checkpoints

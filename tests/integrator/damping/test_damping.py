@@ -100,10 +100,11 @@ DAMPED = {
 }
 
 
-def step_sizes(method: Method, n: int) -> np.ndarray:
+def step_sizes(method: Method, n: int, equal: int = 10) -> np.ndarray:
+    """Of so many equal steps each, where a method takes others."""
     if not method.is_runge_kutta:
         return np.full(n, 8.0 / n)
-    sizes = np.repeat(10.0 ** np.random.default_rng(n).uniform(-2, 0, n // 10), 10)
+    sizes = np.repeat(10.0 ** np.random.default_rng(n).uniform(-2, 0, n // equal), equal)
     return sizes * (8.0 / sizes.sum())
 
 
@@ -126,10 +127,10 @@ def damping_on(scene: Scene, method: Method, sizes: np.ndarray) -> Damping:
     return found
 
 
-@spread(name=DAMPED, case=METHODS, n=[70, 200])
-def test_forces_of_dampers_add_up_and_their_work_is_stored_or_lost(name, case, n):
+@spread(name=DAMPED, case=METHODS, n=[70, 200], equal=[1, 10])
+def test_forces_of_dampers_add_up_and_their_work_is_stored_or_lost(name, case, n, equal):
     scene, method = DAMPED[name], METHODS[case]
-    sizes = step_sizes(method, n)
+    sizes = step_sizes(method, n, equal)
     if name == "laws" and not method.is_runge_kutta:
         with pytest.raises(ValueError, match="backward differences take powers only"):
             damping_on(scene, method, sizes)

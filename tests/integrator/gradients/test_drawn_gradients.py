@@ -1,7 +1,8 @@
 """Gradients of drawn scenes by all their numbers, against central differences with two steps."""
 
 import random
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients import linearised
 from fvi_cli.integrator.gradients.entries import entries_of
+from fvi_cli.integrator.gradients.equations import Maps
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
-from fvi_cli.integrator.gradients.past import LinearisedMemory
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
@@ -156,18 +157,18 @@ def test_without_the_past_it_would_fail(seed, monkeypatch):
     """The control: the adjoint with states that forget what drove them."""
     scene, method, mesh = drawn(seed)
     run = LinearisedRun(scene, method, run_steps(scene, method, mesh))
-    ones = np.ones((run.steps.n_steps + 1, scene.dimension))
-    nothing = np.zeros((run.steps.n_steps, method.degree, scene.dimension))
-    found = run.adjoint(ones, nothing).position
-    original = LinearisedMemory._tables
-
-    def forgetful(self, sizes, count):
-        local, response, intake, decay = original(self, sizes, count)
-        return local, response, 0.0 * intake, decay
-
-    monkeypatch.setattr(LinearisedMemory, "_tables", forgetful)
+    ones, rest = np.ones_like(run.steps.position), np.zeros_like(run.steps.velocity)
+    found = run.adjoint(ones, rest).position
+    for name in ("maps_of_steps", "maps_of_equal_steps"):
+        original = getattr(linearised, name)
+        monkeypatch.setattr(linearised, name, partial(forgetful, original))
     run = LinearisedRun(scene, method, run.steps)
-    assert np.abs(run.adjoint(ones, nothing).position / found - 1.0).max() > 1e-5
+    assert np.abs(run.adjoint(ones, rest).position / found - 1.0).max() > 1e-5
+
+
+def forgetful(original: Callable[..., Maps], *given: object) -> Maps:
+    maps = original(*given)
+    return maps._replace(intake=0.0 * maps.intake)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -178,12 +179,12 @@ def test_blocks_and_stretches_of_any_length(seed, name, value, monkeypatch):
     steps = run_steps(scene, method, mesh)
     rng = np.random.default_rng(seed)
     by_position = rng.normal(size=steps.position.shape)
-    by_unknowns, by_force = rng.normal(size=(2, *steps.velocity.shape))
+    by_velocity, by_force = rng.normal(size=(2, *steps.velocity.shape))
 
     def adjoint() -> list[np.ndarray]:
         run = LinearisedRun(scene, method, steps)
-        found = run.adjoint(by_position, by_unknowns[:, : method.degree], by_force)
-        return [found.loads, found.position, found.velocity, found.momentum]
+        found = run.adjoint(by_position, by_velocity, by_force)
+        return [found.loads, found.position, found.momentum]
 
     expected = adjoint()
     monkeypatch.setattr(linearised, name, value)

@@ -19,7 +19,7 @@ from fvi_cli.integrator.gradients.gradient import (
     run_steps,
     sensitivities,
 )
-from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, damped
 from fvi_cli.integrator.gradients.quantity import (
     Quantity,
     acceleration_at,
@@ -333,7 +333,7 @@ def test_expressions_against_central_differences(name, monkeypatch):
     assert found.value == pytest.approx(value(values), rel=1e-13)
     np.testing.assert_allclose(found.derivatives, expected, rtol=2e-8, atol=1e-8)
     # without what the motion does to the damping force it is another number
-    monkeypatch.setattr(MotionAt, "spread_force", lambda self, by_force: None)
+    monkeypatch.setattr(MotionAt, "spread_force", lambda self, by: np.zeros((12, 3, by.shape[1])))
     assert np.abs(derivatives().derivatives - expected).max() > 1e-3
 
 
@@ -355,24 +355,46 @@ def test_forwards_and_backwards_are_transposed(name, method):
     change = Disturbance(
         loads=random(2, n, s + 1, d),
         position=random(2, d),
-        velocity=random(2, d),
         momentum=random(2, d),
         damping=random(2, n, r, d),
     )
     tangent = run.tangent(change)
-    by_position, by_unknowns = random(n + 1, d), random(n, s, d)
+    by_position, by_velocity = random(n + 1, d), random(n, r, d)
     forwards = np.einsum("nd,pnd->p", by_position, tangent.position)
-    forwards += np.einsum("nsd,pnsd->p", by_unknowns, tangent.unknowns)
-    backwards = run.adjoint(by_position, by_unknowns).along(change)
+    forwards += np.einsum("nrd,pnrd->p", by_velocity, tangent.velocity)
+    backwards = run.adjoint(by_position, by_velocity).along(change)
     scale = np.abs(by_position).sum() * np.abs(tangent.position).max()
+    scale += np.abs(by_velocity).sum() * np.abs(tangent.velocity).max()
     np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
-    # of the damping force as well
-    by_force = random(n, r, d)
-    changed = run.damping_changes(tangent, change)
+    # of the damping force as well, and of single terms
+    by_force, by_terms = random(n, r, d), random(len(run.coefficients), n, r, d)
+    plain = tangent.plain_forces
+    changed = change.damping + damped(plain, run.coefficients)
     forwards += np.einsum("nrd,pnrd->p", by_force, changed)
-    backwards = run.adjoint(by_position, by_unknowns, by_force).along(change)
+    forwards += np.einsum("fnrd,fpnrd->p", by_terms, plain)
+    backwards = run.adjoint(by_position, by_velocity, by_force, by_terms).along(change)
     scale += np.abs(by_force).sum() * np.abs(changed).max()
+    scale += np.abs(by_terms).sum() * np.abs(plain).max()
     np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
+
+
+ORDERS_OF_DAMPERS = ([(1.5, 0.3)], [(0.5, 0.4)], [(1.5, 0.3), (0.5, 0.4)], [(1.8, 0.2), (1.2, 0.1)])
+
+
+@pytest.mark.parametrize("terms", ORDERS_OF_DAMPERS)
+def test_the_force_of_one_damper_by_initial_data(terms):
+    """A start velocity counts once: in what derivatives of orders above 1 subtract, or not."""
+    method, quantity = Method(cq="gauss", degree=3, start="none"), quantity_at("force_1", 1.7)
+
+    def family(values: dict[str, float]) -> Scene:
+        return spring(*terms, T=3.0, m=1.3, k=2.0, x=values["x"], v=values["v"])
+
+    def value(changed: dict[str, float]) -> float:
+        return gradient_of(family(changed), method, 40, quantity, []).value
+
+    values = {"x": 0.5, "v": 0.7}
+    found = gradient_of(family(values), method, 40, quantity, variations(family, values))
+    np.testing.assert_allclose(found.derivatives, differences(value, values), rtol=1e-8)
 
 
 def test_both_ways_and_a_misfit():

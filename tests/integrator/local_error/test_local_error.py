@@ -8,7 +8,6 @@ from letters import in_pieces, spring, swing
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.local_error.examine import root_between
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
@@ -88,20 +87,6 @@ def test_what_may_hide_something():
     assert SceneForces(spring(T=1.0)).are_absent_at(0.5)
     stepped = SceneForces(spring(T=2.0, forcing=in_pieces("1", 1.0, "0")))
     assert [stepped.are_absent_at(time) for time in (0.5, 1.5)] == [False, True]
-
-
-@pytest.mark.parametrize("is_mirrored", [False, True])
-def test_few_values_are_taken_for_a_root(is_mirrored):
-    """The end that stays has half of its value: without it, from one side or the other, 25."""
-    seen = []
-
-    def cube(x: float) -> float:
-        seen.append(x)
-        return ((1 - x) if is_mirrored else x) ** 3 - 0.3
-
-    found = root_between(cube, 0.0, 1.0)
-    assert found == pytest.approx(abs(is_mirrored - 0.3 ** (1 / 3)), rel=1e-14)
-    assert len(seen) <= 20
 
 
 def test_general_lagrangians_are_looked_at():

@@ -146,7 +146,7 @@ def test_what_a_pulse_moves_is_met():
 def test_without_the_search_the_run_sees_no_force(monkeypatch):
     """The control, without that in the steps as well: met, with the position at zero."""
     monkeypatch.setattr(search, "pulses_that_move", lambda *arguments: pulses.Pulses())
-    monkeypatch.setattr(examine.HiddenSearch, "search", lambda *arguments: examine.Hidden())
+    monkeypatch.setattr(examine.HiddenSearch, "search", lambda *arguments: (0.0, None))
     scene = spring((1.648, 0.86), k=1.0, T=8.0, forcing=pulse(*CASE))
     run = fvi.solve(scene, tolerance=6.8e-6)
     assert run.outcome == "met"

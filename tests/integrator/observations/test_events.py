@@ -6,8 +6,8 @@ from letters import spring
 
 import fvi_cli as fvi
 from fvi_cli.integrator.observations.formulas import FormulaAlong
-from fvi_cli.integrator.observations.pieces import bracketed_roots
 from fvi_cli.integrator.observations.search import event_places
+from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.expressions import Expression
 
 SCENE = spring(T=20.0, m=1.0, k=1.0, x=1.0)

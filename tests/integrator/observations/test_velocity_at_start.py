@@ -111,10 +111,10 @@ def test_velocities_and_their_extents_from_the_start_on(seed):
 @pytest.mark.parametrize("seed", [0, 2, 4, 8])
 def test_differences_of_positions_are_seen(seed, monkeypatch):
     # the control: mean velocities of short steps from positions, which are round-off
-    def differences(motion: DenseMotion, members: list[int], unknowns: Array) -> Array:
-        found, steps = gaps(motion, members, unknowns), motion.steps[0]
+    def differences(motion: DenseMotion) -> Array:
+        found, steps = gaps(motion), motion.steps[0]
         mean = np.diff(steps.position, axis=0) / steps.step_size[:, None]
-        found[0, 0] = (mean - unknowns[0, :, -1])[:, 0]
+        found[0] = mean - motion.shapes[0].unknowns[:, -1]
         return found
 
     gaps = DenseMotion._gaps

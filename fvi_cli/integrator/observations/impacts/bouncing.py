@@ -25,9 +25,9 @@ from fvi_cli.integrator.observations.impacts.surface import (
     is_rough_behind_impacts,
     power_behind_impact,
     step_ends,
-    velocity_at_end,
 )
 from fvi_cli.integrator.observations.search import Fall, first_fall
+from fvi_cli.integrator.results.momenta import velocities_near
 from fvi_cli.integrator.run.points import Proposal, why_unsolved
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
@@ -266,8 +266,9 @@ class Bouncing:
         if not self._is_rough or not self._last:
             return np.zeros_like(momentum)
         last = self._last if self._last[0][0] > self._begin else self._last[-1:]
-        ends, sizes, stages = zip(*last, strict=True)
-        velocity = velocity_at_end(ends, sizes, stages, self._tables.points, self._time)
+        ends, sizes, stages = (np.array(one)[None] for one in zip(*last, strict=True))
+        at = np.array([self._time])
+        (velocity,) = velocities_near(ends, sizes, stages, self._tables.points, at)
         right = self._law.scene.momentum(position, velocity, self._time)
         return np.asarray(momentum - self.jumps[-1] - right)
 

@@ -21,7 +21,6 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members
@@ -35,7 +34,7 @@ from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.adaptive import MOST_SHORTEST
 from fvi_cli.integrator.run.checkpoint import RunKeeper
-from fvi_cli.integrator.run.points import Proposal
+from fvi_cli.integrator.run.points import MeshSource
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun
 from fvi_cli.integrator.trajectory import Trajectory, status_of
@@ -114,53 +113,31 @@ def replayed(
 ) -> RunSteps | None:
     """The steps of a run with impacts by another method: the same sizes and pushes."""
     engine = _engine(scene, method)
-    source = _Replay(scene, steps)
+    jumps = np.zeros_like(steps.momentum) if steps.jump is None else steps.jump
+    source = _Replay(scene, steps, jumps)
     this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
     this.begin()
     run_key = (method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
-    this.march(checkpoints, run_key, (scene, method, steps.time, steps.step_size, source.jumps))
+    this.march(checkpoints, run_key, (scene, method, steps.time, steps.step_size, jumps))
     if this.recorder.failures:
         return None
-    return replace(this.recorder.steps(0), jump=source.jumps)
+    return replace(this.recorder.steps(0), jump=jumps)
 
 
-class _Replay:
-    """Steps of the sizes of others, with the same pushes."""
+class _Replay(MeshSource):
+    """The steps of another run, with the same pushes."""
 
-    failure: Failure | None = None
+    def __init__(self, scene: Scene, steps: RunSteps, jumps: Array) -> None:
+        pushed = np.flatnonzero(jumps.any(axis=1)).tolist()
+        self._pushes = {float(steps.time[k]): jumps[k] for k in pushed}
+        super().__init__(steps.mesh((*scene.break_points, *self._pushes)))
 
-    def __init__(self, scene: Scene, steps: RunSteps) -> None:
-        self._times, self._sizes = steps.time.tolist(), steps.step_size.tolist()
-        self.jumps = np.zeros_like(steps.momentum) if steps.jump is None else steps.jump
-        self._fresh = np.isin(steps.time, (0.0, *scene.break_points)) | self.jumps.any(axis=1)
-        self._done = 0
-
-    def propose(self) -> Proposal | None:
-        """The next step."""
-        done = self._done
-        if done == len(self._sizes):
-            return None
-        begin = self._times[done]
-        return Proposal(begin, self._sizes[done], 1, 1, bool(self._fresh[done]), begin)
-
-    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The time at its end, where it is pushed."""
-        push = momentum_of_members(engine, self.jumps[self._done + 1])
-        steps.dp = steps.dp + push[:, None]
-        return self.accept(1)
-
-    def accept(self, count: int) -> float:
-        """The time at the end of so many steps."""
-        self._done += count
-        return float(self._times[self._done])
-
-    def arrays(self) -> dict[str, Array]:
-        """Number of the steps that are done."""
-        return {"done": np.array(self._done)}
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on there."""
-        self._done = int(arrays["done"])
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float:
+        """The time at the end of a step, where it is pushed."""
+        end = self.accept(steps.count)
+        if (push := self._pushes.get(end)) is not None:
+            steps.dp = steps.dp + momentum_of_members(engine, push)[:, None]
+        return end
 
 
 def _engine(scene: Scene, method: Method) -> Engine:

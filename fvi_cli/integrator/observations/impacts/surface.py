@@ -95,29 +95,6 @@ def is_rough_behind_impacts(scene: Scene) -> bool:
     return power is not None and power < 2.0
 
 
-def velocity_at_end(
-    ends: Sequence[float],
-    sizes: Sequence[float],
-    stages: Sequence[Array],
-    points: Array,
-    at: float,
-) -> Array:
-    r"""Velocity at a time from the stages of steps beside it, by one polynomial, ``(d,)``.
-
-    Behind a jump of the velocity the momentum of a Gauss method at mesh points keeps an error like
-    :math:`\tau^{2 - \gamma}` of the first step :math:`\tau`, since its stability function has
-    the size 1 at infinity; the velocities at the stages do not have it.
-    """
-    size = max(sizes)
-    places = np.concatenate(
-        [(end - at - one + one * points) / size for end, one in zip(ends, sizes, strict=True)]
-    )
-    distance = places[:, None] - places
-    np.fill_diagonal(distance, 1.0)
-    weights = np.where(np.eye(places.size, dtype=bool), 1.0, -places / distance).prod(axis=1)
-    return np.asarray(weights @ np.concatenate(list(stages)))
-
-
 def power_behind_impact(scene: Scene) -> float | None:
     """Least fractional power of the time in the position behind a jump of the velocity.
 
