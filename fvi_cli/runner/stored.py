@@ -10,7 +10,7 @@ from fvi_cli.errors import StorageError
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import Place, Reasons, Store, open_results, place_of, read_results
+from fvi_cli.storage import Reasons, Store, open_results, read_results
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
@@ -48,9 +48,9 @@ def stored_runs(
     )
     with opened as store:
 
-        def requested() -> set[Place]:
+        def requested() -> Iterator[Run]:
             shared = settings.shard.runs_of(request.loaded.experiments)
-            return {place_of(run) for runs in shared.values() for run in runs if not run.is_search}
+            return (run for runs in shared.values() for run in runs if not run.is_search)
 
         reasons = Reasons(stored=store, requested=requested)
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
@@ -87,7 +87,7 @@ def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[O
 def _unusable(experiment: Experiment, results: Store) -> str:
     """Why no run of an experiment can be used, and what to do."""
     runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
-    reasons = Reasons(stored=results, requested=lambda: {place_of(run) for run in runs})
+    reasons = Reasons(stored=results, requested=lambda: runs)
     found = sorted({reasons.of(run) for run in runs})
     return (
         f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "

@@ -16,7 +16,7 @@ from fvi_cli.errors import StorageError
 from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.storage.comparison.differences import difference_in_words
 from fvi_cli.storage.digests import Inputs, canonical_json, restored, sha256, stowed
-from fvi_cli.storage.files import escape_text
+from fvi_cli.storage.files import escape_text, explain_damage
 from fvi_cli.storage.groups.writing import WrittenGroup
 from fvi_cli.storage.records.fields import EMPTY_SUMMARY, ObservedSummary, observed_summary
 from fvi_cli.storage.records.record import REFERENCES, RUN_KEYS
@@ -99,7 +99,7 @@ class StoredFile:
 
 def read_configuration(path: Path | str) -> StoredConfiguration:
     """The configuration that made a result file, word for word, with its overrides."""
-    with contextlib.closing(ResultFile(Path(path))) as file:
+    with contextlib.closing(ResultFile(Path(path))) as file, explain_damage(file.path):
         text, overrides, resolved, _ = (str(file.root[name]) for name in CONFIGURATION)
         values = restored(json.loads(resolved), file.read_input)
     return StoredConfiguration(

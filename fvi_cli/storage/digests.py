@@ -178,10 +178,13 @@ def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
     return None
 
 
-def restored(value: Any, lookup: Callable[[str], NDArray[Any]]) -> Any:
-    """What :func:`stowed` was given."""
+def restored(value: Any, lookup: Callable[[str], NDArray[Any] | None]) -> Any:
+    """What :func:`stowed` was given; KeyError for a list that is not known."""
     if isinstance(value, Mapping):
-        if value.keys() == {INPUT}:
-            return lookup(value[INPUT]).tolist()
-        return {key: restored(one, lookup) for key, one in value.items()}
+        if value.keys() != {INPUT}:
+            return {key: restored(one, lookup) for key, one in value.items()}
+        found = lookup(value[INPUT])
+        if found is None:
+            raise KeyError(value[INPUT])
+        return found.tolist()
     return [restored(one, lookup) for one in value] if isinstance(value, list) else value

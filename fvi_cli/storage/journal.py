@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import explain_os_error, followed
-from fvi_cli.storage.records.record import Entry, StoredRecord, kind_of, same_value
+from fvi_cli.storage.records.record import Entry, Shapes, StoredRecord, kind_of, same_value
 
 _logger = logging.getLogger(__name__)
 
@@ -203,7 +203,7 @@ class Journal:
         head, _ = self._known(entry.place)
         return {**head["common"], **head["runs"][entry.row][3]}
 
-    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+    def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         head, _ = self._known(entry.place)
         layout = head["layouts"][head["runs"][entry.row][4]]
@@ -230,12 +230,10 @@ class Journal:
             axes={name: tuple(axes) for name, _, _, axes in layout},
         )
 
-    def has_input(self, digest: str) -> bool:
-        """As :meth:`fvi_cli.storage.records.record.RecordSource.has_input`."""
-        return digest in self.inputs
-
-    def read_input(self, digest: str) -> NDArray[Any]:
+    def read_input(self, digest: str) -> NDArray[Any] | None:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read_input`."""
+        if digest not in self.inputs:
+            return None
         at, dtype, shape = self.inputs[digest]
         return np.frombuffer(self._bytes(at, 8 * math.prod(shape)), dtype).reshape(shape)
 

@@ -41,8 +41,7 @@ from fvi_cli.storage.groups.writing import (
     write_group,
 )
 from fvi_cli.storage.provenance import origin, package_versions, platform_name
-from fvi_cli.storage.records.placed import Placed
-from fvi_cli.storage.records.record import Entry, GroupKind, StoredRecord, kind_of
+from fvi_cli.storage.records.record import Entry, GroupKind, Shapes, StoredRecord, kind_of
 
 HELD_BYTES: Final = 2**26
 """Arrays that are kept of an open file: who reads members in another order finds them again."""
@@ -140,7 +139,7 @@ class ResultFile:
             found = self.group(entry.path).attributes_of(entry.row)
             return {k: v for k, v in found.items() if k not in (IDENTITY, POINTS, ARRAYS)}
 
-    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+    def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         with explain_damage(self.path):
             return self.group(entry.path).shapes(entry.row)
@@ -167,14 +166,11 @@ class ResultFile:
                 axes=axes_from_words(attributes[ARRAYS]),
             )
 
-    def has_input(self, digest: str) -> bool:
-        """As :meth:`fvi_cli.storage.records.record.RecordSource.has_input`."""
-        with explain_damage(self.path):
-            return f"{INPUTS}/{digest}" in self._opened()
-
-    def read_input(self, digest: str) -> NDArray[Any]:
+    def read_input(self, digest: str) -> NDArray[Any] | None:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read_input`."""
         with explain_damage(self.path):
+            if f"{INPUTS}/{digest}" not in self._opened():
+                return None
             values = np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
             if digest_of(values) != digest:
                 raise ValueError(f"{INPUTS}/{digest} is not what was written")
@@ -212,7 +208,7 @@ def _checksum(root: Mapping[str, Any], index: Mapping[str, Any]) -> str:
 
 def write_file(
     path: Path,
-    layout: Mapping[str, Sequence[Placed]],
+    layout: Mapping[str, Sequence[Entry]],
     attributes: Mapping[str, Any],
     *,
     listed: Callable[[Sequence[tuple[str, WrittenGroup]]], Sequence[Mapping[str, Any]]],
@@ -254,7 +250,7 @@ def write_file(
             written.append((place, group))
             for name in ("specification", *group.keys):
                 named |= _named_in(group.column(name))
-            if rows[0].entry.is_reference:
+            if rows[0].is_reference:
                 continue
             case = ladders.setdefault(place.rpartition("/")[0], {})
             case.setdefault(int(group.attributes["n_steps"]), []).append(group)

@@ -36,15 +36,14 @@ from fvi_cli.storage.files import (
     remove_unfinished,
 )
 from fvi_cli.storage.journal import Journal
-from fvi_cli.storage.records.placed import Description, Placed, description_of, layout_of
+from fvi_cli.storage.records.layout import description_of, layout_of
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
+    Description,
     Entry,
-    Place,
     StoredRecord,
     group_path,
     has_same_numbers,
-    stored_place,
     swept_by,
 )
 from fvi_cli.storage.records.references import (
@@ -258,11 +257,6 @@ class Store:
                     f"{held.source.path}: other code made them; compute one of them again (--fresh)"
                 )
 
-    def places(self) -> Mapping[Place, Entry]:
-        """The runs by where they belong, those of the configuration before others."""
-        listed = sorted(self.entries(), key=lambda one: one.is_of_configuration)
-        return {stored_place(one): one for one in listed}
-
     def consolidate(
         self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
     ) -> Path | None:
@@ -286,7 +280,7 @@ class Store:
         layout = layout_of(self._entries, self._by_request, self._requested)
         if not self._is_current(layout, attributes):
             others = sum(
-                VARIANT_MARK in path and not one.entry.is_reference
+                VARIANT_MARK in path and not one.is_reference
                 for path, rows in layout.items()
                 for one in rows
             )
@@ -322,7 +316,7 @@ class Store:
         self._clear()
 
     def _is_current(
-        self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]
+        self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]
     ) -> bool:
         """Whether the file holds just that already."""
         if self._file is None or self._file.root[RESOLVED] != attributes[RESOLVED]:
@@ -332,7 +326,7 @@ class Store:
             (
                 path,
                 row,
-                one.identity if one.description is None and one.entry.source is self._file else "",
+                one.identity if one.description is None and one.source is self._file else "",
             )
             for path, rows in layout.items()
             for row, one in enumerate(rows)
@@ -343,14 +337,15 @@ class Store:
         """A long list of numbers."""
         if digest in self._inputs:
             return self._inputs[digest]
-        for source in {id(one.source): one.source for one in self._entries.values()}.values():
-            if source.has_input(digest):
-                return source.read_input(digest)
-        if self._file is not None:
-            return self._file.read_input(digest)
+        sources = {id(one.source): one.source for one in self._entries.values()}
+        # the root of the file may name lists that none of its runs does
+        for source in [*sources.values(), *filter(None, [self._file])]:
+            found = source.read_input(digest)
+            if found is not None:
+                return found
         raise StorageError(f"{self.path}: the input {digest} is missing; run the command again")
 
-    def _write(self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]) -> None:
+    def _write(self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]) -> None:
         with contextlib.suppress(OSError):
             self._journal.sync()
         try:

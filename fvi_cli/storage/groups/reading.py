@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.storage.groups.columns import AttributeColumn, Columns, attributes_in_row
 from fvi_cli.storage.records.fields import OCCURRENCE, TIME
-from fvi_cli.storage.records.record import SWEPT
+from fvi_cli.storage.records.record import SWEPT, Shapes
 
 MEMBER: Final = "member"
 CONVERGENCE: Final = "convergence"
@@ -164,7 +164,7 @@ class StoredGroup:
         """All attributes of a run."""
         return {**self.attributes, **attributes_in_row(self.columns, row)}
 
-    def shapes(self, row: int) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+    def shapes(self, row: int) -> Shapes:
         """Name, shape and axes of the arrays of a run."""
         own = self.attributes_of(row)
         found = []

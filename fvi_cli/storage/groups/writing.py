@@ -26,8 +26,7 @@ from fvi_cli.storage.groups.reading import (
     scale_of,
 )
 from fvi_cli.storage.records.fields import TIME, meaning_of
-from fvi_cli.storage.records.placed import Placed
-from fvi_cli.storage.records.record import SWEPT, StoredRecord
+from fvi_cli.storage.records.record import SWEPT, Entry, StoredRecord
 from fvi_cli.studies.members import counts_in_words
 
 ALWAYS_BY_MEMBER: Final = (
@@ -71,7 +70,7 @@ class WrittenGroup:
         return self.by_member.get(name, common)
 
 
-def write_group(file: h5py.File, path: str, rows: Sequence[Placed]) -> WrittenGroup:
+def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
     """Write a run, or members of a sweep, into one group."""
     group = file.create_group(path, track_order=True)
     keys = tuple(json.loads(rows[0].attributes().get(SWEPT, "[]")))
@@ -90,9 +89,7 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Placed]) -> WrittenGr
     return WrittenGroup(attributes=attributes, by_member={}, keys=(), checksums=[record.checksum])
 
 
-def _write_members(
-    group: h5py.Group, rows: Sequence[Placed], keys: tuple[str, ...]
-) -> WrittenGroup:
+def _write_members(group: h5py.Group, rows: Sequence[Entry], keys: tuple[str, ...]) -> WrittenGroup:
     """Write members of a sweep into common arrays, some in memory at a time."""
     columns, axes, shapes = _survey(rows)
     count, length = len(rows), max(columns[POINTS])
@@ -138,7 +135,7 @@ def _write_members(
 
 
 def _survey(
-    rows: Sequence[Placed],
+    rows: Sequence[Entry],
 ) -> tuple[Columns, dict[str, tuple[str, ...]], dict[str, tuple[int, ...]]]:
     """Attributes of members, the axes of their arrays, and the largest shapes of these."""
     columns: Columns = {}
@@ -146,7 +143,7 @@ def _survey(
     shapes: dict[str, tuple[int, ...]] = {}
     words: dict[str, str] = {}
     for number, row in enumerate(rows):
-        found = row.shapes()
+        found = row.source.shapes(row)
         mine = {name: own for name, _, own in found}
         axes |= {name: own for name, own in mine.items() if name not in axes}
         for name, shape, _ in found:
@@ -175,7 +172,7 @@ def _attributes_of_members(
     return attributes, by_member
 
 
-def _blocks(rows: Sequence[Placed]) -> Iterator[list[StoredRecord]]:
+def _blocks(rows: Sequence[Entry]) -> Iterator[list[StoredRecord]]:
     """The runs, some in memory at a time."""
     waiting: list[StoredRecord] = []
     size = 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.digests import Inputs, canonical_json, sha256, stowed
+from fvi_cli.storage.digests import Inputs, canonical_json, sha256, specification_of
 from fvi_cli.studies.experiment import Run
 
 SWEPT: Final = "swept"
@@ -129,16 +129,6 @@ def variant_of(specification: str, swept: tuple[str, ...], norm: str) -> str:
     return sha256(canonical_json([shared, sorted(swept), norm]))
 
 
-Place = tuple[str, str, int, str]
-"""Experiment, case, number of steps, and the values of a member of a sweep as JSON text."""
-
-
-def place_of(run: Run) -> Place:
-    """Where a run belongs."""
-    values = {} if run.member is None else dict(run.member.values)
-    return (run.experiment.name, run.method.case, run.n_steps, canonical_json(stowed(values)))
-
-
 def swept_by(run: Run) -> tuple[str, ...]:
     """The keys in which a member of a sweep differs from others; none of a run that is none.
 
@@ -147,12 +137,8 @@ def swept_by(run: Run) -> tuple[str, ...]:
     return () if run.member is None else tuple(sorted(run.member.values))
 
 
-def stored_place(entry: Entry) -> Place:
-    """Where a stored run belongs."""
-    kind = entry.kind
-    a = entry.source.attributes(entry) if kind.swept else {}
-    values = canonical_json({key: a[key] for key in kind.swept})
-    return kind.experiment, kind.case, kind.n_steps, values
+Shapes = Sequence[tuple[str, tuple[int, ...], tuple[str, ...]]]
+"""Name, shape and axes of arrays."""
 
 
 class RecordSource(Protocol):
@@ -160,20 +146,33 @@ class RecordSource(Protocol):
 
     path: Path
 
-    def attributes(self, entry: Entry) -> dict[str, Any]:
+    def attributes(self, entry: Entry) -> Mapping[str, Any]:
         """Attributes of a run."""
 
     def read(self, entry: Entry) -> StoredRecord:
         """The run, not verified."""
 
-    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
-        """Name, shape and axes of the arrays of a run."""
+    def shapes(self, entry: Entry) -> Shapes:
+        """How large the arrays of a run are."""
 
-    def has_input(self, digest: str) -> bool:
-        """Whether a list of numbers is here."""
+    def read_input(self, digest: str) -> NDArray[Any] | None:
+        """A list of numbers by its digest; None: it is not here."""
 
-    def read_input(self, digest: str) -> NDArray[Any]:
-        """A list of numbers by its digest."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Description:
+    """Attributes of a run that was written in another experiment, sweep or norm."""
+
+    run: Run  # as it is requested
+    # attributes that are other ones, and names of those that it has no more
+    changed: Mapping[str, Any]
+    without: frozenset[str]
+
+    @property
+    def variant(self) -> str:
+        """As of the kind that the run will have."""
+        specification, swept = specification_of(self.run)[0], swept_by(self.run)
+        return variant_of(specification, swept, self.run.experiment.norm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,15 +191,41 @@ class Entry:
     is_unstable: bool  # whether it was predicted to blow up
     place: int = 0  # of a journal, where the frame begins
 
+    description: Description | None = None  # what it is to be described as, if it was another one
+
+    def attributes(self) -> Mapping[str, Any]:
+        """Its attributes, not verified."""
+        return self._described(self.source.attributes(self))
+
     def record(self) -> StoredRecord:
-        """The record, verified."""
+        """All of it, verified."""
         record = self.source.read(self)
         if record.checksum != self.checksum:
             raise StorageError(
                 f"{self.source.path}: is damaged or not a result file ({self.path} is not what was "
                 "written); it is left as it is: move it away, and its runs are computed again"
             )
-        return record
+        if self.description is None:
+            return record
+        return replace(record, attributes=self._described(record.attributes))
+
+    def _described(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
+        if self.description is None:
+            return attributes
+        kept = {k: v for k, v in attributes.items() if k not in self.description.without}
+        return {**kept, **self.description.changed}
+
+    @property
+    def variant(self) -> str:
+        """What it has in common with other runs of its experiment."""
+        return self.kind.variant if self.description is None else self.description.variant
+
+    @property
+    def group_key(self) -> tuple[object, ...]:
+        """What the members of a group have in common; the swept keys come last."""
+        kind = self.kind
+        swept = kind.swept if self.description is None else swept_by(self.description.run)
+        return self.variant, kind.method, kind.is_refusal, swept
 
     @property
     def is_reference(self) -> bool:

@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
-from fvi_cli.storage.digests import answered_by_own_code, sha256, specification_of
+from fvi_cli.storage.digests import answered_by_own_code, sha256
 from fvi_cli.storage.records.fields import field_named
 from fvi_cli.storage.records.record import (
     SWEPT,
     VARIANT_MARK,
+    Description,
     Entry,
     GroupKind,
     StoredRecord,
     group_path,
     same_value,
-    swept_by,
-    variant_of,
 )
 from fvi_cli.storage.records.runs import ORIGIN, stored_record
-from fvi_cli.studies.experiment import FinishedRun, Run
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Description:
-    """Attributes of a run that was written in another experiment, sweep or norm."""
-
-    run: Run  # as it is requested
-    # attributes that are other ones, and names of those that it has no more
-    changed: Mapping[str, Any]
-    without: frozenset[str]
+from fvi_cli.studies.experiment import FinishedRun
 
 
 def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
@@ -53,86 +41,33 @@ def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
     return Description(run=finished.run, changed=changed, without=without)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Placed:
-    """A run in the group where it belongs."""
-
-    entry: Entry  # where it is read
-    # what it is to be described as, if it was written as another one
-    description: Description | None = None
-
-    @property
-    def identity(self) -> str:
-        """Of the run."""
-        return self.entry.identity
-
-    @property
-    def request(self) -> str:
-        """Of the run."""
-        return self.entry.request
-
-    def attributes(self) -> Mapping[str, Any]:
-        """Its attributes."""
-        return self._described(self.entry.source.attributes(self.entry))
-
-    def shapes(self) -> Sequence[tuple[str, tuple[int, ...], tuple[str, ...]]]:
-        """How large its arrays are."""
-        return self.entry.source.shapes(self.entry)
-
-    def record(self) -> StoredRecord:
-        """All of it, verified."""
-        record = self.entry.record()
-        return replace(record, attributes=self._described(record.attributes))
-
-    def _described(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
-        if self.description is None:
-            return attributes
-        kept = {k: v for k, v in attributes.items() if k not in self.description.without}
-        return {**kept, **self.description.changed}
-
-    @property
-    def group_key(self) -> tuple[object, ...]:
-        """What the members of a group have in common."""
-        kind = self.entry.kind
-        swept = kind.swept if self.description is None else swept_by(self.description.run)
-        return self.variant, kind.method, kind.is_refusal, swept
-
-    @property
-    def variant(self) -> str:
-        """As of the kind that it will have."""
-        if self.description is None:
-            return self.entry.kind.variant
-        run = self.description.run
-        return variant_of(specification_of(run)[0], swept_by(run), run.experiment.norm)
-
-
 Requested = Mapping[tuple[str, str], tuple[int, Description | None]]
 """By path of a group and identity: number of a member, and how the record is described anew."""
 
 
 def layout_of(
     entries: Mapping[str, Entry], latest: Mapping[str, Entry], requested: Requested
-) -> dict[str, list[Placed]]:
+) -> dict[str, list[Entry]]:
     """Runs, given by identity, by the path of the group where they belong.
 
     Of those that answer one request the `latest` is kept: what other code has computed again.
     """
-    found: dict[str, list[Placed]] = {}
+    found: dict[str, list[Entry]] = {}
     variants: dict[str, str] = {}
 
-    def put(one: Placed, paths: Iterable[str]) -> None:
+    def put(one: Entry, paths: Iterable[str]) -> None:
         for path in paths:
             held = found.get(path, [])
-            is_shared = one.group_key[-1] and not one.entry.kind.has_own_times
+            is_shared = one.group_key[-1] and not one.kind.has_own_times
             if not held or (is_shared and held[0].group_key == one.group_key):
                 found.setdefault(path, []).append(one)
                 return
 
     # members in the order of the sweep, whenever they were computed
     for (path, identity), (_, description) in sorted(requested.items(), key=lambda one: one[1][0]):
-        placed = Placed(entries[identity], description)
-        variants[path.split("/")[1]] = placed.variant
-        put(placed, _from(path, placed.entry.kind))
+        entry = replace(entries[identity], description=description)
+        variants[path.split("/")[1]] = entry.variant
+        put(entry, _from(path, entry.kind))
     taken = {identity for _, identity in requested}
     answered = {entries[identity].request for identity in taken}
     for identity, entry in entries.items():
@@ -143,11 +78,11 @@ def layout_of(
             continue
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
-        put(Placed(entry), _from(kind.path, kind) if is_own else _neighbours(kind))
+        put(entry, _from(kind.path, kind) if is_own else _neighbours(kind))
     # in one order, independent of who found them
     for entry in sorted(entries.values(), key=lambda one: one.request):
         if entry.is_reference and entry.identity == answered_by_own_code(entry.request):
-            put(Placed(entry), _numbered(entry.kind.path))
+            put(entry, _numbered(entry.kind.path))
     return found
 
 
