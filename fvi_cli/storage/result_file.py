@@ -255,8 +255,7 @@ def write_file(
             case = ladders.setdefault(place.rpartition("/")[0], {})
             case.setdefault(int(group.attributes["n_steps"]), []).append(group)
         for place, ladder in ladders.items():
-            convergence = file.create_group(f"{place}/{CONVERGENCE}", track_order=True)
-            write_convergence(convergence, ladder)
+            write_convergence(file, f"{place}/{CONVERGENCE}", ladder)
         for digest in sorted(named):
             _write_numbered(file, f"{INPUTS}/{digest}", lookup(digest), digest)
         lines = [
