@@ -13,12 +13,12 @@ from fvi_cli.storage.comparison.reasons import NEW, Reasons
 from fvi_cli.storage.contents import (
     StoredConfiguration,
     StoredFile,
-    StoredRun,
     has_configuration,
     list_runs,
     read_configuration,
 )
 from fvi_cli.storage.files import PARTS_SUFFIX, escape_text
+from fvi_cli.storage.groups.listing import StoredRun
 from fvi_cli.storage.records.record import Entry
 from fvi_cli.storage.store import Store, open_results, read_results
 

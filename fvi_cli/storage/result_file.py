@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json, digest_of
 from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
+from fvi_cli.storage.groups.listing import lines_of
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
     CONVERGENCE,
@@ -211,15 +212,13 @@ def write_file(
     layout: Mapping[str, Sequence[Entry]],
     attributes: Mapping[str, Any],
     *,
-    listed: Callable[[Sequence[tuple[str, WrittenGroup]]], Sequence[Mapping[str, Any]]],
     lookup: Callable[[str], NDArray[Any]],
     done: Callable[[], None],
 ) -> None:
     """Write all runs, some in memory at a time, the summary of every case, and the index.
 
-    `attributes` are what the root says of the configuration, `listed` gives the line of a listing
-    for every group, `lookup` a long list of numbers by its digest; `done` is called when everything
-    is read, before the file is replaced.
+    `attributes` are what the root says of the configuration, `lookup` gives a long list of numbers
+    by its digest; `done` is called when everything is read, before the file is replaced.
     """
     root = {
         "creator": CREATOR,
@@ -260,7 +259,7 @@ def write_file(
             _write_numbered(file, f"{INPUTS}/{digest}", lookup(digest), digest)
         lines = [
             json.dumps({"path": place, "kind": kind._asdict(), "line": line})
-            for (place, _), kind, line in zip(written, kinds, listed(written), strict=True)
+            for (place, _), kind, line in zip(written, kinds, lines_of(written), strict=True)
         ]
         checksum = _checksum(root, _write_index(file, index, lines))
         write_attributes(file, {**root, CHECKSUM: checksum})

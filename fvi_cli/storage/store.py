@@ -18,7 +18,6 @@ from fvi_cli.storage.contents import (
     Configuration,
     StoredConfiguration,
     described,
-    lines_of,
 )
 from fvi_cli.storage.digests import (
     Inputs,
@@ -260,7 +259,7 @@ class Store:
     def consolidate(
         self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
     ) -> Path | None:
-        """Put all finished runs into one file, then remove the journal.
+        """Put all finished runs into one file, then remove the journal: the last thing to be done.
 
         Runs that were not requested this time are kept, those of other values in groups of their
         own. What was computed again replaces the earlier run.
@@ -350,21 +349,11 @@ class Store:
             self._journal.sync()
         try:
             # some systems replace no file that is open
-            write_file(
-                self.path,
-                layout,
-                attributes,
-                listed=lines_of,
-                lookup=self._lookup,
-                done=self._close_files,
-            )
+            write_file(self.path, layout, attributes, lookup=self._lookup, done=self._close_files)
         except StorageError as error:
             kept = self._journal.path
             held = f"; finished runs are kept in {kept}" if kept.exists() else ""
             raise StorageError(f"{error}{held}") from error
-        self._file = ResultFile(self.path)
-        self._requested, self._entries, self._by_request = {}, {}, {}
-        self._learn(self._file.entries())
 
     def _clear(self) -> None:
         """Remove the journal, and checkpoints of what is finished."""

@@ -79,6 +79,7 @@ def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_by
         for one in finished:  # from the journal
             assert_same(results.finished(one.run), one)
         results.consolidate(loaded)
+    with read_results(tmp_path / "many.h5") as results:
         for one in reversed(finished):  # from the file
             assert_same(results.finished(one.run), one)
     assert not (tmp_path / "many.journal").exists()
