@@ -76,7 +76,7 @@ def plan(
     plans = []
     checkpoints = None if settings.fresh else settings.checkpoints(request)
     with stored_runs(request, settings) as (store, why):
-        for experiment, runs in settings.shard.runs_of(request.loaded.experiments).items():
+        for experiment, runs in settings.runs_of(request).items():
             if experiment.needs_search:
                 plans += [_search(one, request, store, checkpoints) for one in runs]
             else:
@@ -89,7 +89,7 @@ def _search(
     search: Run, request: Request, store: Store, checkpoints: CheckpointFolder | None
 ) -> PlannedRun:
     """The run that would be found for a tolerance, or the one that was."""
-    earlier = reusable(store.finished(search))
+    earlier = reusable(store.finished(search), request)
     if earlier is not None:
         run, predicted = earlier.run, earlier.predicted
         return PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)

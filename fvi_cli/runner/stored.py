@@ -26,9 +26,10 @@ def resumed_at(run: Run, reached: int) -> str:
     return f"resume at step {reached} of {run.n_steps}"
 
 
-def reusable(found: FinishedRun | None) -> FinishedRun | None:
-    """A run that was chosen earlier, if its tolerance was met: what was refused is tried again."""
-    return None if found is None or found.status == "refused" else found
+def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
+    """A stored run; a search that came to nothing is tried again, unless nothing is computed."""
+    is_vain = found is not None and found.run.is_search and found.status == "refused"
+    return None if is_vain and request.stored is None else found
 
 
 @contextlib.contextmanager
@@ -49,28 +50,21 @@ def stored_runs(
     with opened as store:
 
         def requested() -> Iterator[Run]:
-            shared = settings.shard.runs_of(request.loaded.experiments)
-            return (run for runs in shared.values() for run in runs if not run.is_search)
+            listed = settings.runs_of(request).values()
+            return (run for runs in listed for run in runs if not run.is_search)
 
         reasons = Reasons(stored=store, requested=requested)
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
 
 
-def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
-    """Read the runs of a result file, and compute nothing.
+def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
+    """Say which runs are not in the result file that was named.
 
     Raises
     ------
     StorageError
         If none of the runs of an experiment can be used, such as those of an older version.
     """
-    outcomes = []
-    for experiment in experiments:
-        found = [results.finished(run) for run in experiment.searches() or experiment.runs()]
-        finished = tuple(one for one in found if one is not None)
-        is_single = experiment.needs_search and not experiment.members
-        own = finished[0].run.experiment if is_single and finished else experiment
-        outcomes.append(Outcome(experiment=own, finished=finished))
     for outcome in outcomes:
         if outcome.missing and not outcome.finished:
             raise StorageError(_unusable(outcome.experiment, results))
@@ -81,7 +75,6 @@ def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[O
                 outcome.missing,
                 outcome.experiment.name,
             )
-    return outcomes
 
 
 def _unusable(experiment: Experiment, results: Store) -> str:
