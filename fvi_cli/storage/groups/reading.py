@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.groups.columns import AttributeColumn, Columns, attributes_in_row
+from fvi_cli.storage.groups.columns import Columns, attributes_in_row, read_column
 from fvi_cli.storage.records.fields import OCCURRENCE, TIME
 from fvi_cli.storage.records.record import SWEPT, Shapes
 
@@ -142,7 +142,7 @@ class StoredGroup:
             if self.keys and name not in self._axes_of_all and node.ndim == 1 and name != MEMBER:
                 is_text = h5py.check_string_dtype(node.dtype) is not None
                 values = node.asstr()[()] if is_text else node[()]
-                found[name] = AttributeColumn.read(values, is_json="encoding" in node.attrs)
+                found[name] = read_column(values, is_json="encoding" in node.attrs)
         return found
 
     @functools.cached_property

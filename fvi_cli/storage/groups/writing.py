@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.storage.digests import canonical_json, sha256
-from fvi_cli.storage.groups.columns import AttributeColumn, Columns, add_row
+from fvi_cli.storage.groups.columns import Survey, column_to_write
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
     BLOCK_BYTES,
@@ -71,9 +71,9 @@ class NewGroup:
         if is_json:
             write_attributes(self.datasets[name], {"encoding": "json"})
 
-    def add_column(self, name: str, column: AttributeColumn) -> None:
+    def add_column(self, name: str, column: Sequence[Any]) -> None:
         """Write one value for every member: numbers, texts, or JSON where it is neither."""
-        values, is_json = column.written()
+        values, is_json = column_to_write(column)
         self.add(name, (MEMBER,), values, is_json=is_json)
 
     def reserve(self, name: str, axes: tuple[str, ...], shape: tuple[int, ...]) -> None:
@@ -110,7 +110,7 @@ class WrittenGroup:
     """Attributes of the runs of a group that has just been written."""
 
     attributes: dict[str, Any]  # what they have in common, and what they differ in
-    by_member: Columns
+    by_member: Mapping[str, Sequence[Any]]
     keys: tuple[str, ...]  # what is swept
     checksums: Sequence[str]  # of each of them
 
@@ -120,15 +120,14 @@ class WrittenGroup:
 
     def column(self, name: str) -> Sequence[Any]:
         """What each of the runs says."""
-        common = AttributeColumn.repeated(self.attributes.get(name, ""), len(self))
-        return self.by_member.get(name, common)
+        return self.by_member.get(name) or [self.attributes.get(name, "")] * len(self)
 
 
 def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
     """Write a run, or members of a sweep in common arrays, some in memory at a time."""
-    columns, axes, sizes = _survey(rows)
-    keys = tuple(json.loads(columns[SWEPT][0])) if SWEPT in columns else ()
-    attributes, by_member = _attributes_of(columns, keys)
+    survey, axes, sizes = _survey(rows)
+    keys = tuple(json.loads(survey.common.get(SWEPT, "[]")))
+    attributes, by_member = _attributes_of(survey, keys)
     new = NewGroup(file, path, keys)
     if keys:
         new.add(MEMBER, (MEMBER,), np.arange(len(rows), dtype="<i8"))
@@ -155,13 +154,13 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGro
     return WrittenGroup(attributes=attributes, by_member=by_member, keys=keys, checksums=checksums)
 
 
-def _survey(rows: Sequence[Entry]) -> tuple[Columns, Axes, Mapping[str, int]]:
+def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
     """Attributes of runs, the axes of their arrays, and the largest sizes along these."""
-    columns: Columns = {}
+    survey = Survey()
     axes: dict[str, tuple[str, ...]] = {}
     sizes: dict[str, int] = {}
     words: dict[str, str] = {}
-    for number, row in enumerate(rows):
+    for row in rows:
         mine: dict[str, tuple[str, ...]] = {}
         for name, shape, own in row.source.shapes(row):
             mine[name] = axes.setdefault(name, own)
@@ -172,24 +171,26 @@ def _survey(rows: Sequence[Entry]) -> tuple[Columns, Axes, Mapping[str, int]]:
         text = axes_in_words(mine)
         said = {**row.attributes(), IDENTITY: row.identity, POINTS: points,
                 ARRAYS: words.setdefault(text, text)}  # fmt: skip
-        add_row(columns, said, number)
-    return columns, axes, sizes
+        survey.add(said)
+    return survey, axes, sizes
 
 
-def _attributes_of(columns: Columns, keys: tuple[str, ...]) -> tuple[dict[str, Any], Columns]:
+def _attributes_of(
+    survey: Survey, keys: tuple[str, ...]
+) -> tuple[dict[str, Any], dict[str, Sequence[Any]]]:
     """What the runs of a group have in common, and what members differ in."""
     if not keys:
-        return {name: column[0] for name, column in columns.items() if name != POINTS}, {}
-    attributes: dict[str, Any] = {}
-    by_member: Columns = {key: columns[key] for key in keys}
-    for name, column in columns.items():
-        if name in by_member:
-            continue
-        if column.is_common or name in _SUMMARIES:
-            attributes[name] = column[0] if column.is_common else _SUMMARIES[name](column)
-        if not column.is_common or name in ALWAYS_BY_MEMBER:
-            by_member[name] = column
-    return attributes, by_member
+        return {name: value for name, value in survey.common.items() if name != POINTS}, {}
+    by_member = {
+        name: survey.column(name)
+        for name in (*keys, *survey.names)
+        if name in keys or name in survey.columns or name in ALWAYS_BY_MEMBER
+    }
+    common = {name: value for name, value in survey.common.items() if name not in keys}
+    for name, summary in _SUMMARIES.items():
+        if name in survey.columns:
+            common[name] = summary(survey.columns[name])
+    return common, by_member
 
 
 def _blocks(rows: Sequence[Entry]) -> Iterator[list[StoredRecord]]:
@@ -285,30 +286,28 @@ def write_convergence(
     first = ladder[steps[0]][0]
     keys = first.keys
     numbers: dict[str, int] = {}
-    swept = [AttributeColumn() for _ in keys]
-    rungs: dict[int, list[int]] = {}
-    for n_steps in ladder:
-        own = rungs[n_steps] = []
-        for one in ladder[n_steps]:
+    members: list[tuple[Any, ...]] = []
+    rungs: dict[int, list[int]] = {n_steps: [] for n_steps in ladder}
+    for n_steps, groups in ladder.items():
+        for one in groups:
             # without keys there is one run
             columns = [one.column(key) for key in keys]
             for values in zip(*columns, strict=True) if keys else [()]:
-                row = numbers.setdefault(canonical_json(values), len(numbers))
-                own.append(row)
-                for column, value in zip(swept, values, strict=True):
-                    if row == len(column):
-                        column.append(value)
+                row = numbers.setdefault(canonical_json(values), len(members))
+                rungs[n_steps].append(row)
+                if row == len(members):
+                    members.append(values)
     new = NewGroup(file, path, keys)
     if keys:
-        new.add(MEMBER, (MEMBER,), np.arange(len(numbers), dtype="<i8"))
-    for key, column in zip(keys, swept, strict=True):
-        new.add_column(key, column)
+        new.add(MEMBER, (MEMBER,), np.arange(len(members), dtype="<i8"))
+        for key, column in zip(keys, zip(*members, strict=True), strict=True):
+            new.add_column(key, column)
     new.add("n_steps", ("n_steps",), np.array(steps, dtype="<i8"))
     sizes = [float(ladder[n][0].attributes["step_size"]) for n in steps]
     new.add("step_size", ("n_steps",), np.array(sizes, dtype="<f8"))
     axes = (MEMBER, "n_steps") if keys else ("n_steps",)
     for name, (source, empty, kind) in _SUMMARY.items():
-        table = np.full((len(numbers), len(steps)), empty, dtype=kind)
+        table = np.full((len(members), len(steps)), empty, dtype=kind)
         for rung, n_steps in enumerate(steps):
             table[rungs[n_steps], rung] = [v for one in ladder[n_steps] for v in one.column(source)]
         new.add(name, axes, table if keys else table[0])
