@@ -23,15 +23,11 @@ from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json, digest_of
 from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
 from fvi_cli.storage.groups.listing import lines_of
 from fvi_cli.storage.groups.reading import (
-    ARRAYS,
     CONVERGENCE,
-    IDENTITY,
     INDEX,
     INPUTS,
-    POINTS,
     Block,
     StoredGroup,
-    axes_from_words,
     json_value,
     run_groups,
 )
@@ -137,8 +133,7 @@ class ResultFile:
     def attributes(self, entry: Entry) -> dict[str, Any]:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.attributes`."""
         with explain_damage(self.path):
-            found = self.group(entry.path).attributes_of(entry.row)
-            return {k: v for k, v in found.items() if k not in (IDENTITY, POINTS, ARRAYS)}
+            return self.group(entry.path).attributes_of(entry.row)
 
     def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
@@ -156,15 +151,13 @@ class ResultFile:
                 while len(self._blocks) > 1 and self._held > HELD_BYTES:
                     self._held -= _size(self._blocks.popitem(last=False)[1])
             self._blocks.move_to_end(key)
-            attributes, arrays = group.row(entry.row, *self._blocks[key])
+            arrays, axes = group.arrays_of(entry.row, *self._blocks[key])
             return StoredRecord(
                 identity=entry.identity,
                 request=entry.request,
-                attributes={
-                    k: v for k, v in attributes.items() if k not in (IDENTITY, POINTS, ARRAYS)
-                },
+                attributes=group.attributes_of(entry.row),
                 arrays=arrays,
-                axes=axes_from_words(attributes[ARRAYS]),
+                axes=axes,
             )
 
     def read_input(self, digest: str) -> NDArray[Any] | None:
