@@ -190,20 +190,9 @@ def compute_jobs(
 ) -> None:
     """Compute the jobs of a command: the one place for its progress, references and --fail-fast.
 
-    Parameters
-    ----------
-    jobs, compute
-        What is computed, and by what.
-    settings
-        Where, and whether the first unexpected failure ends it.
-    title
-        Stands beside the progress bar.
-    take
-        Takes what a job came to, and says whether that is an unexpected failure.
-    store, is_kept
-        Where references are looked up, and whether those that are found are stored there.
-    begun
-        Steps of runs that an earlier command has done.
+    `take` is given what a job came to, and says whether that is an unexpected failure. References
+    are looked up in `store`, and those that are found are stored there if it `is_kept`; `begun` has
+    the steps of runs that an earlier command has done.
     """
     runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
     references = _References(store=store, jobs=jobs, is_kept=is_kept)

@@ -59,16 +59,8 @@ class Executor(ABC):
         Closing the generator, or an exception in the loop that reads it, ends what was begun.
         What `compute` raises is the result of the run that is to blame, and of no other. A job
         whose process has died is computed once more after all others, alone; when that dies as
-        well, the job is lost.
-
-        Parameters
-        ----------
-        jobs
-            What to compute.
-        compute
-            Function of one job and its references.
-        lookup
-            Gives the references of runs once the jobs that they need have been yielded.
+        well, the job is lost. `lookup` gives the references of runs once the jobs that they need
+        have been yielded.
         """
         if not jobs:
             return
