@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 
 from fvi_cli.storage.digests import answered_by_own_code, sha256
 from fvi_cli.storage.records.fields import field_named
@@ -38,7 +37,7 @@ def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
         if name not in ORIGIN and (name not in own or not same_value(own[name], value))
     }
     without = frozenset(own) - frozenset(again)
-    return Description(run=finished.run, changed=changed, without=without)
+    return Description(changed=changed, without=without)
 
 
 Requested = Mapping[tuple[str, str], tuple[int, Description | None]]
@@ -58,15 +57,17 @@ def layout_of(
     def put(one: Entry, paths: Iterable[str]) -> None:
         for path in paths:
             held = found.get(path, [])
-            is_shared = one.group_key[-1] and not one.kind.has_own_times
-            if not held or (is_shared and held[0].group_key == one.group_key):
+            is_shared = one.kind.swept and not one.kind.has_own_times
+            if not held or (is_shared and held[0].kind.group_key == one.kind.group_key):
                 found.setdefault(path, []).append(one)
                 return
 
     # members in the order of the sweep, whenever they were computed
     for (path, identity), (_, description) in sorted(requested.items(), key=lambda one: one[1][0]):
-        entry = replace(entries[identity], description=description)
-        variants[path.split("/")[1]] = entry.variant
+        entry = entries[identity]
+        if description is not None:
+            entry = entry.described(description)
+        variants[path.split("/")[1]] = entry.kind.variant
         put(entry, _from(path, entry.kind))
     taken = {identity for _, identity in requested}
     answered = {entries[identity].request for identity in taken}
@@ -96,7 +97,7 @@ def _from(path: str, kind: GroupKind) -> Iterator[str]:
 
 def _neighbours(kind: GroupKind) -> Iterator[str]:
     """Paths for runs of other values, the first of which holds all methods."""
-    what = [kind.variant, repr((kind.variant, kind.method, kind.is_refusal, kind.swept))]
+    what = [kind.variant, repr(kind.group_key)]
     paths = [
         group_path(f"{kind.experiment}{VARIANT_MARK}{sha256(one)[:8]}", kind.case, kind.n_steps)
         for one in what

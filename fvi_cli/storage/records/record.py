@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.digests import Inputs, canonical_json, sha256, specification_of
+from fvi_cli.storage.digests import Inputs, canonical_json, sha256
 from fvi_cli.studies.experiment import Run
 
 SWEPT: Final = "swept"
@@ -82,6 +82,11 @@ class GroupKind(NamedTuple):
     def path(self) -> str:
         """Of the group, if the file's configuration asks for these runs."""
         return group_path(self.experiment, self.case, self.n_steps)
+
+    @property
+    def group_key(self) -> tuple[object, ...]:
+        """What members of one path have in common that may share a group."""
+        return self.variant, self.method, self.is_refusal, self.swept
 
 
 def group_path(experiment: str, case: str, n_steps: int) -> str:
@@ -163,16 +168,13 @@ class RecordSource(Protocol):
 class Description:
     """Attributes of a run that was written in another experiment, sweep or norm."""
 
-    run: Run  # as it is requested
-    # attributes that are other ones, and names of those that it has no more
     changed: Mapping[str, Any]
-    without: frozenset[str]
+    without: frozenset[str]  # names of those that it has no more
 
-    @property
-    def variant(self) -> str:
-        """As of the kind that the run will have."""
-        specification, swept = specification_of(self.run)[0], swept_by(self.run)
-        return variant_of(specification, swept, self.run.experiment.norm)
+    def of(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The attributes, with these changes."""
+        kept = {name: value for name, value in attributes.items() if name not in self.without}
+        return {**kept, **self.changed}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,12 +192,17 @@ class Entry:
     kind: GroupKind  # of its group
     is_unstable: bool  # whether it was predicted to blow up
     place: int = 0  # of a journal, where the frame begins
-
     description: Description | None = None  # what it is to be described as, if it was another one
 
     def attributes(self) -> Mapping[str, Any]:
         """Its attributes, not verified."""
-        return self._described(self.source.attributes(self))
+        own = self.source.attributes(self)
+        return own if self.description is None else self.description.of(own)
+
+    def described(self, description: Description) -> Entry:
+        """The same run, to be written as another one."""
+        kind = kind_of(description.of(self.source.attributes(self)))
+        return replace(self, description=description, kind=kind)
 
     def record(self) -> StoredRecord:
         """All of it, verified."""
@@ -207,25 +214,7 @@ class Entry:
             )
         if self.description is None:
             return record
-        return replace(record, attributes=self._described(record.attributes))
-
-    def _described(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
-        if self.description is None:
-            return attributes
-        kept = {k: v for k, v in attributes.items() if k not in self.description.without}
-        return {**kept, **self.description.changed}
-
-    @property
-    def variant(self) -> str:
-        """What it has in common with other runs of its experiment."""
-        return self.kind.variant if self.description is None else self.description.variant
-
-    @property
-    def group_key(self) -> tuple[object, ...]:
-        """What the members of a group have in common; the swept keys come last."""
-        kind = self.kind
-        swept = kind.swept if self.description is None else swept_by(self.description.run)
-        return self.variant, kind.method, kind.is_refusal, swept
+        return replace(record, attributes=self.description.of(record.attributes))
 
     @property
     def is_reference(self) -> bool:
