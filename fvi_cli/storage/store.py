@@ -107,11 +107,12 @@ class Store:
         # the journal first: if it is consolidated meanwhile, the file is opened after that
         self._journal = Journal(path, writes=writes)
         self._file: ResultFile | None = None
+        self._stored: list[Entry] = []  # in the file, in its order
         try:
             if path.exists():
                 self._file = ResultFile(path)
-                self._learn(self._file.entries())
-            self._learn(self._journal.entries)
+                self._stored = self._file.entries()
+            self._learn([*self._stored, *self._journal.entries])
         except BaseException:
             self.close()
             raise
@@ -321,16 +322,11 @@ class Store:
         if self._file is None or self._file.root[RESOLVED] != attributes[RESOLVED]:
             # another comment, or the same values written in another way, change no run
             return False
-        wanted = [
-            (
-                path,
-                row,
-                one.identity if one.description is None and one.source is self._file else "",
-            )
-            for path, rows in layout.items()
-            for row, one in enumerate(rows)
-        ]
-        return wanted == [(one.path, one.row, one.identity) for one in self._file.entries()]
+        places = [(path, row, one) for path, own in layout.items() for row, one in enumerate(own)]
+        # one that is described anew is another entry
+        return [one for *_, one in places] == self._stored and all(
+            (one.path, one.row) == (path, row) for path, row, one in places
+        )
 
     def _lookup(self, digest: str) -> NDArray[Any]:
         """A long list of numbers."""
