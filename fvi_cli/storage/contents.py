@@ -92,7 +92,7 @@ def list_runs(path: Path | str) -> StoredFile:
     """What a result file holds and where it comes from, without the numbers of the runs."""
     with contextlib.closing(ResultFile(Path(path))) as file:
         if not file.is_sealed:  # whatever another program has changed
-            for entry in file.entries():
+            for entry in file.entries:
                 entry.record()
         provenance = {
             escape_text(name): escape_text(str(value))

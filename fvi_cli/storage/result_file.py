@@ -6,6 +6,7 @@ The root's checksum covers its attributes and the index, the index has a checksu
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import re
@@ -105,6 +106,7 @@ class ResultFile:
         """Of every group of runs its path, kind and line of a listing."""
         return [json.loads(text) for text in self._index["groups"]]
 
+    @functools.cached_property
     def entries(self) -> list[Entry]:
         """Where every run lies, in the order of the file."""
         with explain_damage(self.path):
@@ -115,8 +117,9 @@ class ResultFile:
             (str(one["path"]), GroupKind(**one["kind"] | {"swept": tuple(one["kind"]["swept"])}))
             for one in self.groups
         ]
-        digests = ([bytes(row).hex() for row in self._index[name]] for name in DIGESTS)
-        numbers = (self._index[name].tolist() for name in NUMBERS)
+        # from here on the entries have it
+        digests = ([bytes(row).hex() for row in self._index.pop(name)] for name in DIGESTS)
+        numbers = (self._index.pop(name).tolist() for name in NUMBERS)
         for row in zip(*digests, *numbers, strict=True):
             identity, request, checksum, group, number, is_unstable = row
             path, kind = groups[group]
@@ -231,17 +234,16 @@ def write_file(
         for number, (place, rows) in enumerate(layout.items()):
             group = write_group(file, place, rows)
             check()
-            checked = zip(rows, group.checksums, group.column("predicted"), strict=True)
+            checked = zip(rows, group.checksums, group.survey.column("predicted"), strict=True)
             for row, (one, own_checksum, predicted) in enumerate(checked):
                 is_unstable = predicted == "unstable"
                 own = (one.identity, one.request, own_checksum, number, row, is_unstable)
                 for column, value in zip(index.values(), own, strict=True):
                     column.append(value)
-            first = {**group.attributes, **{k: c[0] for k, c in group.by_member.items()}}
-            kinds.append(kind_of(first))
+            kinds.append(kind_of(rows[0].attributes()))
             written.append((place, group))
             for name in ("specification", *group.keys):
-                named |= _named_in(group.column(name))
+                named |= _named_in(group.survey.column(name))
             if rows[0].is_reference:
                 continue
             case = ladders.setdefault(place.rpartition("/")[0], {})

@@ -99,7 +99,8 @@ class Store:
         self.path, self.is_fresh = path, is_fresh
         self._entries: dict[str, Entry] = {}
         self._by_request: dict[str, Entry] = {}
-        self._requested: dict[tuple[str, str], tuple[int, Description | None]] = {}
+        self._requested: dict[str, dict[str, int]] = {}
+        self._descriptions: dict[tuple[str, str], Description] = {}
         self._merged: list[Store] = []
         self._added: set[str] = set()
         self._inputs: Inputs = {}
@@ -107,12 +108,11 @@ class Store:
         # the journal first: if it is consolidated meanwhile, the file is opened after that
         self._journal = Journal(path, writes=writes)
         self._file: ResultFile | None = None
-        self._stored: list[Entry] = []  # in the file, in its order
         try:
             if path.exists():
                 self._file = ResultFile(path)
-                self._stored = self._file.entries()
-            self._learn([*self._stored, *self._journal.entries])
+                self._learn(self._file.entries)
+            self._learn(self._journal.entries)
         except BaseException:
             self.close()
             raise
@@ -213,14 +213,14 @@ class Store:
     ) -> None:
         """What is requested belongs where the file's configuration points to."""
         kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
-        number = -1 if run.member is None else run.member.number
-        description = None
+        path = group_path(name, kind.case, kind.n_steps)
+        own = self._requested.setdefault(path, {})
+        own[entry.identity] = -1 if run.member is None else run.member.number
         if (kind.experiment, kind.norm, kind.swept) != (name, norm, swept_by(run)):
             self._inputs |= specification_of(run)[1]
             record, finished = known or (found := entry.record(), self._read_back(run, found))
-            description = None if finished is None else description_of(record, finished)
-        path = group_path(name, kind.case, kind.n_steps)
-        self._requested[path, entry.identity] = (number, description)
+            if finished is not None:
+                self._descriptions[path, entry.identity] = description_of(record, finished)
 
     def mark_requested(self, runs: Iterable[Run]) -> tuple[int, int]:
         """Say what a configuration requests, in its order.
@@ -277,7 +277,7 @@ class Store:
         attributes = (
             self._root_attributes() if is_described else described(configuration, self._inputs)
         )
-        layout = layout_of(self._entries, self._by_request, self._requested)
+        layout = layout_of(self._entries, self._by_request, self._requested, self._descriptions)
         if not self._is_current(layout, attributes):
             others = sum(
                 VARIANT_MARK in path and not one.is_reference
@@ -304,11 +304,15 @@ class Store:
         """Remove runs from the file; what else is in it stays, the journal is taken in."""
         unwanted = {entry.identity for entry in entries}
         remaining = [one for one in self._entries.values() if one.identity not in unwanted]
-        own = {(one.kind.path, one.identity): (k, None) for k, one in enumerate(remaining)
-               if one.is_of_configuration}  # fmt: skip
+        own: dict[str, dict[str, int]] = {}
+        for number, one in enumerate(remaining):
+            if one.is_of_configuration:
+                own.setdefault(one.kind.path, {})[one.identity] = number
         self._entries = {one.identity: one for one in remaining}
         if self.entries():
-            self._write(layout_of(self._entries, self._by_request, own), self._root_attributes())
+            self._write(
+                layout_of(self._entries, self._by_request, own, {}), self._root_attributes()
+            )
         elif self.path.exists():
             self.close()
             with explain_os_error(self.path):
@@ -324,7 +328,7 @@ class Store:
             return False
         places = [(path, row, one) for path, own in layout.items() for row, one in enumerate(own)]
         # one that is described anew is another entry
-        return [one for *_, one in places] == self._stored and all(
+        return [one for *_, one in places] == self._file.entries and all(
             (one.path, one.row) == (path, row) for path, row, one in places
         )
 

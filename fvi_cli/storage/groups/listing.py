@@ -69,7 +69,7 @@ def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
 
 def _specification(group: WrittenGroup) -> dict[str, Any]:
     """What determines the numbers, and the norm, which distinguishes variants as well."""
-    return {**json.loads(group.attributes["specification"]), "norm": group.column("norm")[0]}
+    return {**json.loads(group.attributes["specification"]), "norm": group.survey.column("norm")[0]}
 
 
 def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
@@ -84,11 +84,11 @@ def _stored_run(group: WrittenGroup, variant: str) -> StoredRun:
     a = group.attributes
     of_several: dict[str, Any] = {"error": float(a.get("error", 0.0))}
     if group.keys:
-        errors = np.asarray(group.column("error"))
-        swept = [swept_in_words(key, group.by_member[key]) for key in group.keys]
+        errors = np.asarray(group.survey.column("error"))
+        swept = [swept_in_words(key, group.survey.column(key)) for key in group.keys]
         of_several = {
             "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
-            "members": len(group),
+            "members": len(group.survey),
             "swept": "; ".join(swept),
         }
     else:

@@ -109,30 +109,21 @@ class NewGroup:
 class WrittenGroup:
     """Attributes of the runs of a group that has just been written."""
 
-    attributes: dict[str, Any]  # what they have in common, and what they differ in
-    by_member: Mapping[str, Sequence[Any]]
+    attributes: dict[str, Any]  # what they have in common, and summaries of what they differ in
+    survey: Survey  # what each of them says
     keys: tuple[str, ...]  # what is swept
     checksums: Sequence[str]  # of each of them
-
-    def __len__(self) -> int:
-        """Number of runs."""
-        return len(self.checksums)
-
-    def column(self, name: str) -> Sequence[Any]:
-        """What each of the runs says."""
-        return self.by_member.get(name) or [self.attributes.get(name, "")] * len(self)
 
 
 def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
     """Write a run, or members of a sweep in common arrays, some in memory at a time."""
     survey, axes, sizes = _survey(rows)
     keys = tuple(json.loads(survey.common.get(SWEPT, "[]")))
-    attributes, by_member = _attributes_of(survey, keys)
     new = NewGroup(file, path, keys)
     if keys:
         new.add(MEMBER, (MEMBER,), np.arange(len(rows), dtype="<i8"))
-    for name, column in by_member.items():
-        new.add_column(name, column)
+        for name in _by_member(survey, keys):
+            new.add_column(name, survey.column(name))
     along = {n: tuple(scale_of(a, of_members=bool(keys)) for a in own) for n, own in axes.items()}
     is_scale = {name: own == (name,) for name, own in along.items()}
     for name in sorted(axes, key=lambda one: not is_scale[one]):
@@ -147,11 +138,16 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGro
         _write_block(new, block, len(checksums), [n for n in axes if not is_scale[n]])
         for record in block:
             _compare(shared, {n: v for n, v in record.arrays.items() if is_scale[n]}, path)
-        checksums += [record.checksum for record in block]
+        own = rows[len(checksums) : len(checksums) + len(block)]
+        checksums += [
+            record.checksum if row.description else row.checksum
+            for row, record in zip(own, block, strict=True)
+        ]
     for name, values in shared.items():
         new.datasets[name][: values.size] = values
+    attributes = _attributes_of(survey, keys)
     new.finish(attributes)
-    return WrittenGroup(attributes=attributes, by_member=by_member, keys=keys, checksums=checksums)
+    return WrittenGroup(attributes=attributes, survey=survey, keys=keys, checksums=checksums)
 
 
 def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
@@ -175,22 +171,20 @@ def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
     return survey, axes, sizes
 
 
-def _attributes_of(
-    survey: Survey, keys: tuple[str, ...]
-) -> tuple[dict[str, Any], dict[str, Sequence[Any]]]:
-    """What the runs of a group have in common, and what members differ in."""
-    if not keys:
-        return {name: value for name, value in survey.common.items() if name != POINTS}, {}
-    by_member = {
-        name: survey.column(name)
-        for name in (*keys, *survey.names)
-        if name in keys or name in survey.columns or name in ALWAYS_BY_MEMBER
-    }
-    common = {name: value for name, value in survey.common.items() if name not in keys}
+def _by_member(survey: Survey, keys: tuple[str, ...]) -> list[str]:
+    """What is written for every member: what is swept, and what they differ in."""
+    told = {*survey.columns, *ALWAYS_BY_MEMBER}
+    return [*keys, *(name for name in survey.names if name in told and name not in keys)]
+
+
+def _attributes_of(survey: Survey, keys: tuple[str, ...]) -> dict[str, Any]:
+    """What the runs of a group have in common."""
+    left_out = keys or (POINTS,)
+    common = {name: value for name, value in survey.common.items() if name not in left_out}
     for name, summary in _SUMMARIES.items():
         if name in survey.columns:
             common[name] = summary(survey.columns[name])
-    return common, by_member
+    return common
 
 
 def _blocks(rows: Sequence[Entry]) -> Iterator[list[StoredRecord]]:
@@ -291,7 +285,7 @@ def write_convergence(
     for n_steps, groups in ladder.items():
         for one in groups:
             # without keys there is one run
-            columns = [one.column(key) for key in keys]
+            columns = [one.survey.column(key) for key in keys]
             for values in zip(*columns, strict=True) if keys else [()]:
                 row = numbers.setdefault(canonical_json(values), len(members))
                 rungs[n_steps].append(row)
@@ -309,6 +303,10 @@ def write_convergence(
     for name, (source, empty, kind) in _SUMMARY.items():
         table = np.full((len(members), len(steps)), empty, dtype=kind)
         for rung, n_steps in enumerate(steps):
-            table[rungs[n_steps], rung] = [v for one in ladder[n_steps] for v in one.column(source)]
+            table[rungs[n_steps], rung] = [
+                v for one in ladder[n_steps] for v in one.survey.column(source)
+            ]
         new.add(name, axes, table if keys else table[0])
-    new.finish({"norm": first.column("norm")[0]} | ({SWEPT: json.dumps(keys)} if keys else {}))
+    new.finish(
+        {"norm": first.survey.column("norm")[0]} | ({SWEPT: json.dumps(keys)} if keys else {})
+    )

@@ -40,16 +40,17 @@ def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
     return Description(changed=changed, without=without)
 
 
-Requested = Mapping[tuple[str, str], tuple[int, Description | None]]
-"""By path of a group and identity: number of a member, and how the record is described anew."""
-
-
 def layout_of(
-    entries: Mapping[str, Entry], latest: Mapping[str, Entry], requested: Requested
+    entries: Mapping[str, Entry],
+    latest: Mapping[str, Entry],
+    requested: Mapping[str, Mapping[str, int]],
+    descriptions: Mapping[tuple[str, str], Description],
 ) -> dict[str, list[Entry]]:
     """Runs, given by identity, by the path of the group where they belong.
 
-    Of those that answer one request the `latest` is kept: what other code has computed again.
+    Of those that answer one request the `latest` is kept: what other code has computed again. What
+    is `requested` is given by path and identity with the number of its member; it may be described
+    anew there.
     """
     found: dict[str, list[Entry]] = {}
     variants: dict[str, str] = {}
@@ -62,14 +63,16 @@ def layout_of(
                 found.setdefault(path, []).append(one)
                 return
 
-    # members in the order of the sweep, whenever they were computed
-    for (path, identity), (_, description) in sorted(requested.items(), key=lambda one: one[1][0]):
-        entry = entries[identity]
-        if description is not None:
-            entry = entry.described(description)
-        variants[path.split("/")[1]] = entry.kind.variant
-        put(entry, _from(path, entry.kind))
-    taken = {identity for _, identity in requested}
+    taken: set[str] = set()
+    for path, numbers in requested.items():
+        # members in the order of the sweep, whenever they were computed
+        for identity in sorted(numbers, key=numbers.__getitem__):
+            entry = entries[identity]
+            if (path, identity) in descriptions:
+                entry = entry.described(descriptions[path, identity])
+            variants[path.split("/")[1]] = entry.kind.variant
+            put(entry, _from(path, entry.kind))
+        taken |= numbers.keys()
     answered = {entries[identity].request for identity in taken}
     for identity, entry in entries.items():
         if identity in taken or entry.request in answered or latest[entry.request] is not entry:
