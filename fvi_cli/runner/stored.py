@@ -27,9 +27,9 @@ def resumed_at(run: Run, reached: int) -> str:
 
 
 def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
-    """A stored run; a search that came to nothing is tried again, unless nothing is computed."""
-    is_vain = found is not None and found.run.is_search and found.status == "refused"
-    return None if is_vain and request.stored is None else found
+    """A stored run; a search that was refused is repeated, unless nothing is computed."""
+    is_refused = found is not None and found.run.is_search and found.status == "refused"
+    return None if is_refused and request.stored is None else found
 
 
 @contextlib.contextmanager

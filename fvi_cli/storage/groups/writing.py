@@ -165,16 +165,15 @@ def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
             if name == TIME:
                 points = shape[0]
         text = axes_in_words(mine)
-        said = {**row.attributes(), IDENTITY: row.identity, POINTS: points,
-                ARRAYS: words.setdefault(text, text)}  # fmt: skip
-        survey.add(said)
+        layout = {IDENTITY: row.identity, POINTS: points, ARRAYS: words.setdefault(text, text)}
+        survey.add({**row.attributes(), **layout})
     return survey, axes, sizes
 
 
 def _by_member(survey: Survey, keys: tuple[str, ...]) -> list[str]:
     """What is written for every member: what is swept, and what they differ in."""
-    told = {*survey.columns, *ALWAYS_BY_MEMBER}
-    return [*keys, *(name for name in survey.names if name in told and name not in keys)]
+    names = {*survey.columns, *ALWAYS_BY_MEMBER}.difference(keys)
+    return [*keys, *(name for name in survey.names if name in names)]
 
 
 def _attributes_of(survey: Survey, keys: tuple[str, ...]) -> dict[str, Any]:
