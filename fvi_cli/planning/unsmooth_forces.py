@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import cast
@@ -23,6 +24,7 @@ _OF_ONE = ("abs", "sign", "cbrt")
 _OF_TWO = ("min", "max", "select")
 
 
+@functools.lru_cache(maxsize=8)
 def has_kinks(scene: Scene) -> bool:
     """Whether forces have kinks, or roots of what comes to zero, where a motion may pass.
 
