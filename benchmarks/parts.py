@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 from unittest import mock
 
 import numpy as np
 
 from benchmarks.measuring import table
-from benchmarks.robustness import Command
 from fvi_cli.__main__ import main
-from fvi_cli.config import load_config
-from fvi_cli.runner.executors.batches import batches_of
-from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.execute import execute_job
-from fvi_cli.runner.executors.jobs import Job, References, Results
-from fvi_cli.runner.parts.shard import Shard
-from fvi_cli.storage import open_results, read_configuration
-from fvi_cli.studies.study import execute
+
+if TYPE_CHECKING:
+    from fvi_cli.runner.executors.checkpoints import CheckpointFolder
+    from fvi_cli.runner.executors.jobs import Job, References, Results
 
 MANY = """\
 name: many
@@ -37,6 +34,8 @@ sweep:
   problem.stiffness: {{from: 1.0, to: 4.0, number: 100}}
 """
 PARTS = 4
+
+Command = tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +67,8 @@ def run_sweep(members: int, *, computed: bool = True) -> list[Spent]:
     Where they are not `computed`, the parts are files of the same form in which all members have
     the motion of the first, and only what joins and lists them is measured.
     """
+    from fvi_cli.storage import read_configuration
+
     members = max(100, members // 100 * 100)
     with tempfile.TemporaryDirectory(prefix="fvi-sweep-") as name:
         folder = Path(name)
@@ -95,6 +96,12 @@ def _make_up(folder: Path, files: Sequence[Path]) -> None:
         if os.waitpid(process, 0)[1]:
             raise RuntimeError("the files of the parts could not be made")
         return
+    from fvi_cli.config import load_config
+    from fvi_cli.runner.executors.batches import batches_of
+    from fvi_cli.runner.parts.shard import Shard
+    from fvi_cli.storage import open_results
+    from fvi_cli.studies.study import execute
+
     loaded = load_config(folder / "many.yaml")
     (experiment,) = loaded.experiments
     first = execute(experiment.runs()[0])
@@ -108,7 +115,7 @@ def _make_up(folder: Path, files: Sequence[Path]) -> None:
 
 
 def measured(folder: Path, command: Command, members: int) -> Spent:
-    """What a command takes in a process of its own, which has imported no other benchmark."""
+    """What a command takes in a process of its own, which imports what the command does."""
     done = subprocess.run(  # noqa: S603
         [sys.executable, "-m", "benchmarks.parts", str(folder), *command],
         stdout=subprocess.PIPE,
@@ -127,26 +134,35 @@ def measured(folder: Path, command: Command, members: int) -> Spent:
 
 def _carry_out(folder: str, *command: str) -> str:
     """What the command takes in this process: seconds for batches, for the rest, and bytes."""
-    real, spent = execute_job, [0.0]
-
-    def timed(job: Job, references: References, checkpoints: CheckpointFolder | None) -> Results:
-        began = time.process_time()
-        try:
-            return real(job, references, checkpoints)
-        finally:
-            spent[0] += time.process_time() - began
-
+    spent = [0.0]
+    is_timed = contextlib.nullcontext() if command[0] != "run" else _timed_batches(spent)
     os.chdir(folder)
     sys.argv = ["fvi", *command]
     began = time.process_time()
     try:
-        with mock.patch("fvi_cli.runner.compute.execute_job", timed):
+        with is_timed:
             main()
     except SystemExit as ended:
         if ended.code:
             raise
     other = time.process_time() - began - spent[0]
     return f"{spent[0]} {other} {_peak_bytes()}"
+
+
+@contextlib.contextmanager
+def _timed_batches(spent: list[float]) -> Iterator[None]:
+    """Add the seconds that batches take."""
+    from fvi_cli.runner.executors.execute import execute_job
+
+    def timed(job: Job, references: References, checkpoints: CheckpointFolder | None) -> Results:
+        began = time.process_time()
+        try:
+            return execute_job(job, references, checkpoints)
+        finally:
+            spent[0] += time.process_time() - began
+
+    with mock.patch("fvi_cli.runner.compute.execute_job", timed):
+        yield
 
 
 def _peak_bytes() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from typing import Literal
 
@@ -204,8 +205,9 @@ def _abrupt_orders(scene: Scene) -> tuple[float, ...]:
     return tuple(t.order for t in scene.active_damping if t.order != 1 and starts[t.order > 1])
 
 
+@functools.lru_cache(maxsize=8)
 def _solution_powers(scene: Scene) -> Array:
-    """Powers of the solution at the start, the lowest ones at least.
+    """Powers of the solution at the start, the lowest ones at least; the same for all methods.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
@@ -25,6 +26,7 @@ Line = Callable[[Array], Mapping[str, Array | float]]
 """From places along a straight line to the values of all variables there."""
 
 
+@functools.lru_cache(maxsize=8)
 def has_kinks(scene: Scene) -> bool:
     """Whether forces have kinks, or roots of what comes to zero, where a motion may pass.
 

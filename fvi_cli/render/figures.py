@@ -56,6 +56,9 @@ def write_figures(
     Where the files show what the figure shows (:func:`compare_figures`) they are left as they are,
     and only pictures that are missing are drawn, unless it is wanted `anew`.
     """
+    if not figures:
+        return []
+    # a slow import, which tables need not wait for
     from fvi_cli.plotting import USUAL_FORMS, save_figure
 
     wanted_forms = formats or _FORMATS.get()
@@ -78,6 +81,8 @@ def compare_figures(
     Pictures in `formats` must be there: by default those of :func:`pictures_as`, or else PNG, which
     documents show.
     """
+    if not figures:
+        return []
     from fvi_cli.plotting import compare_drawn, drawn_text
 
     if formats is None:

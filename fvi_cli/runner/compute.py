@@ -32,9 +32,9 @@ from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import (
     FRESH,
     Why,
+    report_missing,
     resumed_at,
     reusable,
-    stored_outcomes,
     stored_runs,
 )
 from fvi_cli.storage import NEW, Store
@@ -107,31 +107,19 @@ def run(
     )
     request = requested(source, allow_unstable=allow_unstable)
     check_memory(request, settings)
-    title, experiments = request.name, request.loaded.experiments
     is_kept = settings.keep and request.stored is None
-    checkpoints = settings.checkpoints(request)
     with stored_runs(request, settings, writes=is_kept) as (store, why):
-        if request.stored is not None:
-            return stored_outcomes(experiments, store)
-        if settings.fresh and checkpoints is not None:
-            every = (run for one in experiments for run in (*one.runs(), *one.searches()))
-            checkpoints.remove(every)
+        listed = settings.runs_of(request)
         kept = (lambda one: one) if settings.keeps_motions else without_motion
-        listed = settings.shard.runs_of(experiments)
         done: dict[Run, FinishedRun] = {}
         waiting: list[Run] = []
-        shown: set[tuple[str, str, str]] = set()
         for one in itertools.chain.from_iterable(listed.values()):
-            found = store.finished(one)
-            earlier = reusable(found) if one.is_search else found
-            if earlier is None:
+            found = reusable(store.finished(one), request)
+            if found is None:
                 waiting.append(one)
             else:
-                done[one] = kept(earlier)
-        _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
-        _log_reasons(title, waiting, why)
-        for words in {one_by_one_words(one.experiment) for one in waiting} - {""}:
-            _logger.warning("%s: %s", title, words)
+                done[one] = kept(found)
+        shown: set[tuple[str, str, str]] = set()
 
         def take(one: FinishedJob) -> bool:
             # a dead worker left no result: the next time it is computed again
@@ -143,25 +131,31 @@ def run(
             return any(map(is_unexpected_failure, one.finished))
 
         try:
-            compute_jobs(
-                jobs_of(waiting, store.has_reference),
-                settings,
-                title=title,
-                compute=functools.partial(execute_job, checkpoints=checkpoints),
-                take=take,
-                store=store,
-                is_kept=is_kept,
-                begun={} if checkpoints is None else _resumed(waiting, checkpoints),
-            )
+            if request.stored is None:
+                _log_waiting(request.name, len(done), waiting, why)
+                checkpoints = settings.checkpoints(request)
+                compute_jobs(
+                    jobs_of(waiting, store.has_reference),
+                    settings,
+                    title=request.name,
+                    compute=functools.partial(execute_job, checkpoints=checkpoints),
+                    take=take,
+                    store=store,
+                    is_kept=is_kept,
+                    begun=_begun(waiting, checkpoints, is_fresh=settings.fresh),
+                )
         finally:
             if is_kept:
                 # also on Ctrl-C: what is finished is there for the next time
                 # a part of few packs may be empty, which those who wait for its file need not know
                 store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
-        return [
+        outcomes = [
             _outcome(experiment, [done[run] for run in runs if run in done])
             for experiment, runs in listed.items()
         ]
+        if request.stored is not None:
+            report_missing(outcomes, store)
+        return outcomes
 
 
 def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
@@ -196,20 +190,9 @@ def compute_jobs(
 ) -> None:
     """Compute the jobs of a command: the one place for its progress, references and --fail-fast.
 
-    Parameters
-    ----------
-    jobs, compute
-        What is computed, and by what.
-    settings
-        Where, and whether the first unexpected failure ends it.
-    title
-        Stands beside the progress bar.
-    take
-        Takes what a job came to, and says whether that is an unexpected failure.
-    store, is_kept
-        Where references are looked up, and whether those that are found are stored there.
-    begun
-        Steps of runs that an earlier command has done.
+    `take` is given what a job came to, and says whether that is an unexpected failure. References
+    are looked up in `store`, and those that are found are stored there if it `is_kept`; `begun` has
+    the steps of runs that an earlier command has done.
     """
     runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
     references = _References(store=store, jobs=jobs, is_kept=is_kept)
@@ -284,8 +267,14 @@ def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome
     return Outcome(experiment=own, finished=tuple(finished))
 
 
-def _resumed(waiting: Sequence[Run], checkpoints: CheckpointFolder) -> dict[Hashable, int]:
-    """Log which runs go on from a checkpoint; how many steps of them are done."""
+def _begun(
+    waiting: Sequence[Run], checkpoints: CheckpointFolder | None, *, is_fresh: bool
+) -> dict[Hashable, int]:
+    """How many steps of runs are done; says which go on from a checkpoint."""
+    if checkpoints is None:
+        return {}
+    if is_fresh:
+        checkpoints.remove(waiting)
     for search in (run for run in waiting if run.is_search):
         if words := checkpoints.resumed(search):
             _logger.info("%s: %s", search_title(search), words)
@@ -323,16 +312,19 @@ def _named(words: str, title: str) -> str:
     return words.removeprefix(f"{title} ")
 
 
-def _log_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
-    """How many runs are computed again for which reason."""
-    counts: dict[str, int] = {}
+def _log_waiting(title: str, stored: int, waiting: Sequence[Run], why: Why) -> None:
+    """How many runs are computed, how many of them again for which reason."""
+    _logger.info("%s: %d runs, %d of them stored", title, stored + len(waiting), stored)
+    counts: Counter[str] = Counter()
     for run in waiting:
         reason = NEW if run.is_search else why(run)
         if reason not in (NEW, FRESH):
             _logger.debug("%s: %s", run.title, reason)
-            counts[reason] = counts.get(reason, 0) + 1
+            counts[reason] += 1
     for reason, count in counts.items():
         _logger.info("%s: computed again: %d runs, %s", title, count, reason)
+    for words in {one_by_one_words(one.experiment) for one in waiting} - {""}:
+        _logger.warning("%s: %s", title, words)
 
 
 def _report(finished: FinishedRun, shown: set[tuple[str, str, str]]) -> None:

@@ -17,19 +17,19 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.planning.plan import Plan, plan_run
 from fvi_cli.planning.seconds import Timing, short_job, time_runs
 from fvi_cli.runner.executors.batches import batches_of, pack_size
-from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.jobs import crash
 from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
-from fvi_cli.storage import Store
 from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
 MOST_ALIKE = 1024
 """Members of a sweep among which those are looked for that are computed with the first."""
+
+_SEARCH = "steps are chosen during the run, for {}; a second run estimates the error"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,54 +73,42 @@ def plan(
     settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
     request = requested(source, allow_unstable=allow_unstable)
     check_memory(request, settings)
-    plans = []
     checkpoints = None if settings.fresh else settings.checkpoints(request)
+    plans = []
     with stored_runs(request, settings) as (store, why):
-        for experiment, runs in settings.shard.runs_of(request.loaded.experiments).items():
-            if experiment.needs_search:
-                plans += [_search(one, request, store, checkpoints) for one in runs]
+        runs = [run for own in settings.runs_of(request).values() for run in own]
+        known = [run for run in runs if not run.is_search]
+        begun = {} if checkpoints is None else checkpoints.unfinished(known)
+        for run in runs:
+            earlier = reusable(store.finished(run), request)
+            action, reason = "reuse", "stored"
+            predicted: Predicted = "unknown"
+            if earlier is not None:
+                run, predicted = earlier.run, earlier.predicted
+            elif run.experiment.accuracy is not None:
+                action = "compute" if request.stored is None else "leave out"
+                kept = "" if checkpoints is None else checkpoints.resumed(run)
+                reason = kept or _SEARCH.format(run.experiment.accuracy.words)
             else:
-                begun = {} if checkpoints is None else checkpoints.unfinished(runs)
-                plans += [_planned(run, store, why, request, begun) for run in runs]
+                action, reason, predicted = _missing(run, why, request, begun)
+            plans.append(PlannedRun(run=run, action=action, reason=reason, predicted=predicted))
     return plans
 
 
-def _search(
-    search: Run, request: Request, store: Store, checkpoints: CheckpointFolder | None
-) -> PlannedRun:
-    """The run that would be found for a tolerance, or the one that was."""
-    earlier = reusable(store.finished(search))
-    if earlier is not None:
-        run, predicted = earlier.run, earlier.predicted
-        return PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)
-    accuracy = search.experiment.accuracy
-    words = "a tolerance" if accuracy is None else accuracy.words
-    action = "compute" if request.stored is None else "leave out"
-    reason = f"steps are chosen during the run, for {words}; a second run estimates the error"
-    if checkpoints is not None:
-        reason = checkpoints.resumed(search) or reason
-    return PlannedRun(run=search, action=action, reason=reason, predicted="unknown")
-
-
-def _planned(
-    run: Run, store: Store, why: Why, request: Request, begun: Mapping[Run, int]
-) -> PlannedRun:
-    earlier = store.finished(run)
-    if earlier is not None:
-        return PlannedRun(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
+def _missing(
+    run: Run, why: Why, request: Request, begun: Mapping[Run, int]
+) -> tuple[str, str, Predicted]:
+    """What would be done with a run that is not stored, why, and what is predicted."""
     try:
         prediction = prediction_of(run)
     except Exception as error:
-        reason = f"{why(run)}; no prediction: {crash(error).message}"
-        return PlannedRun(run=run, action="compute", reason=reason, predicted="unknown")
+        return "compute", f"{why(run)}; no prediction: {crash(error).message}", "unknown"
+    verdict = prediction.verdict
     if request.stored is not None:
-        action, reason = "leave out", "not in the file"
-    elif prediction.verdict == "unstable" and not run.experiment.allow_unstable:
-        action, reason = "refuse", f"refused: {prediction.reason}"
-    else:
-        action = "compute"
-        reason = resumed_at(run, begun[run]) if run in begun else why(run)
-    return PlannedRun(run=run, action=action, reason=reason, predicted=prediction.verdict)
+        return "leave out", "not in the file", verdict
+    if verdict == "unstable" and not run.experiment.allow_unstable:
+        return "refuse", f"refused: {prediction.reason}", verdict
+    return "compute", resumed_at(run, begun[run]) if run in begun else why(run), verdict
 
 
 def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:

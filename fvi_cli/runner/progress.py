@@ -49,10 +49,7 @@ class RunBar:
 def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
     """Show a bar on standard error if it is `wanted` and standard error is a terminal.
 
-    Yields
-    ------
-    Advance
-        Function to be called with a word on each of the `total` pieces of work that is done.
+    It yields a function to be called with a word on each of the `total` pieces that is done.
     """
     with run_bar(title, total, total, wanted=wanted) as bar:
         yield lambda doing: bar.finished(doing, None, 1)
@@ -74,11 +71,6 @@ def run_bar(
 
     The title stands where later the run is named; `begun` has the steps of pieces that an earlier
     command has done, by their keys.
-
-    Yields
-    ------
-    RunBar
-        To report what is done.
     """
     if not (wanted and runs and sys.stderr.isatty()):
         yield RunBar(finished=lambda doing, key, steps: None)

@@ -15,6 +15,7 @@ from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import PARTS_SUFFIX
+from fvi_cli.studies.experiment import Experiment, Run
 
 _SCHEMES = ("tcp", "tls", "ucx", "ws", "wss", "inproc")
 CHECKPOINT_SECONDS = 60.0
@@ -70,6 +71,11 @@ class Settings:
         if self.workers > 1:
             return LocalProcesses(workers=self.workers, watch=watch)
         return InProcess(watch=watch)
+
+    def runs_of(self, request: Request) -> dict[Experiment, list[Run]]:
+        """The runs and searches of a part of a configuration; of a result file all."""
+        shard = self.shard if request.stored is None else WHOLE
+        return shard.runs_of(request.loaded.experiments)
 
     def checkpoints(self, request: Request) -> CheckpointFolder | None:
         """Where runs of `request` keep checkpoints; None where they keep none.

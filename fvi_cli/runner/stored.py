@@ -10,7 +10,7 @@ from fvi_cli.errors import StorageError
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import Place, Reasons, Store, open_results, place_of, read_results
+from fvi_cli.storage import Reasons, Store, open_results, read_results
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
@@ -26,9 +26,10 @@ def resumed_at(run: Run, reached: int) -> str:
     return f"resume at step {reached} of {run.n_steps}"
 
 
-def reusable(found: FinishedRun | None) -> FinishedRun | None:
-    """A run that was chosen earlier, if its tolerance was met: what was refused is tried again."""
-    return None if found is None or found.status == "refused" else found
+def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
+    """A stored run; a search that was refused is repeated, unless nothing is computed."""
+    is_refused = found is not None and found.run.is_search and found.status == "refused"
+    return None if is_refused and request.stored is None else found
 
 
 @contextlib.contextmanager
@@ -48,29 +49,22 @@ def stored_runs(
     )
     with opened as store:
 
-        def requested() -> set[Place]:
-            shared = settings.shard.runs_of(request.loaded.experiments)
-            return {place_of(run) for runs in shared.values() for run in runs if not run.is_search}
+        def requested() -> Iterator[Run]:
+            listed = settings.runs_of(request).values()
+            return (run for runs in listed for run in runs if not run.is_search)
 
         reasons = Reasons(stored=store, requested=requested)
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
 
 
-def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
-    """Read the runs of a result file, and compute nothing.
+def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
+    """Say which runs are not in the result file that was named.
 
     Raises
     ------
     StorageError
         If none of the runs of an experiment can be used, such as those of an older version.
     """
-    outcomes = []
-    for experiment in experiments:
-        found = [results.finished(run) for run in experiment.searches() or experiment.runs()]
-        finished = tuple(one for one in found if one is not None)
-        is_single = experiment.needs_search and not experiment.members
-        own = finished[0].run.experiment if is_single and finished else experiment
-        outcomes.append(Outcome(experiment=own, finished=finished))
     for outcome in outcomes:
         if outcome.missing and not outcome.finished:
             raise StorageError(_unusable(outcome.experiment, results))
@@ -81,13 +75,12 @@ def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[O
                 outcome.missing,
                 outcome.experiment.name,
             )
-    return outcomes
 
 
 def _unusable(experiment: Experiment, results: Store) -> str:
     """Why no run of an experiment can be used, and what to do."""
     runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
-    reasons = Reasons(stored=results, requested=lambda: {place_of(run) for run in runs})
+    reasons = Reasons(stored=results, requested=lambda: runs)
     found = sorted({reasons.of(run) for run in runs})
     return (
         f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "

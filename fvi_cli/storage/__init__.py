@@ -13,20 +13,19 @@ from fvi_cli.storage.comparison.reasons import NEW, Reasons
 from fvi_cli.storage.contents import (
     StoredConfiguration,
     StoredFile,
-    StoredRun,
     has_configuration,
     list_runs,
     read_configuration,
 )
 from fvi_cli.storage.files import PARTS_SUFFIX, escape_text
-from fvi_cli.storage.records.record import Entry, Place, place_of
+from fvi_cli.storage.groups.listing import StoredRun
+from fvi_cli.storage.records.record import Entry
 from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
     "NEW",
     "PARTS_SUFFIX",
     "Entry",
-    "Place",
     "Reasons",
     "Store",
     "StoredConfiguration",
@@ -36,7 +35,6 @@ __all__ = [
     "has_configuration",
     "list_runs",
     "open_results",
-    "place_of",
     "read_configuration",
     "read_results",
 ]

@@ -75,10 +75,7 @@ def specification_of(run: Run) -> tuple[str, Inputs]:
 
     Of a member of a sweep it is what all have in common, with ``swept`` in the place of values.
     """
-    member = run.member
-    template = "" if member is None else member.template
-    keys = () if member is None else tuple(member.values)
-    return _specification(run.experiment, run.method, run.n_steps, template, keys)
+    return _specification(run.experiment, run.method, run.n_steps, *_template_of(run))
 
 
 @functools.lru_cache(maxsize=256)
@@ -86,25 +83,8 @@ def _specification(
     experiment: Experiment, method: Any, n_steps: int, template: str, keys: tuple[str, ...]
 ) -> tuple[str, Inputs]:
     settings = Run(experiment=experiment, method=method, n_steps=n_steps).settings()
-    problem, inputs = _problem_template(experiment, template, keys)
-    return canonical_json({"problem": problem, **settings}), inputs
-
-
-def problem_template_of(run: Run) -> tuple[Mapping[str, Any], Inputs]:
-    """The problem, of a member with ``swept`` in the place of values, and the lists it names."""
-    if run.member is None:
-        return _problem_template(run.experiment, "", ())
-    return _problem_template(run.experiment, run.member.template, tuple(run.member.values))
-
-
-@functools.lru_cache(maxsize=64)
-def _problem_template(
-    experiment: Experiment, template: str, keys: tuple[str, ...]
-) -> tuple[Mapping[str, Any], Inputs]:
-    if not keys:
-        return _stowed_problem(experiment)
     problem, inputs = _stowed_template(template, _changed(keys))
-    return without_values(problem, keys), inputs
+    return canonical_json({"problem": without_values(problem, keys), **settings}), inputs
 
 
 @functools.lru_cache(maxsize=1024)
@@ -115,26 +95,40 @@ def _settings_text(experiment: Experiment, method: Any, n_steps: int) -> str:
     return canonical_json(settings)
 
 
+def problem_template_of(run: Run) -> tuple[Mapping[str, Any], Inputs]:
+    """The problem, of a member with ``swept`` in the place of values, and the lists it names."""
+    template, keys = _template_of(run)
+    problem, inputs = _stowed_template(template, _changed(keys))
+    return without_values(problem, keys), inputs
+
+
 def problem_of(run: Run) -> Mapping[str, Any]:
     """The problem of a run, its long lists by their digests."""
+    template, keys = _template_of(run)
+    changed = _changed(keys)
+    found = _stowed_template(template, changed)[0]
     if run.member is None:
-        return _stowed_problem(run.experiment)[0]
-    values = run.member.values
-    changed = _changed(tuple(values))
-    found = with_values(_stowed_template(run.member.template, changed)[0], values)
-    return found | {name: stowed(found[name]) for name in changed if name in found}
+        return found
+    own = with_values(found, run.member.values)
+    return own | {name: stowed(own[name]) for name in changed if name in own}
+
+
+def _template_of(run: Run) -> tuple[str, tuple[str, ...]]:
+    """A problem as JSON text, and the keys in which others that share it differ."""
+    if run.member is None:
+        return _text_of(run.experiment), ()
+    return run.member.template, tuple(run.member.values)
+
+
+@functools.lru_cache(maxsize=64)
+def _text_of(experiment: Experiment) -> str:
+    return json.dumps(dict(experiment.problem_specification))
 
 
 @functools.lru_cache(maxsize=64)
 def _changed(keys: tuple[str, ...]) -> frozenset[str]:
     """The entries of a problem in which members differ."""
     return frozenset(path.split(".")[1] for path in keys)
-
-
-@functools.lru_cache(maxsize=64)
-def _stowed_problem(experiment: Experiment) -> tuple[Mapping[str, Any], Inputs]:
-    inputs: Inputs = {}
-    return stowed(json.loads(json.dumps(dict(experiment.problem_specification))), inputs), inputs
 
 
 @functools.lru_cache(maxsize=64)
@@ -178,10 +172,13 @@ def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
     return None
 
 
-def restored(value: Any, lookup: Callable[[str], NDArray[Any]]) -> Any:
-    """What :func:`stowed` was given."""
+def restored(value: Any, lookup: Callable[[str], NDArray[Any] | None]) -> Any:
+    """What :func:`stowed` was given; KeyError for a list that is not known."""
     if isinstance(value, Mapping):
-        if value.keys() == {INPUT}:
-            return lookup(value[INPUT]).tolist()
-        return {key: restored(one, lookup) for key, one in value.items()}
+        if value.keys() != {INPUT}:
+            return {key: restored(one, lookup) for key, one in value.items()}
+        found = lookup(value[INPUT])
+        if found is None:
+            raise KeyError(value[INPUT])
+        return found.tolist()
     return [restored(one, lookup) for one in value] if isinstance(value, list) else value

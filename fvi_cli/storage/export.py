@@ -49,7 +49,7 @@ class StoredArrays:
 def stored_arrays(path: Path) -> Iterator[StoredArrays]:
     """Every run of a result file, or batch of runs, one at a time in the order of the file."""
     with contextlib.closing(ResultFile(path)) as file, explain_damage(path):
-        runs = (entry for entry in file.entries() if not entry.is_reference)
+        runs = (entry for entry in file.entries if not entry.is_reference)
         resolved = json.loads(str(file.root["resolved_config"]))
         designs = {one["name"]: one.get("designs") or {} for one in resolved["experiments"]}
         for place, entries in itertools.groupby(runs, key=lambda entry: entry.path):

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import explain_os_error, followed
-from fvi_cli.storage.records.record import Entry, StoredRecord, kind_of, same_value
+from fvi_cli.storage.records.record import Entry, Shapes, StoredRecord, kind_of, same_value
 
 _logger = logging.getLogger(__name__)
 
@@ -37,6 +37,9 @@ SECONDS_UNSYNCED: Final = 1.0
 _MAGIC: Final = b"fvi1"
 _LENGTHS: Final = struct.Struct("<4sQQ32s")
 _FRAMES_KEPT: Final = 4
+
+Layout = Sequence[tuple[str, str, Sequence[int], Sequence[str]]]
+"""Name, type, shape and axes of the arrays of a run."""
 
 Head = dict[str, Any]
 """What runs of a frame have in common, what each says, and how its arrays lie."""
@@ -187,7 +190,7 @@ class Journal:
             if found is None:
                 raise StorageError(f"{self.path}: is damaged at byte {place}; move it away")
             head, at, _ = found
-            sizes = [sum(8 * math.prod(s) for _, _, s, _ in one) for one in head["layouts"]]
+            sizes = list(map(_size_of, head["layouts"]))
             begins = []
             for *_, layout in head["runs"]:
                 begins.append(at)
@@ -203,7 +206,7 @@ class Journal:
         head, _ = self._known(entry.place)
         return {**head["common"], **head["runs"][entry.row][3]}
 
-    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+    def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         head, _ = self._known(entry.place)
         layout = head["layouts"][head["runs"][entry.row][4]]
@@ -213,10 +216,7 @@ class Journal:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read`."""
         head, begins = self._known(entry.place)
         layout = head["layouts"][head["runs"][entry.row][4]]
-        at, raw = (
-            0,
-            self._bytes(begins[entry.row], sum(8 * math.prod(shape) for _, _, shape, _ in layout)),
-        )
+        raw, at = self._bytes(begins[entry.row], _size_of(layout)), 0
         arrays = {}
         for name, dtype, shape, _ in layout:
             size = math.prod(shape)
@@ -230,12 +230,10 @@ class Journal:
             axes={name: tuple(axes) for name, _, _, axes in layout},
         )
 
-    def has_input(self, digest: str) -> bool:
-        """As :meth:`fvi_cli.storage.records.record.RecordSource.has_input`."""
-        return digest in self.inputs
-
-    def read_input(self, digest: str) -> NDArray[Any]:
+    def read_input(self, digest: str) -> NDArray[Any] | None:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read_input`."""
+        if digest not in self.inputs:
+            return None
         at, dtype, shape = self.inputs[digest]
         return np.frombuffer(self._bytes(at, 8 * math.prod(shape)), dtype).reshape(shape)
 
@@ -273,3 +271,8 @@ class Journal:
             self.path.unlink(missing_ok=True)
         self.entries, self.inputs, self._end = [], {}, 0
         self._heads.clear()
+
+
+def _size_of(layout: Layout) -> int:
+    """Bytes of the arrays of a run."""
+    return sum(8 * math.prod(shape) for _, _, shape, _ in layout)

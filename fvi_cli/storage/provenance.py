@@ -21,6 +21,7 @@ _GIT_SECONDS = 10.0
 _GENERATED = ":(top,exclude)results"
 
 
+@functools.cache
 def package_versions() -> dict[str, str]:
     """Versions of this package, of Python and of the libraries that calculate and write."""
     versions = {"fvi-cli": fvi_cli.__version__, "python": platform.python_version()}

@@ -6,6 +6,7 @@ The root's checksum covers its attributes and the index, the index has a checksu
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import re
@@ -21,16 +22,13 @@ from numpy.typing import NDArray
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json, digest_of
 from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
+from fvi_cli.storage.groups.listing import lines_of
 from fvi_cli.storage.groups.reading import (
-    ARRAYS,
     CONVERGENCE,
-    IDENTITY,
     INDEX,
     INPUTS,
-    POINTS,
     Block,
     StoredGroup,
-    axes_from_words,
     json_value,
     run_groups,
 )
@@ -41,8 +39,7 @@ from fvi_cli.storage.groups.writing import (
     write_group,
 )
 from fvi_cli.storage.provenance import origin, package_versions, platform_name
-from fvi_cli.storage.records.placed import Placed
-from fvi_cli.storage.records.record import Entry, GroupKind, StoredRecord, kind_of
+from fvi_cli.storage.records.record import Entry, GroupKind, Shapes, StoredRecord, kind_of
 
 HELD_BYTES: Final = 2**26
 """Arrays that are kept of an open file: who reads members in another order finds them again."""
@@ -109,6 +106,7 @@ class ResultFile:
         """Of every group of runs its path, kind and line of a listing."""
         return [json.loads(text) for text in self._index["groups"]]
 
+    @functools.cached_property
     def entries(self) -> list[Entry]:
         """Where every run lies, in the order of the file."""
         with explain_damage(self.path):
@@ -119,8 +117,9 @@ class ResultFile:
             (str(one["path"]), GroupKind(**one["kind"] | {"swept": tuple(one["kind"]["swept"])}))
             for one in self.groups
         ]
-        digests = ([bytes(row).hex() for row in self._index[name]] for name in DIGESTS)
-        numbers = (self._index[name].tolist() for name in NUMBERS)
+        # from here on the entries have it
+        digests = ([bytes(row).hex() for row in self._index.pop(name)] for name in DIGESTS)
+        numbers = (self._index.pop(name).tolist() for name in NUMBERS)
         for row in zip(*digests, *numbers, strict=True):
             identity, request, checksum, group, number, is_unstable = row
             path, kind = groups[group]
@@ -137,10 +136,9 @@ class ResultFile:
     def attributes(self, entry: Entry) -> dict[str, Any]:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.attributes`."""
         with explain_damage(self.path):
-            found = self.group(entry.path).attributes_of(entry.row)
-            return {k: v for k, v in found.items() if k not in (IDENTITY, POINTS, ARRAYS)}
+            return self.group(entry.path).attributes_of(entry.row)
 
-    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+    def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         with explain_damage(self.path):
             return self.group(entry.path).shapes(entry.row)
@@ -156,25 +154,20 @@ class ResultFile:
                 while len(self._blocks) > 1 and self._held > HELD_BYTES:
                     self._held -= _size(self._blocks.popitem(last=False)[1])
             self._blocks.move_to_end(key)
-            attributes, arrays = group.row(entry.row, *self._blocks[key])
+            arrays, axes = group.arrays_of(entry.row, *self._blocks[key])
             return StoredRecord(
                 identity=entry.identity,
                 request=entry.request,
-                attributes={
-                    k: v for k, v in attributes.items() if k not in (IDENTITY, POINTS, ARRAYS)
-                },
+                attributes=group.attributes_of(entry.row),
                 arrays=arrays,
-                axes=axes_from_words(attributes[ARRAYS]),
+                axes=axes,
             )
 
-    def has_input(self, digest: str) -> bool:
-        """As :meth:`fvi_cli.storage.records.record.RecordSource.has_input`."""
-        with explain_damage(self.path):
-            return f"{INPUTS}/{digest}" in self._opened()
-
-    def read_input(self, digest: str) -> NDArray[Any]:
+    def read_input(self, digest: str) -> NDArray[Any] | None:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read_input`."""
         with explain_damage(self.path):
+            if f"{INPUTS}/{digest}" not in self._opened():
+                return None
             values = np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
             if digest_of(values) != digest:
                 raise ValueError(f"{INPUTS}/{digest} is not what was written")
@@ -212,18 +205,16 @@ def _checksum(root: Mapping[str, Any], index: Mapping[str, Any]) -> str:
 
 def write_file(
     path: Path,
-    layout: Mapping[str, Sequence[Placed]],
+    layout: Mapping[str, Sequence[Entry]],
     attributes: Mapping[str, Any],
     *,
-    listed: Callable[[Sequence[tuple[str, WrittenGroup]]], Sequence[Mapping[str, Any]]],
     lookup: Callable[[str], NDArray[Any]],
     done: Callable[[], None],
 ) -> None:
     """Write all runs, some in memory at a time, the summary of every case, and the index.
 
-    `attributes` are what the root says of the configuration, `listed` gives the line of a listing
-    for every group, `lookup` a long list of numbers by its digest; `done` is called when everything
-    is read, before the file is replaced.
+    `attributes` are what the root says of the configuration, `lookup` gives a long list of numbers
+    by its digest; `done` is called when everything is read, before the file is replaced.
     """
     root = {
         "creator": CREATOR,
@@ -243,29 +234,27 @@ def write_file(
         for number, (place, rows) in enumerate(layout.items()):
             group = write_group(file, place, rows)
             check()
-            checked = zip(rows, group.checksums, group.column("predicted"), strict=True)
+            checked = zip(rows, group.checksums, group.survey.column("predicted"), strict=True)
             for row, (one, own_checksum, predicted) in enumerate(checked):
                 is_unstable = predicted == "unstable"
                 own = (one.identity, one.request, own_checksum, number, row, is_unstable)
                 for column, value in zip(index.values(), own, strict=True):
                     column.append(value)
-            first = {**group.attributes, **{k: c[0] for k, c in group.by_member.items()}}
-            kinds.append(kind_of(first))
+            kinds.append(kind_of(rows[0].attributes()))
             written.append((place, group))
             for name in ("specification", *group.keys):
-                named |= _named_in(group.column(name))
-            if rows[0].entry.is_reference:
+                named |= _named_in(group.survey.column(name))
+            if rows[0].is_reference:
                 continue
             case = ladders.setdefault(place.rpartition("/")[0], {})
             case.setdefault(int(group.attributes["n_steps"]), []).append(group)
         for place, ladder in ladders.items():
-            convergence = file.create_group(f"{place}/{CONVERGENCE}", track_order=True)
-            write_convergence(convergence, ladder)
+            write_convergence(file, f"{place}/{CONVERGENCE}", ladder)
         for digest in sorted(named):
             _write_numbered(file, f"{INPUTS}/{digest}", lookup(digest), digest)
         lines = [
             json.dumps({"path": place, "kind": kind._asdict(), "line": line})
-            for (place, _), kind, line in zip(written, kinds, listed(written), strict=True)
+            for (place, _), kind, line in zip(written, kinds, lines_of(written), strict=True)
         ]
         checksum = _checksum(root, _write_index(file, index, lines))
         write_attributes(file, {**root, CHECKSUM: checksum})

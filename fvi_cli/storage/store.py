@@ -18,7 +18,6 @@ from fvi_cli.storage.contents import (
     Configuration,
     StoredConfiguration,
     described,
-    lines_of,
 )
 from fvi_cli.storage.digests import (
     Inputs,
@@ -36,15 +35,14 @@ from fvi_cli.storage.files import (
     remove_unfinished,
 )
 from fvi_cli.storage.journal import Journal
-from fvi_cli.storage.records.placed import Description, Placed, description_of, layout_of
+from fvi_cli.storage.records.layout import description_of, layout_of
 from fvi_cli.storage.records.record import (
     VARIANT_MARK,
+    Description,
     Entry,
-    Place,
     StoredRecord,
     group_path,
     has_same_numbers,
-    stored_place,
     swept_by,
 )
 from fvi_cli.storage.records.references import (
@@ -101,7 +99,8 @@ class Store:
         self.path, self.is_fresh = path, is_fresh
         self._entries: dict[str, Entry] = {}
         self._by_request: dict[str, Entry] = {}
-        self._requested: dict[tuple[str, str], tuple[int, Description | None]] = {}
+        self._requested: dict[str, dict[str, int]] = {}
+        self._descriptions: dict[tuple[str, str], Description] = {}
         self._merged: list[Store] = []
         self._added: set[str] = set()
         self._inputs: Inputs = {}
@@ -112,7 +111,7 @@ class Store:
         try:
             if path.exists():
                 self._file = ResultFile(path)
-                self._learn(self._file.entries())
+                self._learn(self._file.entries)
             self._learn(self._journal.entries)
         except BaseException:
             self.close()
@@ -214,14 +213,14 @@ class Store:
     ) -> None:
         """What is requested belongs where the file's configuration points to."""
         kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
-        number = -1 if run.member is None else run.member.number
-        description = None
+        path = group_path(name, kind.case, kind.n_steps)
+        own = self._requested.setdefault(path, {})
+        own[entry.identity] = -1 if run.member is None else run.member.number
         if (kind.experiment, kind.norm, kind.swept) != (name, norm, swept_by(run)):
             self._inputs |= specification_of(run)[1]
             record, finished = known or (found := entry.record(), self._read_back(run, found))
-            description = None if finished is None else description_of(record, finished)
-        path = group_path(name, kind.case, kind.n_steps)
-        self._requested[path, entry.identity] = (number, description)
+            if finished is not None:
+                self._descriptions[path, entry.identity] = description_of(record, finished)
 
     def mark_requested(self, runs: Iterable[Run]) -> tuple[int, int]:
         """Say what a configuration requests, in its order.
@@ -258,15 +257,10 @@ class Store:
                     f"{held.source.path}: other code made them; compute one of them again (--fresh)"
                 )
 
-    def places(self) -> Mapping[Place, Entry]:
-        """The runs by where they belong, those of the configuration before others."""
-        listed = sorted(self.entries(), key=lambda one: one.is_of_configuration)
-        return {stored_place(one): one for one in listed}
-
     def consolidate(
         self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
     ) -> Path | None:
-        """Put all finished runs into one file, then remove the journal.
+        """Put all finished runs into one file, then remove the journal: the last thing to be done.
 
         Runs that were not requested this time are kept, those of other values in groups of their
         own. What was computed again replaces the earlier run.
@@ -283,10 +277,10 @@ class Store:
         attributes = (
             self._root_attributes() if is_described else described(configuration, self._inputs)
         )
-        layout = layout_of(self._entries, self._by_request, self._requested)
+        layout = layout_of(self._entries, self._by_request, self._requested, self._descriptions)
         if not self._is_current(layout, attributes):
             others = sum(
-                VARIANT_MARK in path and not one.entry.is_reference
+                VARIANT_MARK in path and not one.is_reference
                 for path, rows in layout.items()
                 for one in rows
             )
@@ -310,11 +304,15 @@ class Store:
         """Remove runs from the file; what else is in it stays, the journal is taken in."""
         unwanted = {entry.identity for entry in entries}
         remaining = [one for one in self._entries.values() if one.identity not in unwanted]
-        own = {(one.kind.path, one.identity): (k, None) for k, one in enumerate(remaining)
-               if one.is_of_configuration}  # fmt: skip
+        own: dict[str, dict[str, int]] = {}
+        for number, one in enumerate(remaining):
+            if one.is_of_configuration:
+                own.setdefault(one.kind.path, {})[one.identity] = number
         self._entries = {one.identity: one for one in remaining}
         if self.entries():
-            self._write(layout_of(self._entries, self._by_request, own), self._root_attributes())
+            self._write(
+                layout_of(self._entries, self._by_request, own, {}), self._root_attributes()
+            )
         elif self.path.exists():
             self.close()
             with explain_os_error(self.path):
@@ -322,54 +320,40 @@ class Store:
         self._clear()
 
     def _is_current(
-        self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]
+        self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]
     ) -> bool:
         """Whether the file holds just that already."""
         if self._file is None or self._file.root[RESOLVED] != attributes[RESOLVED]:
             # another comment, or the same values written in another way, change no run
             return False
-        wanted = [
-            (
-                path,
-                row,
-                one.identity if one.description is None and one.entry.source is self._file else "",
-            )
-            for path, rows in layout.items()
-            for row, one in enumerate(rows)
-        ]
-        return wanted == [(one.path, one.row, one.identity) for one in self._file.entries()]
+        places = [(path, row, one) for path, own in layout.items() for row, one in enumerate(own)]
+        # one that is described anew is another entry
+        return [one for *_, one in places] == self._file.entries and all(
+            (one.path, one.row) == (path, row) for path, row, one in places
+        )
 
     def _lookup(self, digest: str) -> NDArray[Any]:
         """A long list of numbers."""
         if digest in self._inputs:
             return self._inputs[digest]
-        for source in {id(one.source): one.source for one in self._entries.values()}.values():
-            if source.has_input(digest):
-                return source.read_input(digest)
-        if self._file is not None:
-            return self._file.read_input(digest)
+        sources = {id(one.source): one.source for one in self._entries.values()}
+        # the root of the file may name lists that none of its runs does
+        for source in [*sources.values(), *filter(None, [self._file])]:
+            found = source.read_input(digest)
+            if found is not None:
+                return found
         raise StorageError(f"{self.path}: the input {digest} is missing; run the command again")
 
-    def _write(self, layout: Mapping[str, Sequence[Placed]], attributes: Mapping[str, Any]) -> None:
+    def _write(self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]) -> None:
         with contextlib.suppress(OSError):
             self._journal.sync()
         try:
             # some systems replace no file that is open
-            write_file(
-                self.path,
-                layout,
-                attributes,
-                listed=lines_of,
-                lookup=self._lookup,
-                done=self._close_files,
-            )
+            write_file(self.path, layout, attributes, lookup=self._lookup, done=self._close_files)
         except StorageError as error:
             kept = self._journal.path
             held = f"; finished runs are kept in {kept}" if kept.exists() else ""
             raise StorageError(f"{error}{held}") from error
-        self._file = ResultFile(self.path)
-        self._requested, self._entries, self._by_request = {}, {}, {}
-        self._learn(self._file.entries())
 
     def _clear(self) -> None:
         """Remove the journal, and checkpoints of what is finished."""

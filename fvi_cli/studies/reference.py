@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ TOLERANCES = (1e-13, 1e-11, 1e-9)
 """Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
 
 
+MOST_GRIDS = 32
+"""Grids on which values are kept; a guess: more than a usual ladder has."""
+
 TIMES_DIFFER = 1e-12
 """Times of runs may differ by round-off, relative to the last."""
 
@@ -44,6 +47,16 @@ class Reference:
     """Estimated error of the values in the maximum norm; 0 for an exact solution, nan where nothing
     is known."""
     source: str  # as the reader of a table sees it
+    _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
+
+    def at(self, times: Array) -> Array:
+        """The values; on the grid of a run they are the same for all methods."""
+        key = times.tobytes()
+        if key not in self._evaluated:
+            while len(self._evaluated) >= MOST_GRIDS:
+                self._evaluated.pop(next(iter(self._evaluated)))
+            self._evaluated[key] = self.values(times)
+        return self._evaluated[key]
 
     @property
     def is_known(self) -> bool:

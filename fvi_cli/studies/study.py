@@ -156,7 +156,7 @@ def assessed(
         remarks += interpolation_remarks(run.problem.scene, run.n_steps, grading=experiment.grading)
         remarks += _resolved(run, run.problem)
     remarks += stability_remarks(run, trajectory, prediction)
-    exact = reference.values(trajectory.time)
+    exact = reference.at(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     scene = run.problem.scene if isinstance(run.problem, Problem) else None
     spacing = point_weights(trajectory.time, run.step_size, trajectory.every, experiment.grading)

@@ -28,7 +28,7 @@ from fvi_cli.runner.executors import cluster as cluster_module
 from fvi_cli.runner.executors import portable as portable_module
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.execute import execute_job
-from fvi_cli.runner.executors.executor import InProcess, run_jobs
+from fvi_cli.runner.executors.executor import InProcess
 from fvi_cli.runner.executors.jobs import Crash
 from fvi_cli.storage.code import own_code
 
@@ -278,6 +278,9 @@ class SlowClient:
     def cancel(self, *arguments, **options):
         raise AssertionError("every batch is finished")
 
+    def close(self, timeout):
+        assert timeout
+
 
 class SlowFuture:
     """Finished after some looks."""
@@ -305,6 +308,6 @@ def test_time_outs_send_no_batch_beyond_the_limit(monkeypatch):
     jobs = local.singles(runs)
     crashes = [[Crash(message="never computed")] for _ in jobs]
     client = SlowClient(crashes)
-    workers = cluster_module._Cluster(client=client, address="tcp://made-up", compute=execute_job)
-    assert len(list(run_jobs(jobs, workers, lambda run: None))) == len(jobs) >= 40
+    executor = DaskCluster(address="tcp://made-up", client=client)
+    assert len(list(executor.compute(jobs, execute_job))) == len(jobs) >= 40
     assert client.most <= 8

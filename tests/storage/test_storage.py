@@ -155,10 +155,10 @@ def test_every_field_comes_back_bit_by_bit(tmp_path, runs):
         for finished in runs:
             assert_same(results.finished(finished.run), finished)
         results.consolidate(CONFIGURATION)
+    with read_results(tmp_path / "sample.h5") as results:
         for finished in runs:
             assert_same(results.finished(finished.run), finished)
-    # another process would build equal values, not the same ones
-    with read_results(tmp_path / "sample.h5") as results:
+        # another process would build equal values, not the same ones
         for finished, run in zip(runs, experiment().runs(), strict=True):
             found = results.finished(run)
             assert found.run is run

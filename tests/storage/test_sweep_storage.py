@@ -17,7 +17,7 @@ from fvi_cli.runner.executors.jobs import Job
 from fvi_cli.storage import list_runs, open_results, read_results
 from fvi_cli.storage.digests import identity_of
 from fvi_cli.storage.groups import reading
-from fvi_cli.storage.groups.columns import Columns, add_row
+from fvi_cli.storage.groups.columns import Survey
 from fvi_cli.storage.records.runs import stored_record
 
 CONFIG = (
@@ -79,6 +79,7 @@ def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_by
         for one in finished:  # from the journal
             assert_same(results.finished(one.run), one)
         results.consolidate(loaded)
+    with read_results(tmp_path / "many.h5") as results:
         for one in reversed(finished):  # from the file
             assert_same(results.finished(one.run), one)
     assert not (tmp_path / "many.journal").exists()
@@ -235,13 +236,13 @@ def test_what_is_said_of_members_takes_little_memory():
     count = 1000
     rows = [{**records[k % 6].attributes, "error": k / 7} for k in range(count)]
     tracemalloc.start()
-    columns: Columns = {}
-    for number, one in enumerate(rows):
-        add_row(columns, one, number)
+    survey = Survey()
+    for one in rows:
+        survey.add(one)
     held, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert columns["error"][count - 1] == (count - 1) / 7
-    assert columns["norm"].is_common
+    assert survey.column("error")[count - 1] == (count - 1) / 7
+    assert "norm" in survey.common
     # some forty lists would take 8 bytes each, and their numbers 24 more
     assert held < 250 * count
 

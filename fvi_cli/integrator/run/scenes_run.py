@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time as clock
 from dataclasses import dataclass
 
@@ -61,11 +62,16 @@ class ScenesRun:
         if checkpoints is None:
             run(self.engine, self.source, state=self.state, recorder=self.recorder)
             return clock.perf_counter() - began
-        key = (*run_key, fingerprint(*determined_by))
+
+        @functools.cache
+        def key() -> RunKey:
+            # a run that is soon done is neither taken up nor kept
+            return (*run_key, fingerprint(*determined_by))
+
         found = checkpoints.load()
         if found is not None:
             try:
-                if found.checkpoint.run != key:
+                if found.checkpoint.run != key():
                     raise ValueError(OF_ANOTHER_RUN)
                 self.restore(found.checkpoint.arrays, found.kept)
                 earlier = found.seconds
@@ -78,7 +84,7 @@ class ScenesRun:
 
         def save() -> None:
             if self.progress[0] > taken_up:
-                checkpoint, spent = self.checkpoint(key), seconds()
+                checkpoint, spent = self.checkpoint(key()), seconds()
                 kept = self.recorder.arrays()
                 checkpoints.save(UnfinishedRun(checkpoint=checkpoint, kept=kept, seconds=spent))
 

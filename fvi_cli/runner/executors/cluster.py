@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import logging
 import queue
 import threading
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors.batches import Pack
-from fvi_cli.runner.executors.executor import Answer, Died, run_jobs
-from fvi_cli.runner.executors.jobs import (
-    ComputeJob,
-    FinishedJob,
-    Job,
-    JobQueue,
-    Lookup,
-    References,
-    no_memory,
-)
+from fvi_cli.runner.executors.executor import Answer, Died, Executor
+from fvi_cli.runner.executors.jobs import ComputeJob, Job, References, no_memory
 from fvi_cli.runner.executors.portable import (
     PortableJob,
     PortableResults,
@@ -48,8 +39,8 @@ _ONE_AT_A_TIME = threading.Lock()
 """Held while a worker computes: threads of one process would share the precision of mpmath."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class DaskCluster:
+@dataclass(kw_only=True, eq=False)
+class DaskCluster(Executor):
     """Computes on the workers of an existing Dask scheduler.
 
     No more jobs are sent ahead than keep the workers busy, so that neither this process nor
@@ -58,57 +49,40 @@ class DaskCluster:
     says (3 unless it was changed). It does not know which of the jobs that waited at that worker
     was the reason; so one that is given up is sent once more from here, alone, after all others.
     When its workers die again, it is lost.
+
+    Its methods raise an :class:`ExecutorError` if `distributed` is not installed, the scheduler
+    does not answer or ends, or its workers cannot use what is sent to them.
     """
 
     address: str  # of the scheduler, such as tcp://10.0.0.1:8786
-
-    def compute(
-        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
-    ) -> Generator[FinishedJob, None, None]:
-        """As :meth:`Executor.compute`; the longest packs first.
-
-        Raises
-        ------
-        ExecutorError
-            If `distributed` is not installed, the scheduler does not answer or ends, or its
-            workers cannot use what is sent to them.
-        """
-        if not jobs:
-            return
-        with _connected(self.address) as client:
-            workers = _Cluster(client=client, address=self.address, compute=compute)
-            yield from run_jobs(jobs, workers, lookup)
-
-
-@dataclass(kw_only=True, eq=False)
-class _Cluster:
-    """The jobs that are under way, by the future that stands for each."""
-
-    client: Client
-    address: str
-    compute: ComputeJob
-    running: dict[Future[Any], Job] = field(default_factory=dict)
-    done: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
-    ahead: int | None = None
-    has_warned_idle: bool = False
-
-    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
-        return JobQueue.longest_first(jobs)
+    client: Client | None = None  # the connection, from the first job on
+    running: dict[Future[Any], Job] = field(init=False, default_factory=dict)
+    done: queue.SimpleQueue[Future[Any]] = field(init=False, default_factory=queue.SimpleQueue)
+    ahead: int | None = field(init=False, default=None)
+    has_warned_idle: bool = field(init=False, default=False)
 
     def room(self) -> tuple[bool, Pack | None]:
+        """As :meth:`Executor.room`."""
         if self.ahead is None:
-            self.ahead = self._ahead()
+            self.ahead = self._ahead(self._connected())
         return len(self.running) < self.ahead, None
 
+    def _connected(self) -> Client:
+        if self.client is None:
+            self.client = connect(self.address)
+        return self.client
+
     def send(self, job: Job, references: References) -> None:
-        future: Future[Any] = self.client.submit(
-            compute_one_at_a_time, self.compute, portable_job(job, references), pure=False
+        """As :meth:`Executor.send`."""
+        portable = portable_job(job, references)
+        future: Future[Any] = self._connected().submit(
+            compute_one_at_a_time, self.compute_job, portable, pure=False
         )
         self.running[future] = job
         future.add_done_callback(self.done.put)
 
     def answers(self) -> Iterable[tuple[Job, Answer]]:
-        """Wait for an answer; none if the scheduler is to be asked how many workers it has."""
+        """As :meth:`Executor.answers`; none if the number of workers is to be looked at."""
         try:
             future = self.done.get(timeout=_SECONDS_BETWEEN_LOOKS)
         except queue.Empty:
@@ -120,24 +94,18 @@ class _Cluster:
         job = self.running.pop(future)
         return [(job, self._answer(future, job))]
 
-    def _ahead(self) -> int:
+    def _ahead(self, client: Client) -> int:
         """How many jobs may be under way; warns when the scheduler has no workers."""
-        if self.client.status != "running":
+        if client.status != "running":
             raise ExecutorError(_lost_scheduler(self.address))
-        threads = self.client.nthreads()
+        threads = client.nthreads()
         if not threads and not self.has_warned_idle:
             _logger.warning("%s: the scheduler has no workers; waiting for them", self.address)
         self.has_warned_idle = not threads
         return max(_LEAST_AHEAD, _JOBS_AHEAD * len(threads))
 
     def _answer(self, future: Future[Any], job: Job) -> Answer:
-        """What became of a job.
-
-        Raises
-        ------
-        ExecutorError
-            If the scheduler is gone, or another version of the program is installed there.
-        """
+        """What became of a job."""
         from distributed import CancelledError, KilledWorker
         from distributed.comm.core import CommClosedError
 
@@ -158,13 +126,14 @@ class _Cluster:
                 f"installed as this process: {' '.join(str(error).split())}"
             ) from None
 
-    def dismiss(self) -> None:
-        """The workers are not ours."""
-
     def stop(self) -> None:
-        """Call back what is still under way."""
-        if self.running and self.client.status == "running":
-            self.client.cancel(list(self.running), force=True)
+        """As :meth:`Executor.stop`: the workers, which are not ours, go on."""
+        client, self.client = self.client, None
+        if client is not None:
+            if self.running and client.status == "running":
+                client.cancel(list(self.running), force=True)
+            client.close(timeout=_CLOSING_SECONDS)
+        self.running, self.ahead = {}, None
 
 
 def compute_one_at_a_time(compute: ComputeJob, portable: PortableJob) -> PortableResults:
@@ -185,9 +154,12 @@ def compute_one_at_a_time(compute: ComputeJob, portable: PortableJob) -> Portabl
             raise ExecutorError(f"worker {worker.name} at {worker.address}: {error}") from None
 
 
-@contextlib.contextmanager
-def _connected(address: str) -> Iterator[Client]:
-    """A connection to the scheduler."""
+def connect(address: str) -> Client:
+    """A connection to a scheduler, or the reason why there is none, after half a minute at most.
+
+    A port that accepts connections and stays silent keeps the constructor waiting for ever, so
+    another thread waits for it.
+    """
     try:
         importlib.import_module("distributed")
     except ModuleNotFoundError as error:
@@ -196,31 +168,17 @@ def _connected(address: str) -> Iterator[Client]:
         ) from None
     # it prints tracebacks of connections that break; what matters of that is reported here
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    client = _client(address)
-    try:
-        with client:
-            yield client
-    finally:
-        client.close(timeout=_CLOSING_SECONDS)
-
-
-def _client(address: str) -> Client:
-    """The connection, or the reason why there is none, after half a minute at the latest.
-
-    A port that accepts connections and stays silent keeps the constructor waiting for ever, so
-    another thread waits for it.
-    """
     from distributed import Client
 
     answers: queue.SimpleQueue[Client | Exception] = queue.SimpleQueue()
 
-    def connect() -> None:
+    def begin() -> None:
         try:
             answers.put(Client(address, timeout=CONNECTION_SECONDS, set_as_default=False))
         except Exception as error:
             answers.put(error)
 
-    threading.Thread(target=connect, daemon=True).start()
+    threading.Thread(target=begin, daemon=True).start()
     try:
         answer = answers.get(timeout=1.5 * CONNECTION_SECONDS)
     except queue.Empty:

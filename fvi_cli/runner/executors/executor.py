@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
+from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
+from typing import ClassVar
 
 from fvi_cli.integrator.advance import on_progress
 from fvi_cli.runner.executors.batches import Pack
@@ -29,9 +30,6 @@ from fvi_cli.studies.reference import Reference
 
 _logger = logging.getLogger(__name__)
 
-ATTEMPTS = 2
-"""How often a job is computed whose process dies, before it is given up."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Died:
@@ -45,91 +43,76 @@ Answer = Results | Crash | Died
 """What became of a job; a crash is that of all its runs."""
 
 
-class Workers(Protocol):
-    """Those who compute jobs."""
-
-    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
-        """The jobs in the order in which they are computed best."""
-
-    def room(self) -> tuple[bool, Pack | None]:
-        """Whether a job can be sent, and the pack that who takes it has computed last."""
-
-    def send(self, job: Job, references: References) -> None:
-        """Have a job computed."""
-
-    def answers(self) -> Iterable[tuple[Job, Answer]]:
-        """Wait, and give what has become of jobs, if of any."""
-
-    def dismiss(self) -> None:
-        """End, when no job is left."""
-
-    def stop(self) -> None:
-        """End at once what is under way."""
-
-
-class Executor(Protocol):
+@dataclass(kw_only=True, eq=False)
+class Executor(ABC):
     """Computes jobs somewhere."""
+
+    is_parallel: ClassVar[bool] = True
+    """Whether several jobs are computed at a time: then the longest packs come first."""
+    compute_job: ComputeJob = field(init=False, repr=False)
 
     def compute(
         self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
     ) -> Generator[FinishedJob, None, None]:
-        """Compute every job and yield each as soon as it is finished.
+        """Compute every job and yield each as soon as it is finished: the one loop over jobs.
 
         Closing the generator, or an exception in the loop that reads it, ends what was begun.
-        What `compute` raises is the result of the run that is to blame, and of no other.
-
-        Parameters
-        ----------
-        jobs
-            What to compute.
-        compute
-            Function of one job and its references.
-        lookup
-            Gives the references of runs once the jobs that they need have been yielded.
+        What `compute` raises is the result of the run that is to blame, and of no other. A job
+        whose process has died is computed once more after all others, alone; when that dies as
+        well, the job is lost. `lookup` gives the references of runs once the jobs that they need
+        have been yielded.
         """
-
-
-def run_jobs(
-    jobs: Sequence[Job], workers: Workers, lookup: Lookup
-) -> Generator[FinishedJob, None, None]:
-    """As :meth:`Executor.compute`: the one loop over jobs.
-
-    A job whose process has died is computed once more after all others, alone; when that dies as
-    well, the job is lost.
-    """
-    queue, running = workers.ordered(jobs), set[Job]()
-    suspects, deaths = deque[Job](), Counter[Job]()
-    try:
-        while True:
-            while (room := workers.room())[0]:
-                job = queue.take(room[1])
-                if job is None and not running and suspects:
-                    job = suspects.popleft()
-                if job is None:
+        if not jobs:
+            return
+        self.compute_job = compute
+        queue = JobQueue.longest_first(jobs) if self.is_parallel else JobQueue.in_order(jobs)
+        running, suspects, deaths = set[Job](), deque[Job](), Counter[Job]()
+        try:
+            while True:
+                while (room := self.room())[0]:
+                    job = queue.take(room[1])
+                    if job is None and not running and suspects:
+                        job = suspects.popleft()
+                    if job is None:
+                        break
+                    whole, references, lost = _with_references(job, lookup)
+                    if lost is not None:
+                        yield lost
+                    if whole is not None:
+                        running.add(whole)
+                        self.send(whole, references)
+                if not running:
                     break
-                whole, references, lost = _with_references(job, lookup)
-                if lost is not None:
-                    yield lost
-                if whole is not None:
-                    running.add(whole)
-                    workers.send(whole, references)
-            if not running:
-                break
-            for job, answer in workers.answers():
-                running.discard(job)
-                found = answer
-                if isinstance(found, Died):
-                    is_suspect = job not in deaths
-                    deaths[job] += found.times
-                    if is_suspect:
-                        suspects.append(job)
-                        continue
-                    found = Crash(message=f"{found.message}, {deaths[job]} times")
-                queue.open.discard(job)
-                yield _finished(job, found)
-        workers.dismiss()
-    finally:
-        workers.stop()
+                for job, answer in self.answers():
+                    running.discard(job)
+                    found = answer
+                    if isinstance(found, Died):
+                        is_suspect = job not in deaths
+                        deaths[job] += found.times
+                        if is_suspect:
+                            suspects.append(job)
+                            continue
+                        found = Crash(message=f"{found.message}, {deaths[job]} times")
+                    queue.open.discard(job)
+                    yield _finished(job, found)
+        finally:
+            self.stop()
+
+    @abstractmethod
+    def room(self) -> tuple[bool, Pack | None]:
+        """Whether a job can be sent, and the pack that who takes it has computed last."""
+
+    @abstractmethod
+    def send(self, job: Job, references: References) -> None:
+        """Have a job computed by :attr:`compute_job`."""
+
+    @abstractmethod
+    def answers(self) -> Iterable[tuple[Job, Answer]]:
+        """Wait, and give what has become of jobs, if of any."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """End what is under way, and those who have nothing to do."""
 
 
 def _with_references(job: Job, lookup: Lookup) -> tuple[Job | None, References, FinishedJob | None]:
@@ -179,49 +162,34 @@ def attempt(job: Job, references: References, compute: ComputeJob) -> Results:
         ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class InProcess:
+@dataclass(kw_only=True, eq=False)
+class InProcess(Executor):
     """Computes in this process, one job after the other, in their order."""
 
+    is_parallel: ClassVar[bool] = False
     watch: Watch | None = None  # called with the progress of a job; None: no callback
-
-    def compute(
-        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
-    ) -> Generator[FinishedJob, None, None]:
-        """As :meth:`Executor.compute`."""
-        return run_jobs(jobs, _Here(compute=compute, watch=self.watch), lookup)
-
-
-@dataclass(kw_only=True, eq=False)
-class _Here:
-    """The process itself, which takes one job at a time."""
-
-    compute: ComputeJob
-    watch: Watch | None
-    given: list[tuple[Job, References]] = field(default_factory=list)
-    latest: Pack | None = None
-
-    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
-        return JobQueue.in_order(jobs)
+    given: list[tuple[Job, References]] = field(init=False, default_factory=list)
+    latest: Pack | None = field(init=False, default=None)
 
     def room(self) -> tuple[bool, Pack | None]:
+        """As :meth:`Executor.room`: one job at a time."""
         return not self.given, self.latest
 
     def send(self, job: Job, references: References) -> None:
+        """As :meth:`Executor.send`; it is computed when it is waited for."""
         self.given, self.latest = [(job, references)], job.pack
 
     def answers(self) -> Iterable[tuple[Job, Answer]]:
+        """As :meth:`Executor.answers`."""
         ((job, references),) = self.given
         try:
             with on_progress(partial(self.watch, job)) if self.watch else nullcontext():
-                answer: Answer = attempt(job, references, self.compute)
+                answer: Answer = attempt(job, references, self.compute_job)
         except MemoryError as error:
             answer = no_memory(error)
         self.given = []
         return [(job, answer)]
 
-    def dismiss(self) -> None:
-        """No worker has to be ended."""
-
     def stop(self) -> None:
-        """No job is under way."""
+        """As :meth:`Executor.stop`."""
+        self.given = []

@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -18,17 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from fvi_cli.integrator.advance import on_progress
 from fvi_cli.runner.executors.batches import Pack
-from fvi_cli.runner.executors.executor import Answer, Died, run_jobs
-from fvi_cli.runner.executors.jobs import (
-    ComputeJob,
-    FinishedJob,
-    Job,
-    JobQueue,
-    Lookup,
-    References,
-    Watch,
-    no_memory,
-)
+from fvi_cli.runner.executors.executor import Answer, Died, Executor
+from fvi_cli.runner.executors.jobs import ComputeJob, Job, References, Watch, no_memory
 from fvi_cli.runner.executors.portable import compute_portable, portable_job, returned_results
 
 if TYPE_CHECKING:
@@ -60,9 +51,9 @@ class _Worker:
         return f"the process that computed it was ended by {name}{hint}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class LocalProcesses:
-    """Computes in several processes of this machine.
+@dataclass(kw_only=True, eq=False)
+class LocalProcesses(Executor):
+    """Computes in several processes of this machine; one that dies is replaced.
 
     Raises
     ------
@@ -72,37 +63,19 @@ class LocalProcesses:
 
     workers: int  # number of processes
     watch: Watch | None = None  # called with the progress of a job; None: no callback
+    busy: dict[Connection, _Worker] = field(init=False, default_factory=dict)
+    idle: list[_Worker] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         if self.workers < 1:
             raise ValueError(f"workers: {self.workers} is not allowed; it must be at least 1")
 
-    def compute(
-        self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
-    ) -> Generator[FinishedJob, None, None]:
-        """As :meth:`Executor.compute`; the longest packs first, each by one process if it can."""
-        pool = _Pool(compute=compute, size=min(self.workers, len(jobs)), watch=self.watch)
-        return run_jobs(jobs, pool, lookup)
-
-
-@dataclass(kw_only=True, eq=False)
-class _Pool:
-    """The processes that are alive, at most `size`; one that dies is replaced."""
-
-    compute: ComputeJob
-    size: int
-    watch: Watch | None = None
-    busy: dict[Connection, _Worker] = field(default_factory=dict)
-    idle: list[_Worker] = field(default_factory=list)
-
-    def ordered(self, jobs: Iterable[Job]) -> JobQueue:
-        return JobQueue.longest_first(jobs)
-
     def room(self) -> tuple[bool, Pack | None]:
-        return len(self.busy) < self.size, self.idle[-1].pack if self.idle else None
+        """As :meth:`Executor.room`; a pack is computed by one process if it can be."""
+        return len(self.busy) < self.workers, self.idle[-1].pack if self.idle else None
 
     def send(self, job: Job, references: References) -> None:
-        """Hand a job to a process that is idle, or to a new one."""
+        """As :meth:`Executor.send`: to a process that is idle, or to a new one."""
         worker = self.idle.pop() if self.idle else self._started()
         worker.job, worker.pack = job, job.pack
         self.busy[worker.connection] = worker
@@ -113,7 +86,7 @@ class _Pool:
     def _started(self) -> _Worker:
         context = _context()
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.compute, bool(self.watch)))
+        process = context.Process(target=_serve, args=(theirs, self.compute_job, bool(self.watch)))
         process.daemon = True
         try:
             with _interruptions_held():
@@ -124,7 +97,7 @@ class _Pool:
         return _Worker(process=process, connection=ours)
 
     def answers(self) -> Iterator[tuple[Job, Answer]]:
-        """Wait for processes that have answered, died, or said how far they are."""
+        """As :meth:`Executor.answers`; processes also say how far they are."""
         for connection in wait(list(self.busy)):
             worker = self.busy[connection]  # type: ignore[index]
             job = worker.job
@@ -146,24 +119,19 @@ class _Pool:
             self.idle.append(worker)
             yield job, returned_results(job, answer) if kind == "results" else answer
 
-    def dismiss(self) -> None:
-        """Let idle processes end by themselves."""
-        for worker in self.idle:
-            worker.connection.close()
-        for worker in self.idle:
-            worker.process.join(_SECONDS_TO_LEAVE)
-
     def stop(self) -> None:
-        """End every process, whatever it does."""
-        pool = [*self.idle, *self.busy.values()]
+        """As :meth:`Executor.stop`: idle processes end by themselves."""
+        pool = [*self.busy.values(), *self.idle]
         for worker in pool:
             worker.connection.close()
+        for worker in self.busy.values():
             worker.process.terminate()
         for worker in pool:
             worker.process.join(_SECONDS_TO_LEAVE)
             if worker.process.is_alive():
                 worker.process.kill()
                 worker.process.join()
+        self.busy, self.idle = {}, []
 
 
 def _context() -> SpawnContext | ForkServerContext:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from fvi_cli.storage.code import Code, own_code
 from fvi_cli.storage.comparison.differences import changed_keys
-from fvi_cli.storage.digests import SOLVER_VERSION, specification_of, stowed
-from fvi_cli.storage.records.record import Entry, Place, place_of
+from fvi_cli.storage.digests import SOLVER_VERSION, canonical_json, specification_of, stowed
+from fvi_cli.storage.records.record import Entry
 from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Run
 from fvi_cli.studies.members import with_values
 
 NEW, OLDER_SOLVER, OTHER_SOLVER = "new", "older solver", "newer solver"
+
+Place = tuple[str, str, int, str]
+"""Where people look for a run: experiment, case, number of steps, swept values as JSON."""
 
 MOST_KEYS = 4
 """Keys that are named at most."""
@@ -26,10 +29,10 @@ MOST_KEYS = 4
 class Reasons:
     """Compares runs that are to be computed with what is stored in their place."""
 
-    stored: Store  # A result file with its journal
-    # gives the places of all runs of the configuration; a stored run elsewhere is one that it no
-    # longer asks for
-    requested: Callable[[], Collection[Place]]
+    stored: Store  # a result file with its journal
+    # gives all runs of the configuration; a stored run in another place is one that it no longer
+    # asks for
+    requested: Callable[[], Iterable[Run]]
 
     def of(self, run: Run) -> str:
         """Why the run is computed.
@@ -44,7 +47,7 @@ class Reasons:
             the same experiment and number of steps is stored that is not asked for any more and
             differs in keys of the method alone, these count as changed: ``changed: method.degree``.
         """
-        place = place_of(run)
+        place = _place_of(run)
         if place in self._places:
             allowed = run.experiment.allow_unstable
             return self._difference(self._places[place], _specification(run), is_allowed=allowed)
@@ -54,7 +57,7 @@ class Reasons:
     def _difference(
         self, entry: Entry, specification: Mapping[str, Any], *, is_allowed: bool
     ) -> str:
-        attributes = entry.source.attributes(entry)
+        attributes = entry.attributes()
         changed = changed_keys(_stored_specification(entry), specification)
         if entry.is_unstable and not changed and entry.kind.is_refusal == is_allowed:
             changed = ("allow_unstable",)
@@ -68,17 +71,31 @@ class Reasons:
 
     @cached_property
     def _places(self) -> Mapping[Place, Entry]:
-        return self.stored.places()
+        """The stored runs, those of the configuration before others."""
+        listed = sorted(self.stored.entries(), key=lambda one: one.is_of_configuration)
+        return {_place_of_stored(one): one for one in listed}
 
     @cached_property
     def _unrequested(self) -> Mapping[tuple[object, ...], list[Entry]]:
         """Stored runs that are not asked for any more, by all but their case."""
-        requested = self.requested()
+        requested = set(map(_place_of, self.requested()))
         found: dict[tuple[object, ...], list[Entry]] = {}
         for place, entry in self._places.items():
             if place not in requested:
                 found.setdefault((place[0], place[2:]), []).append(entry)
         return found
+
+
+def _place_of(run: Run) -> Place:
+    values = {} if run.member is None else stowed(dict(run.member.values))
+    return run.experiment.name, run.method.case, run.n_steps, canonical_json(values)
+
+
+def _place_of_stored(entry: Entry) -> Place:
+    kind = entry.kind
+    a = entry.attributes() if kind.swept else {}
+    values = canonical_json({key: a[key] for key in kind.swept})
+    return kind.experiment, kind.case, kind.n_steps, values
 
 
 def _specification(run: Run) -> dict[str, Any]:
@@ -87,7 +104,7 @@ def _specification(run: Run) -> dict[str, Any]:
 
 
 def _stored_specification(entry: Entry) -> dict[str, Any]:
-    a = entry.source.attributes(entry)
+    a = entry.attributes()
     return _with_swept(a["specification"], {key: a[key] for key in entry.kind.swept})
 
 

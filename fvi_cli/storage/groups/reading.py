@@ -16,9 +16,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.groups.columns import AttributeColumn, Columns, attributes_in_row
+from fvi_cli.storage.groups.columns import Columns, attributes_in_row, read_column
 from fvi_cli.storage.records.fields import OCCURRENCE, TIME
-from fvi_cli.storage.records.record import SWEPT
+from fvi_cli.storage.records.record import SWEPT, Shapes
 
 MEMBER: Final = "member"
 CONVERGENCE: Final = "convergence"
@@ -28,7 +28,7 @@ INDEX, INPUTS = "@index", "@inputs"
 SUBGROUPS: Final = ("quantities", "events")
 """Groups inside of the group of a run."""
 
-IDENTITY, POINTS, ARRAYS = "identity", "points", "arrays"
+IDENTITY, POINTS, ARRAYS = LAYOUT = "identity", "points", "arrays"
 """Attributes on the layout of runs: identity, number of points, names and axes of arrays."""
 
 COUNTS: Final = "event_counts"
@@ -111,7 +111,6 @@ def json_value(value: Any) -> Any:
 
 
 Block = dict[str, NDArray[Any]]
-StoredRow = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
 class StoredGroup:
@@ -142,7 +141,7 @@ class StoredGroup:
             if self.keys and name not in self._axes_of_all and node.ndim == 1 and name != MEMBER:
                 is_text = h5py.check_string_dtype(node.dtype) is not None
                 values = node.asstr()[()] if is_text else node[()]
-                found[name] = AttributeColumn.read(values, is_json="encoding" in node.attrs)
+                found[name] = read_column(values, is_json="encoding" in node.attrs)
         return found
 
     @functools.cached_property
@@ -162,17 +161,22 @@ class StoredGroup:
 
     def attributes_of(self, row: int) -> dict[str, Any]:
         """All attributes of a run."""
-        return {**self.attributes, **attributes_in_row(self.columns, row)}
+        found = {**self.attributes, **attributes_in_row(self.columns, row)}
+        return {name: value for name, value in found.items() if name not in LAYOUT}
 
-    def shapes(self, row: int) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
+    def _layout_of(self, row: int) -> tuple[Axes, Mapping[str, Any]]:
+        """The axes of the arrays of a run, and what says how long they are."""
+        own = {**self.attributes, **attributes_in_row(self.columns, row)}
+        return axes_from_words(own[ARRAYS]), own
+
+    def shapes(self, row: int) -> Shapes:
         """Name, shape and axes of the arrays of a run."""
-        own = self.attributes_of(row)
+        axes, own = self._layout_of(row)
         found = []
-        axes = axes_from_words(own[ARRAYS])
         for name, along in axes.items():
             shape = tuple(self.datasets[name].shape)
             if self.keys:
-                count = count_along(along[0], own) if name in axes else 0
+                count = count_along(along[0], own)
                 shape = (count, *shape[1 if is_shared(name, axes) else 2 :])
             found.append((name, shape, along))
         return found
@@ -209,10 +213,9 @@ class StoredGroup:
         held = {n: self.datasets[n] for n in self._axes_of_all if n in self.datasets}
         return start, {n: node[()] if n in shared else node[whole] for n, node in held.items()}
 
-    def row(self, row: int, start: int, block: Block) -> StoredRow:
-        """Attributes of a run, and its arrays, from the block that it lies in."""
-        own = self.attributes_of(row)
-        axes = axes_from_words(own[ARRAYS])
+    def arrays_of(self, row: int, start: int, block: Block) -> tuple[Block, Axes]:
+        """The arrays of a run, from the block that it lies in, and their axes."""
+        axes, own = self._layout_of(row)
         mine = {}
         for name, along in axes.items():
             values = block[name]
@@ -220,7 +223,7 @@ class StoredGroup:
                 values = values if is_shared(name, axes) else values[row - start]
                 values = values[: count_along(along[0], own)]
             mine[name] = values
-        return own, mine
+        return mine, axes
 
 
 def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.storage.digests import canonical_json, sha256
-from fvi_cli.storage.groups.columns import AttributeColumn, Columns, add_row
+from fvi_cli.storage.groups.columns import Survey, column_to_write
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
     BLOCK_BYTES,
@@ -21,13 +21,12 @@ from fvi_cli.storage.groups.reading import (
     MEMBER,
     MOST_ROWS,
     POINTS,
+    Axes,
     axes_in_words,
-    is_shared,
     scale_of,
 )
 from fvi_cli.storage.records.fields import TIME, meaning_of
-from fvi_cli.storage.records.placed import Placed
-from fvi_cli.storage.records.record import SWEPT, StoredRecord
+from fvi_cli.storage.records.record import SWEPT, Entry, StoredRecord
 from fvi_cli.studies.members import counts_in_words
 
 ALWAYS_BY_MEMBER: Final = (
@@ -52,130 +51,142 @@ _SUMMARIES: Final[Mapping[str, Callable[[Any], str]]] = {
 _TEXT: Final = h5py.string_dtype()
 
 
+class NewGroup:
+    """A group that is being written; every axis of its datasets gets a dimension scale.
+
+    An axis is named by the dataset that has its values; one that has none is numbered.
+    """
+
+    def __init__(self, file: h5py.File, path: str, keys: Sequence[str] = ()) -> None:
+        self.group = file.create_group(path, track_order=True)
+        self.datasets: dict[str, h5py.Dataset] = {}
+        self._keys = keys
+        self._axes: dict[str, tuple[str, ...]] = {}
+
+    def add(self, name: str, axes: tuple[str, ...], values: Any, *, is_json: bool = False) -> None:
+        """Write an array of numbers, or texts."""
+        is_text = not isinstance(values, np.ndarray) or values.dtype.kind == "O"
+        kind = _TEXT if is_text else values.dtype
+        self._add(name, axes, np.shape(values), data=values, dtype=kind)
+        if is_json:
+            write_attributes(self.datasets[name], {"encoding": "json"})
+
+    def add_column(self, name: str, column: Sequence[Any]) -> None:
+        """Write one value for every member: numbers, texts, or JSON where it is neither."""
+        values, is_json = column_to_write(column)
+        self.add(name, (MEMBER,), values, is_json=is_json)
+
+    def reserve(self, name: str, axes: tuple[str, ...], shape: tuple[int, ...]) -> None:
+        """Make room for numbers that are written later."""
+        self._add(name, axes, shape, shape=shape, dtype="<f8")
+
+    def _add(
+        self, name: str, axes: tuple[str, ...], sizes: tuple[int, ...], **content: object
+    ) -> None:
+        for axis, size in zip(axes, sizes, strict=True):
+            if axis != name and axis not in self.datasets:
+                self.add(axis, (axis,), np.arange(size, dtype="<i8"))
+        dataset = self.group.create_dataset(name, **content)
+        attributes = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
+        if self._keys and axes[0] == MEMBER and name not in (MEMBER, *self._keys):
+            attributes["coordinates"] = " ".join(self._keys)
+        write_attributes(dataset, attributes)
+        self.datasets[name], self._axes[name] = dataset, axes
+
+    def finish(self, attributes: Mapping[str, Any]) -> None:
+        """Write what is said of the group, and attach the scales."""
+        write_attributes(self.group, attributes)
+        handles = {name: dataset.id for name, dataset in self.datasets.items()}
+        for name in dict.fromkeys(axis for own in self._axes.values() for axis in own):
+            h5py.h5ds.set_scale(handles[name], name.rpartition("/")[2].encode())
+        for name, own in self._axes.items():
+            if own != (name,):
+                for number, axis in enumerate(own):
+                    h5py.h5ds.attach_scale(handles[name], handles[axis], number)
+
+
 @dataclass(frozen=True, kw_only=True)
 class WrittenGroup:
     """Attributes of the runs of a group that has just been written."""
 
-    attributes: dict[str, Any]  # what they have in common, and what they differ in
-    by_member: Columns
+    attributes: dict[str, Any]  # what they have in common, and summaries of what they differ in
+    survey: Survey  # what each of them says
     keys: tuple[str, ...]  # what is swept
     checksums: Sequence[str]  # of each of them
 
-    def __len__(self) -> int:
-        """Number of runs."""
-        return len(self.checksums)
 
-    def column(self, name: str) -> Sequence[Any]:
-        """What each of the runs says."""
-        common = AttributeColumn.repeated(self.attributes.get(name, ""), len(self))
-        return self.by_member.get(name, common)
-
-
-def write_group(file: h5py.File, path: str, rows: Sequence[Placed]) -> WrittenGroup:
-    """Write a run, or members of a sweep, into one group."""
-    group = file.create_group(path, track_order=True)
-    keys = tuple(json.loads(rows[0].attributes().get(SWEPT, "[]")))
+def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
+    """Write a run, or members of a sweep in common arrays, some in memory at a time."""
+    survey, axes, sizes = _survey(rows)
+    keys = tuple(json.loads(survey.common.get(SWEPT, "[]")))
+    new = NewGroup(file, path, keys)
     if keys:
-        return _write_members(group, rows, keys)
-    (row,) = rows
-    record = row.record()
-    attributes = {**record.attributes, IDENTITY: row.identity, ARRAYS: axes_in_words(record.axes)}
-    for name, values in record.arrays.items():
-        for axis, size in zip(record.axes[name], values.shape, strict=True):
-            _label(group, scale_of(axis, of_members=False), size, record.arrays)
-        if name not in group:
-            _create(group, name, values.dtype, values.shape)[()] = values
-    _attach_scales(group, record.axes, of_members=False)
-    write_attributes(group, attributes)
-    return WrittenGroup(attributes=attributes, by_member={}, keys=(), checksums=[record.checksum])
-
-
-def _write_members(
-    group: h5py.Group, rows: Sequence[Placed], keys: tuple[str, ...]
-) -> WrittenGroup:
-    """Write members of a sweep into common arrays, some in memory at a time."""
-    columns, axes, shapes = _survey(rows)
-    count, length = len(rows), max(columns[POINTS])
-    attributes, by_member = _attributes_of_members(columns, keys)
-    _create(group, MEMBER, np.dtype("<i8"), (count,))[()] = np.arange(count)
-    for name, column in by_member.items():
-        write_column(group, name, column, coordinates=() if name in keys else keys)
-    for name in axes:
-        if is_shared(name, axes):
-            size = length if name == TIME else shapes[name][0]
-            _create(group, name, np.dtype("<f8"), (size,))
-    for name, own in axes.items():
-        if name in group:
-            continue
-        shape = (length if own[0] == TIME else shapes[name][0], *shapes[name][1:])
-        for axis, size in zip(own, shape, strict=True):
-            _label(group, axis, size, {})
-        _create(group, name, np.dtype("<f8"), (count, *shape), keys)
+        new.add(MEMBER, (MEMBER,), np.arange(len(rows), dtype="<i8"))
+        for name in _by_member(survey, keys):
+            new.add_column(name, survey.column(name))
+    along = {n: tuple(scale_of(a, of_members=bool(keys)) for a in own) for n, own in axes.items()}
+    is_scale = {name: own == (name,) for name, own in along.items()}
+    for name in sorted(axes, key=lambda one: not is_scale[one]):
+        shape = tuple(sizes[axis] for axis in axes[name])
+        if keys and not is_scale[name]:
+            new.reserve(name, (MEMBER, *along[name]), (len(rows), *shape))
+        else:
+            new.reserve(name, along[name], shape)
     checksums: list[str] = []
     shared: dict[str, NDArray[Any]] = {}
     for block in _blocks(rows):
+        _write_block(new, block, len(checksums), [n for n in axes if not is_scale[n]])
         for record in block:
-            for name in [one for one in record.arrays if is_shared(one, axes)]:
-                values, known = record.arrays[name], shared.get(name, np.empty(0))
-                common = min(values.size, known.size)
-                if not np.array_equal(values[:common], known[:common]):
-                    raise ValueError(f"{group.name}: members have other times")
-                shared[name] = values if values.size > known.size else known
-        start, stop = len(checksums), len(checksums) + len(block)
-        for name in axes:
-            if name not in shared:
-                held = np.full((len(block), *group[name].shape[1:]), np.nan)
-                for row, record in enumerate(block):
-                    if name in record.arrays:
-                        held[row, : record.arrays[name].shape[0]] = record.arrays[name]
-                group[name][start:stop] = held
-        checksums += [record.checksum for record in block]
+            _compare(shared, {n: v for n, v in record.arrays.items() if is_scale[n]}, path)
+        own = rows[len(checksums) : len(checksums) + len(block)]
+        checksums += [
+            record.checksum if row.description else row.checksum
+            for row, record in zip(own, block, strict=True)
+        ]
     for name, values in shared.items():
-        group[name][: values.size] = values
-    _attach_scales(group, axes, of_members=True)
-    write_attributes(group, attributes)
-    return WrittenGroup(attributes=attributes, by_member=by_member, keys=keys, checksums=checksums)
+        new.datasets[name][: values.size] = values
+    attributes = _attributes_of(survey, keys)
+    new.finish(attributes)
+    return WrittenGroup(attributes=attributes, survey=survey, keys=keys, checksums=checksums)
 
 
-def _survey(
-    rows: Sequence[Placed],
-) -> tuple[Columns, dict[str, tuple[str, ...]], dict[str, tuple[int, ...]]]:
-    """Attributes of members, the axes of their arrays, and the largest shapes of these."""
-    columns: Columns = {}
+def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
+    """Attributes of runs, the axes of their arrays, and the largest sizes along these."""
+    survey = Survey()
     axes: dict[str, tuple[str, ...]] = {}
-    shapes: dict[str, tuple[int, ...]] = {}
+    sizes: dict[str, int] = {}
     words: dict[str, str] = {}
-    for number, row in enumerate(rows):
-        found = row.shapes()
-        mine = {name: own for name, _, own in found}
-        axes |= {name: own for name, own in mine.items() if name not in axes}
-        for name, shape, _ in found:
-            shapes[name] = max(shapes.get(name, shape), shape)
+    for row in rows:
+        mine: dict[str, tuple[str, ...]] = {}
+        for name, shape, own in row.source.shapes(row):
+            mine[name] = axes.setdefault(name, own)
+            for axis, size in zip(own, shape, strict=True):
+                sizes[axis] = max(sizes.get(axis, 0), size)
+            if name == TIME:
+                points = shape[0]
         text = axes_in_words(mine)
-        points = next(shape[0] for name, shape, _ in found if name == TIME)
-        own = {**row.attributes(), IDENTITY: row.identity, POINTS: points,
-               ARRAYS: words.setdefault(text, text)}  # fmt: skip
-        add_row(columns, own, number)
-    return columns, axes, shapes
+        layout = {IDENTITY: row.identity, POINTS: points, ARRAYS: words.setdefault(text, text)}
+        survey.add({**row.attributes(), **layout})
+    return survey, axes, sizes
 
 
-def _attributes_of_members(
-    columns: Columns, keys: tuple[str, ...]
-) -> tuple[dict[str, Any], Columns]:
-    """What members have in common, and what they differ in."""
-    attributes: dict[str, Any] = {}
-    by_member: Columns = {key: columns[key] for key in keys}
-    for name, column in columns.items():
-        if name in by_member:
-            continue
-        if column.is_common or name in _SUMMARIES:
-            attributes[name] = column[0] if column.is_common else _SUMMARIES[name](column)
-        if not column.is_common or name in ALWAYS_BY_MEMBER:
-            by_member[name] = column
-    return attributes, by_member
+def _by_member(survey: Survey, keys: tuple[str, ...]) -> list[str]:
+    """What is written for every member: what is swept, and what they differ in."""
+    names = {*survey.columns, *ALWAYS_BY_MEMBER}.difference(keys)
+    return [*keys, *(name for name in survey.names if name in names)]
 
 
-def _blocks(rows: Sequence[Placed]) -> Iterator[list[StoredRecord]]:
+def _attributes_of(survey: Survey, keys: tuple[str, ...]) -> dict[str, Any]:
+    """What the runs of a group have in common."""
+    left_out = keys or (POINTS,)
+    common = {name: value for name, value in survey.common.items() if name not in left_out}
+    for name, summary in _SUMMARIES.items():
+        if name in survey.columns:
+            common[name] = summary(survey.columns[name])
+    return common
+
+
+def _blocks(rows: Sequence[Entry]) -> Iterator[list[StoredRecord]]:
     """The runs, some in memory at a time."""
     waiting: list[StoredRecord] = []
     size = 0
@@ -188,6 +199,33 @@ def _blocks(rows: Sequence[Placed]) -> Iterator[list[StoredRecord]]:
             waiting, size = [], 0
     if waiting:
         yield waiting
+
+
+def _write_block(
+    new: NewGroup, block: Sequence[StoredRecord], start: int, names: Sequence[str]
+) -> None:
+    """Write arrays of runs, of members from the number `start` on; nan behind their ends."""
+    for name in names:
+        dataset = new.datasets[name]
+        if SWEPT not in block[0].attributes:
+            values = np.ascontiguousarray(block[0].arrays[name])
+            dataset.id.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
+            continue
+        held = np.full((len(block), *dataset.shape[1:]), np.nan)
+        for row, record in enumerate(block):
+            if name in record.arrays:
+                held[row, : record.arrays[name].shape[0]] = record.arrays[name]
+        dataset[start : start + len(block)] = held
+
+
+def _compare(shared: dict[str, NDArray[Any]], own: Mapping[str, NDArray[Any]], path: str) -> None:
+    """Learn the longest values of axes; ValueError where runs have others than their group."""
+    for name, values in own.items():
+        known = shared.get(name, values)
+        common = min(values.size, known.size)
+        if not np.array_equal(values[:common], known[:common]):
+            raise ValueError(f"{path}: members have other times")
+        shared[name] = values if values.size > known.size else known
 
 
 def attribute(value: Any) -> Any:
@@ -212,119 +250,62 @@ def write_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, A
     """
     for name, value in attributes.items():
         data = np.asarray(attribute(value), dtype=_TEXT if isinstance(value, str) else None)
-        in_file, in_memory = _kinds(data.dtype)
-        space = h5py.h5s.create_simple(data.shape)
+        in_file, in_memory, space = _described(data.dtype, data.shape)
         held = h5py.h5a.create(node.id, name.encode(), in_file, space)
         held.write(data, mtype=in_memory)
 
 
-@functools.cache
-def _kinds(dtype: np.dtype[Any]) -> tuple[Any, Any]:
-    """The library's own names of a type."""
-    return h5py.h5t.py_create(dtype, logical=True), h5py.h5t.py_create(dtype)
-
-
-def write_column(
-    group: h5py.Group, name: str, column: AttributeColumn, *, coordinates: Sequence[str] = ()
-) -> None:
-    """Write one value for every member: numbers, texts, or JSON where it is neither."""
-    data, is_json = column.written()
-    kind = data.dtype if isinstance(data, np.ndarray) else _TEXT
-    dataset = group.create_dataset(name, data=data, dtype=kind)
-    attributes = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
-    if is_json:
-        attributes["encoding"] = "json"
-    if coordinates:
-        attributes["coordinates"] = " ".join(coordinates)
-    write_attributes(dataset, attributes)
-
-
-def _create(
-    group: h5py.Group, name: str, kind: Any, shape: tuple[int, ...], keys: Sequence[str] = ()
-) -> h5py.Dataset:
-    dataset = group.create_dataset(name, shape=shape, dtype=kind)
-    attributes = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
-    write_attributes(dataset, attributes | ({"coordinates": " ".join(keys)} if keys else {}))
-    return dataset
-
-
-def _label(group: h5py.Group, axis: str, size: int, known: Mapping[str, Any]) -> None:
-    """Number an axis that has no values of its own."""
-    if axis not in group and axis not in known:
-        _create(group, axis, np.dtype("<i8"), (size,))[()] = np.arange(size)
-
-
-def _attach_scales(
-    group: h5py.Group, axes: Mapping[str, tuple[str, ...]], *, of_members: bool
-) -> None:
-    """Every axis of every dataset has a dimension scale, those of axes being scales themselves."""
-    along = {
-        name: tuple(scale_of(a, of_members=of_members) for a in own) for name, own in axes.items()
-    }
-    scales = {one for own in along.values() for one in own} | ({MEMBER} if of_members else set())
-    for name in scales:
-        group[name].make_scale(name.rpartition("/")[2])
-    if of_members:
-        front = {name: () if is_shared(name, axes) else (MEMBER,) for name in axes}
-        along = {name: (*front[name], *own) for name, own in along.items()}
-        along |= {
-            name: (MEMBER,)
-            for name in group
-            if isinstance(group[name], h5py.Dataset) and name not in along
-        }
-    for name, own in along.items():
-        if name not in scales:
-            for axis, scale in enumerate(own):
-                h5py.h5ds.attach_scale(group[name].id, group[scale].id, axis)
+@functools.lru_cache(maxsize=64)
+def _described(dtype: np.dtype[Any], shape: tuple[int, ...]) -> tuple[Any, Any, Any]:
+    """The library's own words for a type, in a file and in memory, and for a shape."""
+    kinds = h5py.h5t.py_create(dtype, logical=True), h5py.h5t.py_create(dtype)
+    return *kinds, h5py.h5s.create_simple(shape)
 
 
 _SUMMARY: Final[Mapping[str, tuple[str, Any, Any]]] = {
-    "error": ("error", np.nan, float),
-    "seconds": ("stepping_seconds", np.nan, float),
-    "history_operations": ("history_operations", 0, np.int64),
+    "error": ("error", np.nan, "<f8"),
+    "seconds": ("stepping_seconds", np.nan, "<f8"),
+    "history_operations": ("history_operations", 0, "<i8"),
     "status": ("status", "missing", object),
 }
+"""By name in the summary of a case: the attribute, what stands for a missing run, and a type."""
 
 
-def write_convergence(group: h5py.Group, ladder: Mapping[int, Sequence[WrittenGroup]]) -> None:
+def write_convergence(
+    file: h5py.File, path: str, ladder: Mapping[int, Sequence[WrittenGroup]]
+) -> None:
     """The summary of a case: errors and what they took, by number of steps, and by member."""
     steps = sorted(ladder)
     first = ladder[steps[0]][0]
     keys = first.keys
     numbers: dict[str, int] = {}
-    swept = [AttributeColumn() for _ in keys]
-    rungs: dict[int, list[int]] = {}
-    for n_steps in ladder:
-        own = rungs[n_steps] = []
-        for one in ladder[n_steps]:
+    members: list[tuple[Any, ...]] = []
+    rungs: dict[int, list[int]] = {n_steps: [] for n_steps in ladder}
+    for n_steps, groups in ladder.items():
+        for one in groups:
             # without keys there is one run
-            columns = [one.column(key) for key in keys]
+            columns = [one.survey.column(key) for key in keys]
             for values in zip(*columns, strict=True) if keys else [()]:
-                row = numbers.setdefault(canonical_json(values), len(numbers))
-                own.append(row)
-                for column, value in zip(swept, values, strict=True):
-                    if row == len(column):
-                        column.append(value)
-    write_attributes(group, {"norm": first.column("norm")[0]})
-    axes = {"n_steps": np.array(steps, dtype=np.int64)}
+                row = numbers.setdefault(canonical_json(values), len(members))
+                rungs[n_steps].append(row)
+                if row == len(members):
+                    members.append(values)
+    new = NewGroup(file, path, keys)
     if keys:
-        write_attributes(group, {SWEPT: json.dumps(keys)})
-        axes = {MEMBER: np.arange(len(numbers)), **axes}
-    for name, along in axes.items():
-        _create(group, name, np.dtype("<i8"), along.shape)[()] = along
-        group[name].make_scale(name)
-    for key, column in zip(keys, swept, strict=True):
-        write_column(group, key, column)
-        group[key].dims[0].attach_scale(group[MEMBER])
-    sizes = np.array([float(ladder[n][0].attributes["step_size"]) for n in steps])
-    _create(group, "step_size", np.dtype("<f8"), sizes.shape)[()] = sizes
-    group["step_size"].dims[0].attach_scale(group["n_steps"])
+        new.add(MEMBER, (MEMBER,), np.arange(len(members), dtype="<i8"))
+        for key, column in zip(keys, zip(*members, strict=True), strict=True):
+            new.add_column(key, column)
+    new.add("n_steps", ("n_steps",), np.array(steps, dtype="<i8"))
+    sizes = [float(ladder[n][0].attributes["step_size"]) for n in steps]
+    new.add("step_size", ("n_steps",), np.array(sizes, dtype="<f8"))
+    axes = (MEMBER, "n_steps") if keys else ("n_steps",)
     for name, (source, empty, kind) in _SUMMARY.items():
-        table = np.full((len(numbers), len(steps)), empty, dtype=kind)
+        table = np.full((len(members), len(steps)), empty, dtype=kind)
         for rung, n_steps in enumerate(steps):
-            table[rungs[n_steps], rung] = [v for one in ladder[n_steps] for v in one.column(source)]
-        held = table if keys else table[0]
-        kind = _TEXT if kind is object else np.dtype("<f8" if kind is float else "<i8")
-        _create(group, name, kind, held.shape, keys)[()] = held
-        for axis, dimension in enumerate(axes):
-            group[name].dims[axis].attach_scale(group[dimension])
+            table[rungs[n_steps], rung] = [
+                v for one in ladder[n_steps] for v in one.survey.column(source)
+            ]
+        new.add(name, axes, table if keys else table[0])
+    new.finish(
+        {"norm": first.survey.column("norm")[0]} | ({SWEPT: json.dumps(keys)} if keys else {})
+    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.digests import Inputs, canonical_json, sha256, stowed
+from fvi_cli.storage.digests import Inputs, canonical_json, sha256
 from fvi_cli.studies.experiment import Run
 
 SWEPT: Final = "swept"
@@ -83,6 +83,11 @@ class GroupKind(NamedTuple):
         """Of the group, if the file's configuration asks for these runs."""
         return group_path(self.experiment, self.case, self.n_steps)
 
+    @property
+    def group_key(self) -> tuple[object, ...]:
+        """What members of one path have in common that may share a group."""
+        return self.variant, self.method, self.is_refusal, self.swept
+
 
 def group_path(experiment: str, case: str, n_steps: int) -> str:
     """``/<experiment>/<case>/n000016``."""
@@ -129,16 +134,6 @@ def variant_of(specification: str, swept: tuple[str, ...], norm: str) -> str:
     return sha256(canonical_json([shared, sorted(swept), norm]))
 
 
-Place = tuple[str, str, int, str]
-"""Experiment, case, number of steps, and the values of a member of a sweep as JSON text."""
-
-
-def place_of(run: Run) -> Place:
-    """Where a run belongs."""
-    values = {} if run.member is None else dict(run.member.values)
-    return (run.experiment.name, run.method.case, run.n_steps, canonical_json(stowed(values)))
-
-
 def swept_by(run: Run) -> tuple[str, ...]:
     """The keys in which a member of a sweep differs from others; none of a run that is none.
 
@@ -147,12 +142,8 @@ def swept_by(run: Run) -> tuple[str, ...]:
     return () if run.member is None else tuple(sorted(run.member.values))
 
 
-def stored_place(entry: Entry) -> Place:
-    """Where a stored run belongs."""
-    kind = entry.kind
-    a = entry.source.attributes(entry) if kind.swept else {}
-    values = canonical_json({key: a[key] for key in kind.swept})
-    return kind.experiment, kind.case, kind.n_steps, values
+Shapes = Sequence[tuple[str, tuple[int, ...], tuple[str, ...]]]
+"""Name, shape and axes of arrays."""
 
 
 class RecordSource(Protocol):
@@ -160,20 +151,30 @@ class RecordSource(Protocol):
 
     path: Path
 
-    def attributes(self, entry: Entry) -> dict[str, Any]:
+    def attributes(self, entry: Entry) -> Mapping[str, Any]:
         """Attributes of a run."""
 
     def read(self, entry: Entry) -> StoredRecord:
         """The run, not verified."""
 
-    def shapes(self, entry: Entry) -> list[tuple[str, tuple[int, ...], tuple[str, ...]]]:
-        """Name, shape and axes of the arrays of a run."""
+    def shapes(self, entry: Entry) -> Shapes:
+        """How large the arrays of a run are."""
 
-    def has_input(self, digest: str) -> bool:
-        """Whether a list of numbers is here."""
+    def read_input(self, digest: str) -> NDArray[Any] | None:
+        """A list of numbers by its digest; None: it is not here."""
 
-    def read_input(self, digest: str) -> NDArray[Any]:
-        """A list of numbers by its digest."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Description:
+    """Attributes of a run that was written in another experiment, sweep or norm."""
+
+    changed: Mapping[str, Any]
+    without: frozenset[str]  # names of those that it has no more
+
+    def of(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The attributes, with these changes."""
+        kept = {name: value for name, value in attributes.items() if name not in self.without}
+        return {**kept, **self.changed}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,16 +192,29 @@ class Entry:
     kind: GroupKind  # of its group
     is_unstable: bool  # whether it was predicted to blow up
     place: int = 0  # of a journal, where the frame begins
+    description: Description | None = None  # what it is to be described as, if it was another one
+
+    def attributes(self) -> Mapping[str, Any]:
+        """Its attributes, not verified."""
+        own = self.source.attributes(self)
+        return own if self.description is None else self.description.of(own)
+
+    def described(self, description: Description) -> Entry:
+        """The same run, to be written as another one."""
+        kind = kind_of(description.of(self.source.attributes(self)))
+        return replace(self, description=description, kind=kind)
 
     def record(self) -> StoredRecord:
-        """The record, verified."""
+        """All of it, verified."""
         record = self.source.read(self)
         if record.checksum != self.checksum:
             raise StorageError(
                 f"{self.source.path}: is damaged or not a result file ({self.path} is not what was "
                 "written); it is left as it is: move it away, and its runs are computed again"
             )
-        return record
+        if self.description is None:
+            return record
+        return replace(record, attributes=self.description.of(record.attributes))
 
     @property
     def is_reference(self) -> bool:

@@ -19,6 +19,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.storage.code import own_code
 from fvi_cli.storage.digests import (
     SOLVER_VERSION,
+    Inputs,
     answered_by_own_code,
     refusal_of,
     request_of,
@@ -69,27 +70,35 @@ def stored_record(finished: FinishedRun) -> StoredRecord:
         kept = kept_points(arrays[TIME].size, every)
         arrays = {n: v[kept] if axes[n][0] == TIME else v for n, v in arrays.items()}
         attributes["store_every"] = every
-    specification, known = specification_of(run)
-    inputs = dict(known)
     if run.member is not None:
         own = _times_on_grid(run, arrays[TIME])
         arrays = {n: v[: own.size] if axes[n][0] == TIME else v for n, v in arrays.items()}
         arrays[TIME] = own
-        attributes[SWEPT] = json.dumps(swept_by(run))
-        attributes |= {key: stowed(value, inputs) for key, value in run.member.values.items()}
     request = request_of(run)
     if finished.status == "refused" and finished.predicted == "unstable":
         request = refusal_of(request)
-    attributes |= {
-        "specification": specification,
-        "solver_version": SOLVER_VERSION,
-        "code": own_code().text,
-        **origin(),
-    }
+    return record_for(run, request, specification_of(run), attributes, arrays, axes)
+
+
+def record_for(
+    run: Run,
+    request: str,
+    specification: tuple[str, Inputs],
+    attributes: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+    axes: Mapping[str, tuple[str, ...]],
+) -> StoredRecord:
+    """A record that says what was asked for, of which member, and by which code it was answered."""
+    text, inputs = specification[0], dict(specification[1])
+    of_member: dict[str, Any] = {}
+    if run.member is not None:
+        of_member = {key: stowed(value, inputs) for key, value in run.member.values.items()}
+        of_member[SWEPT] = json.dumps(swept_by(run))
+    made_by = {"solver_version": SOLVER_VERSION, "code": own_code().text, **origin()}
     return StoredRecord(
         identity=answered_by_own_code(request),
         request=request,
-        attributes=attributes,
+        attributes={**attributes, **of_member, "specification": text, **made_by},
         arrays=arrays,
         axes=axes,
         inputs=inputs,
