@@ -30,7 +30,7 @@ from fvi_cli.studies.cost import (
     measure_tolerance,
 )
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, FinishedRun
-from fvi_cli.studies.study import refined_references
+from fvi_cli.studies.reference import refined_references
 
 _logger = logging.getLogger(__name__)
 

@@ -26,8 +26,8 @@ from fvi_cli.integrator.trajectory import Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run, lookup_case
 from fvi_cli.studies.norms import Norm, error_norm, point_weights
-from fvi_cli.studies.reference import Reference
-from fvi_cli.studies.study import execute, reference_of
+from fvi_cli.studies.reference import Reference, reference_of
+from fvi_cli.studies.study import execute
 from fvi_cli.studies.tolerance.search import solve
 
 LONG_SECONDS = 2.0

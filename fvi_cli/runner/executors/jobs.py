@@ -18,8 +18,7 @@ from fvi_cli.runner.executors.batches import Batch, Pack, batches_of, pack_of
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import FinishedRun, Run
-from fvi_cli.studies.reference import Reference
-from fvi_cli.studies.study import needs_refined_run
+from fvi_cli.studies.reference import Reference, needs_refined_run
 
 _logger = logging.getLogger(__name__)
 
