@@ -21,7 +21,6 @@ import numpy as np
 
 from fvi_cli.integrator.observations.dampers import TOGETHER, damper_values, deformation_of
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 SAMPLES = 4000
@@ -56,10 +55,10 @@ class DamperLoop:
 
 def forces_of(experiment: Experiment) -> tuple[str, ...]:
     """Quantities that are the force of a damper, or a component of it."""
-    problem, quantities = experiment.problem, experiment.observations.quantities or {}
-    if not isinstance(problem, Problem):
+    scene, quantities = experiment.problem.scene, experiment.observations.quantities or {}
+    if scene is None:
         return ()
-    known = damper_values(problem.scene)
+    known = damper_values(scene)
     texts = {name: one.text.strip() for name, one in quantities.items()}
     return tuple(
         name for name, text in texts.items() if text in known and known[text].kind == "force"
@@ -69,13 +68,13 @@ def forces_of(experiment: Experiment) -> tuple[str, ...]:
 def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
     """Deformation and force of the damper of a quantity, at the stored times, ``(n,)`` each."""
     # what a damper acts on may differ between members
-    problem, trajectory = item.run.problem, item.trajectory
+    scene, trajectory = item.run.scene, item.trajectory
     observed, quantities = trajectory.observed, item.run.experiment.observations.quantities or {}
-    if not isinstance(problem, Problem) or observed is None:
+    if observed is None:
         raise ValueError(f"{name}: the run has no forces of dampers")
-    value = damper_values(problem.scene)[quantities[name].text.strip()]
+    value = damper_values(scene)[quantities[name].text.strip()]
     place = max(value.place, 0) if value.place == TOGETHER else value.place
-    deformation = deformation_of(problem.scene, place, trajectory.position)
+    deformation = deformation_of(scene, place, trajectory.position)
     return deformation[:, value.component], observed.quantities[name]
 
 

@@ -31,7 +31,6 @@ from fvi_cli.integrator.stability.prediction import (
 )
 from fvi_cli.integrator.stability.region import StabilityMap, stability_map
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, Run
 
 FEWEST_STEPS = 2000
@@ -129,6 +128,8 @@ def stability_rows(
     ValueError
         If nothing is integrated: a fractional derivative has no stability.
     """
+    if experiment.problem.scene is None:
+        raise ValueError(f"{experiment.name}: has no motion, and so no stability")
     limits: dict[tuple[str, int], tuple[float, float]] = {}
     for run in experiment.runs():
         try:
@@ -153,7 +154,7 @@ def _row(
     run: Run, limits: dict[tuple[str, int], tuple[float, float]], *, with_observation: bool
 ) -> StabilityRow:
     """One run; `limits` are those of its method and member, found once."""
-    scene = _scene(run)
+    scene = run.scene
     key = (run.method.case, run.member.number if run.member is not None else 0)
     if key not in limits:
         limits[key] = _limits(scene, run.method)
@@ -167,13 +168,6 @@ def _row(
         lasting_step=min(limits[key][1], scene.final_time),
         observation=observation,
     )
-
-
-def _scene(run: Run) -> Scene:
-    problem = run.problem
-    if not isinstance(problem, Problem):
-        raise ValueError(f"{run.experiment.name}: has no motion, and so no stability")
-    return problem.scene
 
 
 def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
