@@ -128,6 +128,11 @@ class Growth:
     place: tuple[float, ...]  # where the motion is then
     factor: float  # by how much it grows in the run, from where it first is above round-off
 
+    @property
+    def where(self) -> str:
+        """Time and place in words."""
+        return f"from t = {self.time:.6g} on, at [{', '.join(f'{x:.4g}' for x in self.place)}]"
+
 
 def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: float) -> Growth:
     """Where differences at these times leave the tolerance, and how they came to that."""

@@ -18,9 +18,9 @@ from typing import Final, Literal
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, as_csc
+from fvi_cli.effects.matrices import as_csc, dense
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.studies.members import Member, label_of
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
@@ -234,8 +234,7 @@ def _undamped(
     if isinstance(combined, np.ndarray) or d <= 4 * count:
         from scipy.linalg import eigh
 
-        whole = combined if isinstance(combined, np.ndarray) else np.asarray(combined.toarray())
-        values, vectors = eigh(whole.real, _dense(mass))
+        values, vectors = eigh(dense(combined).real, dense(mass))  # type: ignore[arg-type]
     else:
         from scipy.sparse.linalg import eigsh
 
@@ -258,10 +257,6 @@ def _undamped(
         for index in order
         if rates[index] > 1e-6 * largest
     ]
-
-
-def _dense(form: Form) -> Array:
-    return form if isinstance(form, np.ndarray) else np.asarray(form.toarray())
 
 
 def _completed(
