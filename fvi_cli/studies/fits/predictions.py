@@ -21,7 +21,6 @@ from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
@@ -126,8 +125,7 @@ def _resolve_names(
         inputs: Mapping[str, Forcing | None] = {}
         names = one.formula.names if one.formula is not None else frozenset()
         if names - set(known_names(data.coordinates, parameters)) - set(dampers):
-            problem = build_problem(specification, search=False)
-            inputs = problem.inputs if isinstance(problem, Problem) else {}
+            inputs = build_problem(specification, search=False).inputs
         return Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
 
     return resolve_names
