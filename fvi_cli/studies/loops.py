@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.observations.dampers import TOGETHER, damper_values, deformation_of
+from fvi_cli.integrator.observations.dampers import damper_values, deformation_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
@@ -73,8 +73,8 @@ def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
     if observed is None:
         raise ValueError(f"{name}: the run has no forces of dampers")
     value = damper_values(scene)[quantities[name].text.strip()]
-    place = max(value.place, 0) if value.place == TOGETHER else value.place
-    deformation = deformation_of(scene, place, trajectory.position)
+    # the force of all dampers together belongs to the first displacement
+    deformation = deformation_of(scene, max(value.place, 0), trajectory.position)
     return deformation[:, value.component], observed.quantities[name]
 
 

@@ -24,7 +24,6 @@ BATCH_BYTES = 2**29
 DOUBLES_PER_STEP = 60
 """What a degree of freedom takes in memory for every step, by the hungriest method."""
 
-
 MOST_VALUES = 6
 """Values of a swept key that are listed one by one."""
 
@@ -66,15 +65,9 @@ class Member:
 
     def __reduce__(self) -> tuple[Callable[..., Member], tuple[object, ...]]:
         """Travel to another process, where the same member comes out as the same object."""
-        values = json.dumps(dict(self.values))
-        return _arrived, (
-            self.number,
-            values,
-            self.template,
-            self.dimension,
-            self.name,
-            self.named,
-        )
+        # texts of one template are one for pickle
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "template"}
+        return _arrived, (self.template, json.dumps({**fields, "values": dict(self.values)}))
 
 
 def label_of(member: Member | None) -> str:
@@ -83,17 +76,9 @@ def label_of(member: Member | None) -> str:
 
 
 @functools.lru_cache(maxsize=4096)
-def _arrived(
-    number: int, values: str, template: str, dimension: int, name: str, named: tuple[str, ...]
-) -> Member:
-    return Member(
-        number=number,
-        values=json.loads(values),
-        template=template,
-        dimension=dimension,
-        name=name,
-        named=named,
-    )
+def _arrived(template: str, fields: str) -> Member:
+    found = json.loads(fields)
+    return Member(template=template, **{**found, "named": tuple(found["named"])})
 
 
 def _size(dimension: int) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.integrator.break_points import interpolation_remarks
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.integrate import integrate, start_alone
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed, integrate_observed_members
@@ -277,23 +277,10 @@ def expected_order_of(run: Run) -> float:
 
 def _refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> FinishedRun:
     """The run with its start and the reason why there is no more of it."""
-    scene = run.problem.scene
-    if scene is None:  # pragma: no cover - only scenes are predicted
-        raise ValueError("run: a derivative has no stability")
-    position = scene.initial_position[None]
-    momentum = (scene.inertia.mass @ scene.initial_velocity)[None]
+    message = refusal(run.scene, run.method, run.n_steps, prediction)
     return FinishedRun(
         run=run,
-        trajectory=Trajectory(
-            time=np.zeros(1),
-            position=position,
-            momentum=momentum,
-            energy=scene.energy(position, momentum),
-            n_steps=run.n_steps,
-            step_size=run.step_size,
-            status="refused",
-            message=refusal(scene, run.method, run.n_steps, prediction),
-        ),
+        trajectory=start_alone(run.scene, run.n_steps, status="refused", message=message),
         error=float("nan"),
         floor=0.0,
         status="refused",

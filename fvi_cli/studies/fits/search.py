@@ -50,14 +50,9 @@ def least_squares_from(
     most: int = MOST_ITERATIONS,
     tolerance: float = 1e-10,
 ) -> Found | None:
-    """Gauss-Newton in a trust region, with exact derivatives.
+    """Gauss-Newton in a trust region, with exact derivatives; None: it cannot even begin.
 
     The tolerance is that of the parameters, relative; the misfit may still change by its square.
-
-    Returns
-    -------
-    Found or None
-        None: it cannot even begin.
     """
     from scipy.optimize import least_squares
 

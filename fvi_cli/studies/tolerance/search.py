@@ -92,29 +92,15 @@ def solve(
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
-    Steps are found on the way and a second run measures the error of the whole
-    (``docs/explanation/tolerances.md``).
+    Any component may err by `tolerance`, a length, or by the share `relative` of the largest
+    position of the run. Steps are found on the way and a second run measures the error of the whole
+    (``docs/explanation/tolerances.md``). `log` is called with a line about every run, and every run
+    has a part of `checkpoints`.
 
-    Parameters
-    ----------
-    scene
-        What is integrated.
-    tolerance
-        Largest error of any component of the position at any time of the run, a length.
-    relative
-        The same as a share of the largest position of the run; one of the two.
-    log
-        Called with a line about every run.
-    checkpoints
-        Where every run of the search has a part.
-
-    Returns
-    -------
-    Trajectory
-        The best run. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at any
-        times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
-        is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
-        ``trajectory.assessment``.
+    The best run is returned. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at
+    any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
+    is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
+    ``trajectory.assessment``.
 
     Raises
     ------

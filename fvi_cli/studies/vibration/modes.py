@@ -112,10 +112,7 @@ class ModeTable:
 def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTable:
     """At most `count` modes of lowest frequency, or nearest to one in oscillations per time.
 
-    Returns
-    -------
-    ModeTable
-        Without a name. Solutions that do not oscillate (branch cut, rigid motions) are none.
+    Solutions that do not oscillate (branch cut, rigid motions) are none.
 
     Raises
     ------
