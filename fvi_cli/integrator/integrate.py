@@ -117,10 +117,10 @@ def integrate(
     except np.linalg.LinAlgError:
         # singular equations, as with negative stiffness
         message = str(no_unique_solution(scene.final_time / steps))
-        return start_alone(scene, steps, status="failed", message=message)
+        return start_only(scene, steps, status="failed", message=message)
 
 
-def start_alone(scene: Scene, n_steps: int, *, status: Status, message: str) -> Trajectory:
+def start_only(scene: Scene, n_steps: int, *, status: Status, message: str) -> Trajectory:
     """The start of a motion of which no step is made."""
     position = scene.initial_position[None]
     momentum = scene.momentum(position, scene.initial_velocity[None], np.zeros(1))

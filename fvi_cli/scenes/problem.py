@@ -36,7 +36,7 @@ class Problem:
 class DerivativeProblem:
     r"""The Caputo derivative of a known function, to measure convolution quadrature alone."""
 
-    scene: ClassVar[None] = None  # nothing moves
+    scene: ClassVar[None] = None  # it has no motion
     coordinates: ClassVar[tuple[str, ...]] = ()
     inputs: ClassVar[Mapping[str, Forcing | None]] = {}
     # f at times of shape ``(n,)``; f(0) = 0 is needed for an order that is not limited to 1

@@ -13,7 +13,7 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.integrator.break_points import interpolation_remarks
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
-from fvi_cli.integrator.integrate import integrate, start_alone
+from fvi_cli.integrator.integrate import integrate, start_only
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed, integrate_observed_members
@@ -280,7 +280,7 @@ def _refused(run: Run, prediction: StabilityPrediction, reference: Reference) ->
     message = refusal(run.scene, run.method, run.n_steps, prediction)
     return FinishedRun(
         run=run,
-        trajectory=start_alone(run.scene, run.n_steps, status="refused", message=message),
+        trajectory=start_only(run.scene, run.n_steps, status="refused", message=message),
         error=float("nan"),
         floor=0.0,
         status="refused",

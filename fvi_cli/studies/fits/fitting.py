@@ -54,7 +54,7 @@ Log = Callable[[str], None]
 
 
 class NoFitError(ValueError):
-    """Nothing is fitted: why, and the last point that was looked at."""
+    """Why no model could be fitted, and the last point that was tried."""
 
     def __init__(self, message: str, point: Array) -> None:
         super().__init__(message)
