@@ -11,9 +11,9 @@ import numpy as np
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
+from fvi_cli.studies.fits.intervals import estimates
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms
-from fvi_cli.studies.fits.profile import Minimum, quantile
+from fvi_cli.studies.fits.profile import BetterMinimumError, Minimum, quantile
 from fvi_cli.studies.fits.regions import holds, other_sides, region_of, regions
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import HOPELESS, Found, distinct, least_squares_from, search

@@ -8,21 +8,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.profile import BETTER, Minimum, Side, descend, profile_side, quantile
+from fvi_cli.studies.fits.profile import (
+    BETTER,
+    BetterMinimumError,
+    Minimum,
+    Side,
+    descend,
+    profile_side,
+    quantile,
+)
 from fvi_cli.studies.fits.result import Estimate
 from fvi_cli.studies.fits.statistics import covariance, freedoms
 
 JUMP = 1.0
 """The order at which a motion with a start velocity jumps."""
-
-
-class BetterMinimumError(ValueError):
-    """A profile found a point, in what the fit works with, with less misfit than the minimum."""
-
-    def __init__(self, point: Array) -> None:
-        super().__init__("another minimum has less misfit")
-        self.point = point
 
 
 def estimates(
@@ -93,12 +92,11 @@ def _farthest(
     minima: Sequence[Minimum], index: int, step: float, variance: float, threshold: float
 ) -> tuple[Side, bool]:
     """The end farthest out of those of all minima, and whether it is another's than the first."""
-    sign, sides, least = math.copysign(1.0, step), [], minima[0].evaluation.cost
-    for one in minima:
-        side = profile_side(one, index, step, least=least, variance=variance, threshold=threshold)
-        if side.better is not None:
-            raise BetterMinimumError(side.better)
-        sides.append(side)
+    sign, least = math.copysign(1.0, step), minima[0].evaluation.cost
+    sides = [
+        profile_side(one, index, step, least=least, variance=variance, threshold=threshold)
+        for one in minima
+    ]
     lost = [one for one in sides if math.isnan(one.end)]
     chosen = max(lost or sides, key=lambda one: sign * (one.reached if lost else one.end))
     ends = [one.end for one in sides if not math.isnan(one.end)]

@@ -31,6 +31,14 @@ DAMPING = (0.0, 1e-3, 0.1, 10.0, 1e3)
 """Of a step (Levenberg and Marquardt), for scaled derivatives."""
 
 
+class BetterMinimumError(ValueError):
+    """A point, in what the fit works with, has less misfit than the minimum."""
+
+    def __init__(self, point: Array) -> None:
+        super().__init__("another minimum has less misfit")
+        self.point = point
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Side:
     """One end of an interval."""
@@ -40,8 +48,6 @@ class Side:
     reached: float = math.nan  # the farthest value that is known to lie inside
     points: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Values tried and signed roots of the increase there, ``(n, 2)``."""
-    better: Array | None = None
-    """A point with less misfit than the supposed minimum, which ends the search; None: no such."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,6 +84,11 @@ def profile_side(
     """One end of the interval of a parameter.
 
     A value at which the misfit cannot be computed is neither inside nor outside.
+
+    Raises
+    ------
+    BetterMinimumError
+        Where there is less misfit than the least that is known.
     """
     sign = math.copysign(1.0, step)
     best = float(begin.point[index])
@@ -111,7 +122,7 @@ def profile_side(
             value = 0.5 * (inner + unknown)
         found = _others(begin, near, index, value, least, variance * threshold**2)
         if found is not None and found.cost < least - BETTER * variance:
-            return Side(end=math.nan, better=found.point)
+            raise BetterMinimumError(found.point)
         root = math.nan
         if found is not None:
             root = math.sqrt(max(found.cost - least, 0.0) / variance)

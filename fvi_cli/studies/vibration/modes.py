@@ -12,7 +12,7 @@ modes are found in their parts by contour integrals.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -21,7 +21,7 @@ import numpy as np
 from fvi_cli.effects.matrices import as_csc, dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import ComplexArray
-from fvi_cli.studies.members import Member, label_of
+from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
 from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
@@ -77,10 +77,9 @@ class Mode:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModeTable:
+class ModeTable(OfMember):
     """Modes of one scene."""
 
-    name: str
     coordinates: tuple[str, ...]
     """Names of the degrees of freedom."""
     modes: tuple[Mode, ...]
@@ -93,15 +92,6 @@ class ModeTable:
     reach: Reach = "around"
     """``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor are
     faster ones; ``around``: it was chosen around the modes that were asked for."""
-    of_member: Member | None = None
-    """The member of a sweep, or design, to which it belongs."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Labels of units for figures."""
-
-    @property
-    def member(self) -> str:
-        """Swept values in words; empty without a sweep."""
-        return label_of(self.of_member)
 
     @property
     def is_complete(self) -> bool:
@@ -271,7 +261,6 @@ class _Search:
             found = [one for one in found if sector.least < abs(one.frequency) < sector.largest]
         found = sorted(found, key=self.distance)
         return ModeTable(
-            name="",
             coordinates=tuple(f"x{index}" for index in range(1, self.stiffness.dimension + 1)),
             modes=tuple(sorted(found[: self.count], key=lambda mode: abs(mode.frequency))),
             sector=sector,
