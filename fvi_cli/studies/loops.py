@@ -37,20 +37,17 @@ LEAST_STIFFNESS = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class DamperLoop:
-    """What the last loop of a damper says; numbers in the units of force and deformation."""
+    """What the last loop of a damper says; numbers in the units of force and deformation.
 
-    amplitude: float
-    stiffness: float
-    loss_factor: float
-    work: float
+    By default those of a loop of which the points do not say enough.
+    """
+
     begin: float
     end: float
-
-    @classmethod
-    def unknown(cls, begin: float, end: float) -> DamperLoop:
-        """A loop of which the points do not say enough."""
-        nan = math.nan
-        return cls(amplitude=nan, stiffness=nan, loss_factor=nan, work=nan, begin=begin, end=end)
+    amplitude: float = math.nan
+    stiffness: float = math.nan
+    loss_factor: float = math.nan
+    work: float = math.nan
 
 
 def forces_of(experiment: Experiment) -> tuple[str, ...]:
@@ -97,7 +94,7 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
         if np.ptp(y[first : last + 1]) <= least:
             continue
         if last - first < LEAST_POINTS:
-            return DamperLoop.unknown(float(t[first]), float(t[last]))
+            return DamperLoop(begin=float(t[first]), end=float(t[last]))
         # a few points more on both sides, for the slopes
         near = slice(max(first - 4, 0), last + 6)
         t, y, f = t[near], y[near], f[near]
@@ -112,9 +109,9 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
             _, other, its_work = _around(t[kept], y[kept], f[kept], begin, end)
             noise = max(noise, abs(other - stiffness))
             if not abs(its_work - work) <= MOST_DIFFERENCE * np.ptp(f) * np.ptp(y):
-                return DamperLoop.unknown(begin, end)
+                return DamperLoop(begin=begin, end=end)
         if not noise <= MOST_DIFFERENCE * size:
-            return DamperLoop.unknown(begin, end)
+            return DamperLoop(begin=begin, end=end)
         if abs(stiffness) <= noise:
             stiffness = 0.0
         lost = work / (math.pi * amplitude**2)
