@@ -31,15 +31,10 @@ from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.studies.experiment import (
-    NEEDS_LADDER,
-    Experiment,
-    FinishedRun,
-    Observed,
-    Run,
-)
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights
 from fvi_cli.studies.reference import Reference, reference_of
+from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 DIVERGED_RATIO = 10.0
 
@@ -55,15 +50,9 @@ def study(
 ) -> Iterator[FinishedRun]:
     """Every run of `experiment`, method by method, steps increasing, or what `finished` has of it.
 
-    Raises
-    ------
-    ValueError
-        If the experiment asks for a tolerance
-        (:func:`fvi_cli.studies.tolerance.experiment_run.run_for_tolerance` is for these).
+    Where it asks for a tolerance, the run that the search comes to.
     """
-    if experiment.needs_search:
-        raise ValueError(f"{experiment.name}: {NEEDS_LADDER}")
-    for run in experiment.runs():
+    for run in experiment.searches() or experiment.runs():
         yield finished(run) or execute(run)
 
 
@@ -79,12 +68,23 @@ def execute_batch(
     runs: Sequence[Run],
     references: Sequence[Reference | None] = (),
     checkpoints: RunKeeper | None = None,
+    *,
+    available_bytes: int | None = None,
+    log: Callable[[str], object] = lambda line: None,
 ) -> list[FinishedRun]:
-    """Compute runs by one method on one number of steps, members of a sweep together.
+    """Compute runs by one method on one number of steps, members of a sweep together; or a search.
 
     One that diverges does not disturb the others; one that is predicted to blow up is not computed
-    where that is not wanted. References that are not given are found here.
+    where that is not wanted. References that are not given are found here. A search for a tolerance
+    takes no more than `available_bytes` of memory and tells every run to `log`.
     """
+    if runs[0].is_search:
+        return [
+            run_for_tolerance(
+                run, available_bytes=available_bytes, log=log, checkpoints=checkpoints
+            )
+            for run in runs
+        ]
     predictions = [prediction_of(run) for run in runs]
     going = [
         run

@@ -8,10 +8,8 @@ from fvi_cli.config.memory import machine_bytes
 from fvi_cli.runner.executors.batches import search_title
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.jobs import Job, References, Results
-from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import refined_references
 from fvi_cli.studies.study import execute_batch
-from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 _logger = logging.getLogger(__name__)
 
@@ -22,19 +20,14 @@ def execute_job(
     """Compute the runs of a job against given references, in their order, or find these."""
     if job.is_reference:
         return refined_references(job.runs)
-    first = job.runs[0]
-    if first.is_search:
-        return [_search(run, checkpoints) for run in job.runs]
-    is_single_run = first.experiment.observations.is_empty
-    kept = None if checkpoints is None else checkpoints.of(job.runs, is_single_run=is_single_run)
-    return execute_batch(job.runs, references, kept)
-
-
-def _search(search: Run, checkpoints: CheckpointFolder | None) -> FinishedRun:
-    """The run that a search comes to."""
-    return run_for_tolerance(
-        search,
-        available_bytes=machine_bytes(),
-        log=lambda line: _logger.info("%s: %s", search_title(search), line),
-        checkpoints=None if checkpoints is None else checkpoints.of((search,)),
+    first, kept = job.runs[0], None
+    if checkpoints is not None:
+        is_single_run = first.experiment.observations.is_empty
+        kept = checkpoints.of(job.runs, is_single_run=is_single_run)
+    return execute_batch(
+        job.runs,
+        references,
+        kept,
+        available_bytes=machine_bytes() if first.is_search else None,
+        log=lambda line: _logger.info("%s: %s", search_title(first), line),
     )
