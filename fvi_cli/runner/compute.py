@@ -113,7 +113,7 @@ def run(
         if request.stored is not None:
             return stored_outcomes(experiments, store)
         if settings.fresh and checkpoints is not None:
-            every = (run for one in experiments for run in (*one.runs(), *one.searches()))
+            every = (run for one in experiments for run in one.runs())
             checkpoints.remove(every)
         kept = (lambda one: one) if settings.keeps_motions else without_motion
         listed = settings.shard.runs_of(experiments)

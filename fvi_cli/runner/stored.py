@@ -66,7 +66,7 @@ def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[O
     """
     outcomes = []
     for experiment in experiments:
-        found = [results.finished(run) for run in experiment.searches() or experiment.runs()]
+        found = [results.finished(run) for run in experiment.runs()]
         finished = tuple(one for one in found if one is not None)
         is_single = experiment.needs_search and not experiment.members
         own = finished[0].run.experiment if is_single and finished else experiment
@@ -86,7 +86,7 @@ def stored_outcomes(experiments: Sequence[Experiment], results: Store) -> list[O
 
 def _unusable(experiment: Experiment, results: Store) -> str:
     """Why no run of an experiment can be used, and what to do."""
-    runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
+    runs = experiment.runs()
     reasons = Reasons(stored=results, requested=lambda: {place_of(run) for run in runs})
     found = sorted({reasons.of(run) for run in runs})
     return (

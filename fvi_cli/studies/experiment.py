@@ -109,13 +109,6 @@ class Experiment:
         """Whether method and number of steps are still to be chosen for a tolerance."""
         return self.accuracy is not None and not self.steps
 
-    def searches(self) -> list[Run]:
-        """One run for every scene of which method and number of steps are still to be chosen."""
-        if self.accuracy is None or not self.needs_search:
-            return []
-        first = self.chosen_run(self.accuracy.candidates[0], 1)
-        return [replace(first, member=member) for member in self.members or (None,)]
-
     def chosen_run(self, method: AnyMethod, n_steps: int, member: Member | None = None) -> Run:
         """The run that was chosen for the tolerance, of an experiment that has no other."""
         chosen = replace(self, methods=(method,), steps=(n_steps,))
@@ -127,7 +120,13 @@ class Experiment:
         return tuple(self.members[0].values) if self.members else ()
 
     def runs(self) -> list[Run]:
-        """Every run, method by method, steps increasing, then member by member."""
+        """Every run, method by method, steps increasing, then member by member.
+
+        Where method and number of steps are still to be chosen, a search for every scene.
+        """
+        if self.accuracy is not None and self.needs_search:
+            first = self.chosen_run(self.accuracy.candidates[0], 1)
+            return [replace(first, member=member) for member in self.members or (None,)]
         return [
             Run(experiment=self, method=method, n_steps=n, member=member)
             for method in self.methods

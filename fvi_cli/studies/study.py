@@ -52,7 +52,7 @@ def study(
 
     Where it asks for a tolerance, the run that the search comes to.
     """
-    for run in experiment.searches() or experiment.runs():
+    for run in experiment.runs():
         yield finished(run) or execute(run)
 
 
