@@ -56,11 +56,9 @@ def study(
         yield finished(run) or execute(run)
 
 
-def execute(
-    run: Run, checkpoints: RunKeeper | None = None, reference: Reference | None = None
-) -> FinishedRun:
+def execute(run: Run, reference: Reference | None = None) -> FinishedRun:
     """Compute one run and its error, as :func:`execute_batch` does."""
-    (found,) = execute_batch((run,), [reference], checkpoints)
+    (found,) = execute_batch((run,), [reference])
     return found
 
 
