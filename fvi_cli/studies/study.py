@@ -74,7 +74,7 @@ def execute_batch(
 
     One that diverges does not disturb the others; one that is predicted to blow up is not computed
     where that is not wanted. References that are not given are found here. A search for a tolerance
-    takes no more than `available_bytes` of memory and tells every run to `log`.
+    takes no more than `available_bytes` of memory, and `log` is given a line for every run.
     """
     if runs[0].is_search:
         return [
