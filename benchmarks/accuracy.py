@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from benchmarks.measuring import number, table, yardstick_seconds, yes_or_no
 from fvi_cli.api import cost, load
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.render.cost import PAGE_CONFIGS
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.price import CostCurve, cost_curves
@@ -97,7 +97,7 @@ def cost_goals(tables: Sequence[CostTable], yardstick: float) -> list[Goal]:
 def _pendulum_goals(table: CostTable) -> list[Goal]:
     curves = {curve.key: curve for curve in cost_curves(table)}
     blocks = [curve for curve in curves.values() if _is_ours(curve)]
-    baselines = [curve for curve in curves.values() if curve.is_baseline]
+    baselines = [curve for curve in curves.values() if isinstance(curve.methods[0], Baseline)]
     ours = _least_seconds(blocks, 1e-9)
     goals = []
     if "gruenwald-letnikov" in curves:

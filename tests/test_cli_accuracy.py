@@ -52,7 +52,8 @@ def test_the_usual_candidates_are_those_of_the_configuration():
     (experiment,) = parse_config(CONFIG, "tuned.yaml").experiments
     assert experiment.accuracy.candidates == USUAL_CANDIDATES == experiment.methods
     assert experiment.needs_search
-    assert experiment.runs() == []
+    (search,) = experiment.runs()
+    assert search.is_search
 
 
 def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
@@ -188,7 +189,7 @@ def test_the_work_of_recalling_grows_as_the_members(fvi, tmp_path, monkeypatch):
         (experiment,) = load_config(path).experiments
         with read_results(tmp_path / f"results/swept{members}.h5") as store:
             reads.clear()
-            assert None not in [store.finished(search) for search in experiment.searches()]
+            assert None not in [store.finished(search) for search in experiment.runs()]
         return len(reads)
 
     assert looked_at(2) == looked_at(8) / 4 == 2

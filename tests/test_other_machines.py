@@ -6,7 +6,6 @@ that is off by one per cent is found (three in a figure, which has three digits)
 """
 
 import functools
-import itertools
 import json
 import math
 import random
@@ -27,13 +26,8 @@ from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.studies.order import (
     NEAR_FLOOR,
-    OrderCase,
     OrderRow,
     OrderTable,
-    fit_slope,
-    is_usable,
-    near_floor,
-    pairwise_order,
 )
 
 ROOT = Path(__file__).parents[1]
@@ -70,32 +64,21 @@ def errors_by(change: Change) -> RowChange:
 def changed(tables: list[OrderTable], change: RowChange) -> list[OrderTable]:
     """The tables that these rows give."""
     return [
-        replace(table, cases=tuple(_case(case, change) for case in table.cases)) for table in tables
-    ]
-
-
-def _case(case: OrderCase, change: RowChange) -> OrderCase:
-    rows = tuple(change(row) for row in case.rows)
-    used = [row for row in rows if row.used_in_fit]
-    slope, residual = fit_slope([r.n_steps for r in used], [r.error for r in used])
-    pairs = [
         replace(
-            row,
-            pairwise_order=float("nan")
-            if row.is_near_floor or before.is_near_floor
-            else pairwise_order(before.error, row.error, before.n_steps, row.n_steps),
+            table,
+            cases=tuple(
+                replace(case, rows=tuple(change(row) for row in case.rows)) for case in table.cases
+            ),
         )
-        for before, row in itertools.pairwise(rows)
+        for table in tables
     ]
-    return replace(case, rows=(*rows[:1], *pairs), slope=slope, fit_residual=residual)
 
 
 def _row(row: OrderRow, error: float) -> OrderRow:
     status = row.status
     if status in ("ok", "floor"):
         status = "floor" if error < row.floor else "ok"
-    used = is_usable(status, error, row.floor)
-    return replace(row, error=error, status=status, used_in_fit=used)
+    return replace(row, error=error, status=status)
 
 
 def near_one_millionth(errors: list[float]) -> float:
@@ -148,7 +131,7 @@ def test_rows_of_the_tables_of_the_paper_are_all_used():
         assert len(rows) == 72
         assert all(row.used_in_fit for row in rows)
         # far from the limit of what is used
-        assert not any(near_floor(row.error, 1000 * row.floor) for row in rows)
+        assert not any(row.error <= 1000 * NEAR_FLOOR * row.floor for row in rows)
 
 
 def _drawn(figure: dict, change: Change) -> dict:

@@ -51,8 +51,7 @@ from fvi_cli.runner.plan import PlannedRun, plan
 from fvi_cli.runner.request import load
 from fvi_cli.runner.scenes import integrate, integrate_members, integrate_part, predict_stability
 from fvi_cli.runner.stability import stability
-from fvi_cli.runner.vibration.modes import modes
-from fvi_cli.runner.vibration.response import response
+from fvi_cli.runner.vibration import modes, response
 from fvi_cli.scenes.chains import chain, frame, string
 from fvi_cli.scenes.data import duffing, kepler, linear_oscillator, pendulum
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene

@@ -198,8 +198,8 @@ def modes(
 
     Exit code 1 where modes may be missing.
     """
-    from fvi_cli.runner.vibration.modes import linear_tasks
-    from fvi_cli.runner.vibration.modes import modes as compute_modes
+    from fvi_cli.runner.vibration import linear_tasks
+    from fvi_cli.runner.vibration import modes as compute_modes
 
     call.gather(configs)
     tasks = functools.partial(linear_tasks, action="modes")
@@ -238,9 +238,8 @@ def response(
     ] = None,
 ) -> int:
     """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
-    from fvi_cli.runner.vibration.modes import linear_tasks
-    from fvi_cli.runner.vibration.response import frequencies
-    from fvi_cli.runner.vibration.response import response as compute_response
+    from fvi_cli.runner.vibration import frequencies, linear_tasks
+    from fvi_cli.runner.vibration import response as compute_response
 
     # a mistake in it is reported before configurations are read
     frequencies(over)

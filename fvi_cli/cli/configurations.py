@@ -53,7 +53,7 @@ def check(call: Call, configs: Configs) -> int:
         return DONE
     for request in requests:
         experiments = request.loaded.experiments
-        runs = sum(len(one.searches() or one.runs()) for one in experiments)
+        runs = sum(len(one.runs()) for one in experiments)
         what = f"{_counted(len(experiments), 'experiment')}, {_counted(runs, 'run')}"
         print(f"{request.loaded.path}: valid, {what}")
     return DONE

@@ -42,8 +42,9 @@ def show(
         print(contents_as_text(list_runs(file)))
         if call.verbose:
             (request,) = call.gather([str(file)])
-            runs = [run for one in request.loaded.experiments for run in one.runs()]
-            print(f"\n{machinery_as_text(engine_plans(runs))}")
+            every = (run for one in request.loaded.experiments for run in one.runs())
+            known = [run for run in every if not run.is_search]
+            print(f"\n{machinery_as_text(engine_plans(known))}")
     return DONE
 
 

@@ -16,7 +16,7 @@ from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
-from fvi_cli.integrator.trajectory import Trajectory, thinned
+from fvi_cli.integrator.trajectory import Status, Trajectory, thinned
 
 
 def check_counts(n_steps: object, every: object) -> None:
@@ -115,12 +115,13 @@ def integrate(
     try:
         return thinned(integrate_baseline(scene, method, steps), every)
     except np.linalg.LinAlgError:
-        return _unsolved(scene, steps)
+        # singular equations, as with negative stiffness
+        message = str(no_unique_solution(scene.final_time / steps))
+        return start_only(scene, steps, status="failed", message=message)
 
 
-def _unsolved(scene: Scene, n_steps: int) -> Trajectory:
-    """The start of a motion whose steps have singular equations, as with negative stiffness."""
-    h = scene.final_time / n_steps
+def start_only(scene: Scene, n_steps: int, *, status: Status, message: str) -> Trajectory:
+    """The start of a motion of which no step is made."""
     position = scene.initial_position[None]
     momentum = scene.momentum(position, scene.initial_velocity[None], np.zeros(1))
     return Trajectory(
@@ -129,7 +130,7 @@ def _unsolved(scene: Scene, n_steps: int) -> Trajectory:
         momentum=momentum,
         energy=scene.energy(position, momentum, np.zeros(1)),
         n_steps=n_steps,
-        step_size=h,
-        status="failed",
-        message=str(no_unique_solution(h)),
+        step_size=scene.final_time / n_steps,
+        status=status,
+        message=message,
     )

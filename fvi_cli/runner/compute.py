@@ -40,8 +40,7 @@ from fvi_cli.runner.stored import (
 from fvi_cli.storage import NEW, Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import Member
-from fvi_cli.studies.reference import Reference
-from fvi_cli.studies.study import needs_refined_run
+from fvi_cli.studies.reference import Reference, needs_refined_run
 
 _logger = logging.getLogger(__name__)
 

@@ -18,7 +18,6 @@ from fvi_cli.runner.compute import compute_jobs
 from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, References, Results, jobs_of
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage import open_results
 from fvi_cli.studies.cost import (
     TOLERANCES,
@@ -30,7 +29,7 @@ from fvi_cli.studies.cost import (
     measure_tolerance,
 )
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, FinishedRun
-from fvi_cli.studies.study import refined_references
+from fvi_cli.studies.reference import refined_references
 
 _logger = logging.getLogger(__name__)
 
@@ -62,7 +61,7 @@ def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
                     f"{experiment.name}: exact: none gives no errors; "
                     "write --set problem.exact=auto"
                 )
-            if not isinstance(experiment.problem, Problem):
+            if experiment.problem.scene is None:
                 complaints.append(
                     f"{experiment.name}: costs are measured for motions, "
                     "not for a fractional derivative"
@@ -86,13 +85,9 @@ def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
 
 
 def _with_peers(experiment: Experiment) -> Experiment:
-    added = []
-    for name in PEER_NAMES:
-        peer = Baseline(name=name)
-        problem = experiment.problem
-        reason = ""
-        if isinstance(problem, Problem):
-            reason = law_objection(problem.scene, peer) or baseline_objection(problem.scene, peer)
+    added, scene = [], experiment.runs()[0].scene
+    for peer in (Baseline(name=name) for name in PEER_NAMES):
+        reason = law_objection(scene, peer) or baseline_objection(scene, peer)
         if reason:
             _logger.warning("%s: %s; left out", experiment.name, reason)
         else:
@@ -141,13 +136,11 @@ def cost(
         if one.job.tolerance is not None:
             _logger.warning("%s: %s", one.job.title, message)
             return False
-        row = (
-            found
-            if isinstance(found, CostRow)
-            else CostRow(
-                n_steps=run.n_steps, step_size=run.step_size, status="failed", message=message
-            )
+        row = CostRow(
+            n_steps=run.n_steps, step_size=run.step_size, status="failed", message=message
         )
+        if isinstance(found, CostRow):
+            row = found
         rows[run.experiment].append(row)
         _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
         is_expected = run.experiment.expects_failure(run.method)

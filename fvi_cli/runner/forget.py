@@ -45,7 +45,7 @@ def forget_runs(
         raise RequestError(f"{path}: not a result file; give one, such as {path.stem}.h5")
     # says what is wrong with the file, or with the changes, before it is held
     (request,) = gather([str(path)], overrides)
-    runs = (run for one in request.loaded.experiments for run in one.searches() or one.runs())
+    runs = (run for one in request.loaded.experiments for run in one.runs())
     requests = {request_of(run) for run in runs}
     requests |= {refusal_of(one) for one in requests}
 

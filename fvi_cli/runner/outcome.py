@@ -145,7 +145,7 @@ class Outcome:
     @property
     def missing(self) -> int:
         """Number of runs that were not computed."""
-        return len(self.experiment.searches() or self.experiment.runs()) - len(self.finished)
+        return len(self.experiment.runs()) - len(self.finished)
 
 
 def without_motion(finished: FinishedRun) -> FinishedRun:

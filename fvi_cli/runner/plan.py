@@ -10,7 +10,6 @@ import numpy as np
 
 from fvi_cli.config.memory import derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
-from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.members import companions
 from fvi_cli.integrator.method import Method
@@ -22,7 +21,7 @@ from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
-from fvi_cli.scenes.problem import DerivativeProblem, Problem
+from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
@@ -145,15 +144,15 @@ def forecast_runs(plans: Sequence[PlannedRun]) -> dict[Run, Forecast]:
 def engine_plans(runs: Sequence[Run]) -> dict[Run, Plan]:
     """How runs on given steps are integrated; members as the first of them is."""
     found: dict[Run, Plan] = {}
-    for alike in _alike([run for run in runs if isinstance(run.problem, Problem)]):
+    for alike in _alike([run for run in runs if run.problem.scene is not None]):
         batch = batches_of(alike[:MOST_ALIKE])[0]
         first = batch[0]
         plan = plan_run(
-            _scene_of(first),
+            first.scene,
             first.method,
             first.n_steps,
             every=first.experiment.store_every,
-            members=companions([_scene_of(run) for run in batch], first.method, first.n_steps)[0],
+            members=companions([run.scene for run in batch], first.method, first.n_steps)[0],
             is_diagnosed=not first.experiment.diagnostics.is_empty,
             grading=first.experiment.grading,
         )
@@ -172,17 +171,11 @@ def _alike(runs: Sequence[Run]) -> list[list[Run]]:
     return list(groups.values())
 
 
-def _scene_of(run: Run) -> Scene:
-    if isinstance(run.problem, DerivativeProblem):
-        raise ValueError(f"{run.title}: has no motion to integrate")
-    return run.problem.scene
-
-
 def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
     """Short runs of a batch, seconds of each of its members; None where they cannot be done."""
     run, experiment = batch[0], batch[0].experiment
     job = short_job(
-        [_scene_of(one) for one in batch],
+        [one.scene for one in batch],
         run.method,
         run.n_steps,
         every=experiment.store_every,

@@ -79,7 +79,7 @@ def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
 
 def _unusable(experiment: Experiment, results: Store) -> str:
     """Why no run of an experiment can be used, and what to do."""
-    runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
+    runs = experiment.runs()
     reasons = Reasons(stored=results, requested=lambda: runs)
     found = sorted({reasons.of(run) for run in runs})
     return (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
@@ -35,6 +36,9 @@ class Problem:
 class DerivativeProblem:
     r"""The Caputo derivative of a known function, to measure convolution quadrature alone."""
 
+    scene: ClassVar[None] = None  # it has no motion
+    coordinates: ClassVar[tuple[str, ...]] = ()
+    inputs: ClassVar[Mapping[str, Forcing | None]] = {}
     # f at times of shape ``(n,)``; f(0) = 0 is needed for an order that is not limited to 1
     function: Callable[[Array], Array]
     order: float  # order of the derivative, in (0, 2)

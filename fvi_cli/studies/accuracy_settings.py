@@ -19,13 +19,11 @@ USUAL_CANDIDATES: tuple[AnyMethod, ...] = tuple(
 """The methods of which one is chosen where a configuration names none."""
 
 
-def _adaptive(degree: int, rule: ForcingQuadrature) -> Method:
-    return Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)
-
-
 RULES: tuple[ForcingQuadrature, ...] = ("exact", "galerkin")
 ADAPTIVE_CANDIDATES: tuple[AnyMethod, ...] = tuple(
-    _adaptive(degree, rule) for degree in (10, 8, 6, 5, 4, 12) for rule in RULES
+    Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)
+    for degree in (10, 8, 6, 5, 4, 12)
+    for rule in RULES
 )
 """The methods that runs on adaptive meshes come to."""
 

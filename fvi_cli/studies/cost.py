@@ -18,16 +18,14 @@ import tracemalloc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Outcome, Trajectory
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run, lookup_case
 from fvi_cli.studies.norms import Norm, error_norm, point_weights
-from fvi_cli.studies.reference import Reference
-from fvi_cli.studies.study import execute, reference_of
+from fvi_cli.studies.reference import Reference, reference_of
+from fvi_cli.studies.study import execute
 from fvi_cli.studies.tolerance.search import solve
 
 LONG_SECONDS = 2.0
@@ -164,16 +162,17 @@ def measure_cost(
     """
     finished = execute(run, reference=reference)
     trajectory = finished.trajectory
-    walls: list[float] = []
-    steppings: list[float] = []
-    peak = 0
+    timings: list[tuple[float, float]] = []
+    peak, storage = 0, math.nan
     if finished.status != "refused":
-        walls, steppings = _timed(run)
-        if not any(steppings):
-            # no step could be made
-            walls, steppings = [], []
-        peak = traced_peak_bytes(lambda: _integrate(run))
-    setups = [wall - stepping for wall, stepping in zip(walls, steppings, strict=True)]
+        timings = _timings(run)
+        peak = traced_peak_bytes(lambda: integrate(run.scene, run.method, run.steps))
+    setups = [wall - stepping for wall, stepping in timings]
+    steppings = [stepping for _, stepping in timings]
+    if store is not None:
+        began = time.perf_counter()
+        store(finished)
+        storage = time.perf_counter() - began
     return CostRow(
         n_steps=run.n_steps,
         step_size=run.step_size,
@@ -182,7 +181,7 @@ def measure_cost(
         setup_seconds=min(setups, default=math.nan),
         stepping_seconds_min=min(steppings, default=math.nan),
         stepping_seconds_median=statistics.median(steppings) if steppings else math.nan,
-        storage_seconds=math.nan if store is None else _seconds(lambda: store(finished)),
+        storage_seconds=storage,
         spread=_spread(steppings),
         repeats=len(steppings),
         peak_memory_bytes=peak,
@@ -203,10 +202,7 @@ def measure_tolerance(
     ValueError
         If the experiment has no scene.
     """
-    experiment, problem = finest.experiment, finest.problem
-    if not isinstance(problem, Problem):
-        raise ValueError(f"{experiment.name}: costs are measured of scenes, not of a derivative")
-    scene, seconds = problem.scene, math.inf
+    experiment, scene, seconds = finest.experiment, finest.scene, math.inf
     found: list[Trajectory] = []
 
     def search() -> Trajectory:
@@ -242,24 +238,20 @@ def cost_table(
     experiment: Experiment, rows: Sequence[CostRow], by_tolerance: Sequence[ToleranceRow] = ()
 ) -> CostTable:
     """The rows of all runs by method, steps increasing, and those that a tolerance came to."""
-    problem = experiment.problem
-    orders: tuple[float, ...] = ()
-    if isinstance(problem, Problem):
-        orders = tuple(term.order for term in problem.scene.active_damping)
-    count = len(experiment.steps)
+    first, count = experiment.runs()[0], len(experiment.steps)
     return CostTable(
         experiment=experiment.name,
-        equation=problem.equation,
-        reference=reference_of(experiment.runs()[0]).source,
-        gamma=";".join(f"{order:g}" for order in orders) or "-",
+        equation=first.problem.equation,
+        reference=reference_of(first).source,
+        gamma=";".join(f"{term.order:g}" for term in first.scene.active_damping) or "-",
         norm=experiment.norm,
-        final_time=problem.final_time,
+        final_time=first.scene.final_time,
         cases=tuple(
             CostCase(method=method, rows=tuple(rows[k * count : (k + 1) * count]))
             for k, method in enumerate(experiment.methods)
         ),
         by_tolerance=tuple(by_tolerance),
-        has_laws=isinstance(problem, Problem) and bool(problem.scene.active_laws),
+        has_laws=bool(first.scene.active_laws),
         expect=experiment.expect,
     )
 
@@ -280,41 +272,17 @@ def timed_run(action: Callable[[], Trajectory]) -> tuple[float, float]:
             gc.enable()
 
 
-def _timed(run: Run) -> tuple[list[float], list[float]]:
-    walls: list[float] = []
-    steppings: list[float] = []
-    while len(walls) < MOST_REPEATS:
-        scene = _without_factors(run)
-        wall, stepping = timed_run(functools.partial(integrate, scene, run.method, run.steps))
-        walls.append(wall)
-        steppings.append(stepping)
-        if walls[0] > LONG_SECONDS:
+def _timings(run: Run) -> list[tuple[float, float]]:
+    """Wall and stepping times of repeats; none where no step could be made."""
+    found: list[tuple[float, float]] = []
+    while len(found) < MOST_REPEATS:
+        # without the factors of its mass, which an earlier run has left in the scene
+        scene = replace(run.scene, inertia=copy.copy(run.scene.inertia))
+        found.append(timed_run(functools.partial(integrate, scene, run.method, run.steps)))
+        is_enough = len(found) >= LEAST_REPEATS and sum(wall for wall, _ in found) > ENOUGH_SECONDS
+        if found[0][0] > LONG_SECONDS or is_enough:
             break
-        if len(walls) >= LEAST_REPEATS and sum(walls) > ENOUGH_SECONDS:
-            break
-    return walls, steppings
-
-
-def _integrate(run: Run) -> Trajectory:
-    return integrate(_scene_of(run), run.method, run.steps)
-
-
-def _scene_of(run: Run) -> Scene:
-    if not isinstance(run.problem, Problem):  # pragma: no cover - refused before
-        raise ValueError("cost: the problem has no motion to integrate")
-    return run.problem.scene
-
-
-def _without_factors(run: Run) -> Scene:
-    """The scene without the factors of its mass, which an earlier run has left in it."""
-    scene = _scene_of(run)
-    return replace(scene, inertia=copy.copy(scene.inertia))
-
-
-def _seconds(action: Callable[[], object]) -> float:
-    began = time.perf_counter()
-    action()
-    return time.perf_counter() - began
+    return found if any(stepping for _, stepping in found) else []
 
 
 def _spread(seconds: list[float]) -> float:

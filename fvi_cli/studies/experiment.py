@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.settings import FitSettings
@@ -108,13 +109,6 @@ class Experiment:
         """Whether method and number of steps are still to be chosen for a tolerance."""
         return self.accuracy is not None and not self.steps
 
-    def searches(self) -> list[Run]:
-        """One run for every scene of which method and number of steps are still to be chosen."""
-        if self.accuracy is None or not self.needs_search:
-            return []
-        first = self.chosen_run(self.accuracy.candidates[0], 1)
-        return [replace(first, member=member) for member in self.members or (None,)]
-
     def chosen_run(self, method: AnyMethod, n_steps: int, member: Member | None = None) -> Run:
         """The run that was chosen for the tolerance, of an experiment that has no other."""
         chosen = replace(self, methods=(method,), steps=(n_steps,))
@@ -126,7 +120,13 @@ class Experiment:
         return tuple(self.members[0].values) if self.members else ()
 
     def runs(self) -> list[Run]:
-        """Every run, method by method, steps increasing, then member by member."""
+        """Every run, method by method, steps increasing, then member by member.
+
+        Where method and number of steps are still to be chosen, a search for every scene.
+        """
+        if self.accuracy is not None and self.needs_search:
+            first = self.chosen_run(self.accuracy.candidates[0], 1)
+            return [replace(first, member=member) for member in self.members or (None,)]
         return [
             Run(experiment=self, method=method, n_steps=n, member=member)
             for method in self.methods
@@ -171,6 +171,20 @@ class Run:
         return self.experiment.problem if self.member is None else self.member.problem
 
     @property
+    def scene(self) -> Scene:
+        """What moves.
+
+        Raises
+        ------
+        ValueError
+            For a fractional derivative, where nothing does.
+        """
+        scene = self.problem.scene
+        if scene is None:
+            raise ValueError(f"{self.experiment.name}: has no motion")
+        return scene
+
+    @property
     def is_search(self) -> bool:
         """Whether method and steps are chosen for a tolerance."""
         return self.experiment.accuracy is not None
@@ -183,10 +197,10 @@ class Run:
     @property
     def steps(self) -> int | Mesh:
         """What `integrate` is asked for: N, or the graded mesh of N steps."""
-        grading, problem = self.experiment.grading, self.problem
-        if grading == 1.0 or not isinstance(problem, Problem):
+        grading, scene = self.experiment.grading, self.problem.scene
+        if grading == 1.0 or scene is None:
             return self.n_steps
-        return graded_mesh(problem.final_time, self.n_steps, grading, problem.scene.break_points)
+        return graded_mesh(scene.final_time, self.n_steps, grading, scene.break_points)
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -199,11 +213,11 @@ class Run:
     @property
     def observations(self) -> Observations:
         """Requested outputs of the motion, with the parameters of this run."""
-        observations, problem = self.experiment.observations, self.problem
-        if observations.is_empty or self.member is None or not isinstance(problem, Problem):
+        observations = self.experiment.observations
+        if observations.is_empty or self.member is None:
             return observations
         parameters = self.member.specification.get("parameters", {})
-        return replace(observations, parameters=parameters, inputs=problem.inputs)
+        return replace(observations, parameters=parameters, inputs=self.problem.inputs)
 
     @property
     def title(self) -> str:
@@ -220,38 +234,27 @@ class Run:
 
     def settings(self) -> dict[str, Any]:
         """What determines the numbers beside the problem, as JSON values."""
-        method = self.method
-        fields = {key: value for key, value in vars(method).items() if key != "quadrature"}
-        quadrature = getattr(method, "quadrature", None)
+        experiment = self.experiment
+        method = {key: value for key, value in vars(self.method).items() if key != "quadrature"}
+        quadrature = getattr(self.method, "quadrature", None)
         if quadrature is not None:
-            fields["quadrature"] = quadrature.label
-        return {
-            "method": fields,
-            "n_steps": self.n_steps,
-            **({} if self.experiment.grading == 1.0 else {"grading": self.experiment.grading}),
-            "store_every": self.experiment.store_every,
-            **_diagnostics_settings(self.experiment.diagnostics),
-            **self.experiment.observations.specification(),
-            **_wanted(self.experiment),
-        }
-
-
-def _diagnostics_settings(diagnostics: DiagnosticsRequest) -> dict[str, Any]:
-    """The diagnostics as JSON values; empty without a request."""
-    if diagnostics.is_empty:
-        return {}
-    symmetries = [
-        {"name": one.name, "generator": one.generator.tolist(), "shift": one.shift.tolist()}
-        for one in diagnostics.symmetries
-    ]
-    return {"diagnostics": {"energy_balance": diagnostics.energy_balance, "symmetries": symmetries}}
-
-
-def _wanted(experiment: Experiment) -> dict[str, Any]:
-    """The tolerance and its norm as JSON values; empty where numbers of steps are given."""
-    if experiment.accuracy is None:
-        return {}
-    return {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}
+            method["quadrature"] = quadrature.label
+        found = {"method": method, "n_steps": self.n_steps, "store_every": experiment.store_every}
+        if experiment.grading != 1.0:
+            found["grading"] = experiment.grading
+        diagnostics = experiment.diagnostics
+        if not diagnostics.is_empty:
+            symmetries = [
+                {"name": one.name, "generator": one.generator.tolist(), "shift": one.shift.tolist()}
+                for one in diagnostics.symmetries
+            ]
+            found["diagnostics"] = {
+                "energy_balance": diagnostics.energy_balance,
+                "symmetries": symmetries,
+            }
+        if experiment.accuracy is not None:
+            found |= {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}
+        return found | experiment.observations.specification()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)

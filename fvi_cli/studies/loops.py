@@ -19,9 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.observations.dampers import TOGETHER, damper_values, deformation_of
+from fvi_cli.integrator.observations.dampers import damper_values, deformation_of
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 SAMPLES = 4000
@@ -38,28 +37,25 @@ LEAST_STIFFNESS = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class DamperLoop:
-    """What the last loop of a damper says; numbers in the units of force and deformation."""
+    """What the last loop of a damper says; numbers in the units of force and deformation.
 
-    amplitude: float
-    stiffness: float
-    loss_factor: float
-    work: float
+    By default those of a loop of which the points do not say enough.
+    """
+
     begin: float
     end: float
-
-    @classmethod
-    def unknown(cls, begin: float, end: float) -> DamperLoop:
-        """A loop of which the points do not say enough."""
-        nan = math.nan
-        return cls(amplitude=nan, stiffness=nan, loss_factor=nan, work=nan, begin=begin, end=end)
+    amplitude: float = math.nan
+    stiffness: float = math.nan
+    loss_factor: float = math.nan
+    work: float = math.nan
 
 
 def forces_of(experiment: Experiment) -> tuple[str, ...]:
     """Quantities that are the force of a damper, or a component of it."""
-    problem, quantities = experiment.problem, experiment.observations.quantities or {}
-    if not isinstance(problem, Problem):
+    scene, quantities = experiment.problem.scene, experiment.observations.quantities or {}
+    if scene is None:
         return ()
-    known = damper_values(problem.scene)
+    known = damper_values(scene)
     texts = {name: one.text.strip() for name, one in quantities.items()}
     return tuple(
         name for name, text in texts.items() if text in known and known[text].kind == "force"
@@ -69,13 +65,13 @@ def forces_of(experiment: Experiment) -> tuple[str, ...]:
 def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
     """Deformation and force of the damper of a quantity, at the stored times, ``(n,)`` each."""
     # what a damper acts on may differ between members
-    problem, trajectory = item.run.problem, item.trajectory
+    scene, trajectory = item.run.scene, item.trajectory
     observed, quantities = trajectory.observed, item.run.experiment.observations.quantities or {}
-    if not isinstance(problem, Problem) or observed is None:
+    if observed is None:
         raise ValueError(f"{name}: the run has no forces of dampers")
-    value = damper_values(problem.scene)[quantities[name].text.strip()]
-    place = max(value.place, 0) if value.place == TOGETHER else value.place
-    deformation = deformation_of(problem.scene, place, trajectory.position)
+    value = damper_values(scene)[quantities[name].text.strip()]
+    # the force of all dampers together belongs to the first displacement
+    deformation = deformation_of(scene, max(value.place, 0), trajectory.position)
     return deformation[:, value.component], observed.quantities[name]
 
 
@@ -98,7 +94,7 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
         if np.ptp(y[first : last + 1]) <= least:
             continue
         if last - first < LEAST_POINTS:
-            return DamperLoop.unknown(float(t[first]), float(t[last]))
+            return DamperLoop(begin=float(t[first]), end=float(t[last]))
         # a few points more on both sides, for the slopes
         near = slice(max(first - 4, 0), last + 6)
         t, y, f = t[near], y[near], f[near]
@@ -113,9 +109,9 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
             _, other, its_work = _around(t[kept], y[kept], f[kept], begin, end)
             noise = max(noise, abs(other - stiffness))
             if not abs(its_work - work) <= MOST_DIFFERENCE * np.ptp(f) * np.ptp(y):
-                return DamperLoop.unknown(begin, end)
+                return DamperLoop(begin=begin, end=end)
         if not noise <= MOST_DIFFERENCE * size:
-            return DamperLoop.unknown(begin, end)
+            return DamperLoop(begin=begin, end=end)
         if abs(stiffness) <= noise:
             stiffness = 0.0
         lost = work / (math.pi * amplitude**2)

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
 
-SMALL, MEDIUM = 16, 128
-"""Degrees of freedom up to which problems, with their square matrices, take little memory."""
-
-MOST_TOGETHER = {"small": 1024, "medium": 32, "large": 4}
-"""Members that are computed together at most; twice as many problems are kept in memory."""
+MOST_TOGETHER = ((16, 1024), (128, 32), (math.inf, 4))
+"""Up to so many degrees of freedom so many members are computed together at most; twice as many
+problems, with their square matrices, are kept in memory."""
 
 BATCH_BYTES = 2**29
 """Memory that members which are computed together may take."""
 
 DOUBLES_PER_STEP = 60
 """What a degree of freedom takes in memory for every step, by the hungriest method."""
-
 
 MOST_VALUES = 6
 """Values of a swept key that are listed one by one."""
@@ -52,7 +50,7 @@ class Member:
     @property
     def problem(self) -> AnyProblem:
         """Scene and exact solution; built when they are needed."""
-        return _BUILT[_size(self.dimension)](self)
+        return _BUILT[_most_together(self.dimension)](self)
 
     @property
     def label(self) -> str:
@@ -66,15 +64,9 @@ class Member:
 
     def __reduce__(self) -> tuple[Callable[..., Member], tuple[object, ...]]:
         """Travel to another process, where the same member comes out as the same object."""
-        values = json.dumps(dict(self.values))
-        return _arrived, (
-            self.number,
-            values,
-            self.template,
-            self.dimension,
-            self.name,
-            self.named,
-        )
+        # texts of one template are one for pickle
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "template"}
+        return _arrived, (self.template, json.dumps({**fields, "values": dict(self.values)}))
 
 
 def label_of(member: Member | None) -> str:
@@ -82,37 +74,46 @@ def label_of(member: Member | None) -> str:
     return "" if member is None else member.label
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OfMember:
+    """What was found of the scene of an experiment, or of one member."""
+
+    name: str = ""
+    """Of the experiment."""
+    of_member: Member | None = None
+    """The member of a sweep, or design, to which it belongs."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Labels of units for figures."""
+
+    @property
+    def member(self) -> str:
+        """Swept values in words; empty without a sweep."""
+        return label_of(self.of_member)
+
+
 @functools.lru_cache(maxsize=4096)
-def _arrived(
-    number: int, values: str, template: str, dimension: int, name: str, named: tuple[str, ...]
-) -> Member:
-    return Member(
-        number=number,
-        values=json.loads(values),
-        template=template,
-        dimension=dimension,
-        name=name,
-        named=named,
-    )
+def _arrived(template: str, fields: str) -> Member:
+    found = json.loads(fields)
+    return Member(template=template, **{**found, "named": tuple(found["named"])})
 
 
-def _size(dimension: int) -> str:
-    return "small" if dimension <= SMALL else "medium" if dimension <= MEDIUM else "large"
+def _most_together(dimension: int) -> int:
+    return next(count for size, count in MOST_TOGETHER if dimension <= size)
 
 
 def _build(member: Member) -> AnyProblem:
     return build_problem(member.specification)
 
 
-_BUILT: Mapping[str, Callable[[Member], AnyProblem]] = {
-    size: functools.lru_cache(maxsize=2 * count)(_build) for size, count in MOST_TOGETHER.items()
+_BUILT: Mapping[int, Callable[[Member], AnyProblem]] = {
+    count: functools.lru_cache(maxsize=2 * count)(_build) for _, count in MOST_TOGETHER
 }
 
 
 def members_at_a_time(n_steps: int, dimension: int) -> int:
     """How many members of so many degrees of freedom are computed together in so many steps."""
     each = 8 * DOUBLES_PER_STEP * n_steps * dimension
-    return max(1, min(MOST_TOGETHER[_size(dimension)], BATCH_BYTES // each))
+    return max(1, min(_most_together(dimension), BATCH_BYTES // each))
 
 
 def values_in_words(values: Mapping[str, Any]) -> str:

@@ -41,11 +41,6 @@ class OrderRow:
     """In the table's norm; nan where it has no meaning."""
     floor: float
     """Errors below are round-off or the reference's own."""
-    pairwise_order: float
-    """log(e_previous / e) / log(N / N_previous); nan in the first row, after rows without an error,
-    and where either error is near the floor."""
-    used_in_fit: bool
-    """Whether the slope uses it: the status is ``ok`` and the error is not near the floor."""
     status: Observed
     predicted: Predicted
     expected_order: float
@@ -56,7 +51,12 @@ class OrderRow:
     @property
     def is_near_floor(self) -> bool:
         """Whether the error is within :data:`NEAR_FLOOR` times the floor; so are those below it."""
-        return near_floor(self.error, self.floor)
+        return self.error <= NEAR_FLOOR * self.floor
+
+    @property
+    def used_in_fit(self) -> bool:
+        """Whether the slope uses it: status ``ok``, and an error that is not near the floor."""
+        return self.status == "ok" and 0 < self.error < math.inf and not self.is_near_floor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +65,35 @@ class OrderCase:
 
     method: AnyMethod
     rows: tuple[OrderRow, ...]
-    slope: float
-    """Least-squares slope of log(error) against log(h); nan with fewer than two rows."""
-    fit_residual: float
-    """Root mean square of the residuals in log10(error)."""
     claim: float = math.nan
     """The order that the source of the experiment claims; nan where it claims none."""
     expected_failure: bool = False
     """Whether the configuration expects this method to fail here."""
+
+    @functools.cached_property
+    def _line(self) -> tuple[float, float]:
+        used = [row for row in self.rows if row.used_in_fit]
+        return fit_slope([row.n_steps for row in used], [row.error for row in used])
+
+    @property
+    def slope(self) -> float:
+        """Least-squares slope of log(error) against log(h); nan with fewer than two rows."""
+        return self._line[0]
+
+    @property
+    def fit_residual(self) -> float:
+        """Root mean square of the residuals in log10(error)."""
+        return self._line[1]
+
+    def pairwise_order(self, index: int) -> float:
+        """log(e_previous / e) / log(N / N_previous) of a row.
+
+        Nan of the first row, after rows without an error, and where either error is near the floor.
+        """
+        before, row = self.rows[max(index - 1, 0)], self.rows[index]
+        if before.is_near_floor or row.is_near_floor:
+            return math.nan
+        return pairwise_order(before.error, row.error, before.n_steps, row.n_steps)
 
     @property
     def has_order(self) -> bool:
@@ -91,11 +112,11 @@ class OrderCase:
     def last_order(self) -> float:
         """Pairwise order between the last two neighbouring rows that are used; nan without."""
         pairs = [
-            row.pairwise_order
-            for before, row in itertools.pairwise(self.rows)
+            index
+            for index, (before, row) in enumerate(itertools.pairwise(self.rows), start=1)
             if before.used_in_fit and row.used_in_fit
         ]
-        return pairs[-1] if pairs else math.nan
+        return self.pairwise_order(pairs[-1]) if pairs else math.nan
 
     @property
     def expected_order(self) -> float:
@@ -159,8 +180,16 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
     for method in experiment.methods:
         own = [run for run in runs if run.run.method == method]
         own.sort(key=lambda run: run.run.n_steps)
+        claim = experiment.claim(method)
         if own:
-            cases.append(_case(experiment, method, own))
+            cases.append(
+                OrderCase(
+                    method=method,
+                    rows=tuple(map(_row, own)),
+                    claim=math.nan if claim is None else claim,
+                    expected_failure=experiment.expects_failure(method),
+                )
+            )
     problem = experiment.problem
     return OrderTable(
         experiment=experiment.name,
@@ -170,6 +199,20 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
         norm=experiment.norm,
         final_time=problem.final_time,
         cases=tuple(cases),
+    )
+
+
+def _row(finished: FinishedRun) -> OrderRow:
+    return OrderRow(
+        n_steps=finished.run.n_steps,
+        step_size=finished.run.step_size,
+        error=finished.error,
+        floor=finished.floor,
+        status=finished.status,
+        predicted=finished.predicted,
+        expected_order=finished.expected_order,
+        message=finished.trajectory.message,
+        remarks=finished.trajectory.remarks,
     )
 
 
@@ -204,16 +247,6 @@ def pairwise_order(coarse: float, fine: float, n_coarse: int, n_fine: int) -> fl
     return math.log(coarse / fine) / math.log(n_fine / n_coarse)
 
 
-def near_floor(error: float, floor: float) -> bool:
-    """Whether an error is at most :data:`NEAR_FLOOR` floors; False for nan."""
-    return error <= NEAR_FLOOR * floor
-
-
-def is_usable(status: Observed, error: float, floor: float) -> bool:
-    """Whether a row takes part in a slope: status ``ok``, an error, and that not near the floor."""
-    return status == "ok" and 0 < error < math.inf and not near_floor(error, floor)
-
-
 def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> tuple[float, float]:
     """Least-squares slope of log(error) against log(1/N) and the rms residual in log10.
 
@@ -226,48 +259,3 @@ def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> tuple[float, f
     slope, intercept = np.polyfit(abscissa, ordinate, 1)
     residual = ordinate - (slope * abscissa + intercept)
     return float(slope), float(np.sqrt(np.mean(residual**2)))
-
-
-def with_orders(case: OrderCase) -> OrderCase:
-    """The case with the rows used, the orders and the slope that follow from its errors."""
-    rows: list[OrderRow] = []
-    for row in case.rows:
-        pairwise = math.nan
-        if rows and not (row.is_near_floor or rows[-1].is_near_floor):
-            before = rows[-1]
-            pairwise = pairwise_order(before.error, row.error, before.n_steps, row.n_steps)
-        is_used = is_usable(row.status, row.error, row.floor)
-        rows.append(replace(row, pairwise_order=pairwise, used_in_fit=is_used))
-    used = [row for row in rows if row.used_in_fit]
-    slope, residual = fit_slope([r.n_steps for r in used], [r.error for r in used])
-    return replace(case, rows=tuple(rows), slope=slope, fit_residual=residual)
-
-
-def _case(experiment: Experiment, method: AnyMethod, runs: list[FinishedRun]) -> OrderCase:
-    rows = [
-        OrderRow(
-            n_steps=run.run.n_steps,
-            step_size=run.run.step_size,
-            error=run.error,
-            floor=run.floor,
-            pairwise_order=math.nan,
-            used_in_fit=False,
-            status=run.status,
-            predicted=run.predicted,
-            expected_order=run.expected_order,
-            message=run.trajectory.message,
-            remarks=run.trajectory.remarks,
-        )
-        for run in runs
-    ]
-    claim = experiment.claim(method)
-    return with_orders(
-        OrderCase(
-            method=method,
-            rows=tuple(rows),
-            slope=math.nan,
-            fit_residual=math.nan,
-            claim=math.nan if claim is None else claim,
-            expected_failure=experiment.expects_failure(method),
-        )
-    )

@@ -36,11 +36,6 @@ class CostCurve:
     """In the order of N, or of falling errors where tolerances make the curve."""
 
     @property
-    def is_baseline(self) -> bool:
-        """Whether the method is one for comparison."""
-        return isinstance(self.methods[0], Baseline)
-
-    @property
     def is_by_tolerance(self) -> bool:
         """Whether a tolerance, not N, leads along the curve."""
         method = self.methods[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,9 +14,11 @@ from fvi_cli.integrator.local_error.pulses import pulses_that_move
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
-from fvi_cli.studies.members import members_at_a_time
+from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.studies.experiment import Experiment, Run
+from fvi_cli.studies.members import Member, members_at_a_time
 from fvi_cli.studies.tolerance.rounds import likely_amplitude
 from fvi_cli.studies.tolerance.runs import AdaptiveRuns, knots_of
 
@@ -27,11 +30,8 @@ ROUGH = 1e-4
 """Local tolerance of the runs that measure how large the motion is, relative to a guess."""
 TOLERANCES = (1e-13, 1e-11, 1e-9)
 """Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
-
-
 MOST_GRIDS = 32
 """Grids on which values are kept; a guess: more than a usual ladder has."""
-
 TIMES_DIFFER = 1e-12
 """Times of runs may differ by round-off, relative to the last."""
 
@@ -85,6 +85,39 @@ class Tabulated:
         return np.asarray(self.position[nearest])
 
 
+def needs_refined_run(run: Run) -> bool:
+    """Whether the error may be measured against a refined run, which is looked for."""
+    problem = run.experiment.problem
+    if run.is_search or run.experiment.observations.impacts or problem.exact_source == "none":
+        return False
+    return run.member is not None or problem.exact is None
+
+
+def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
+    """Refined runs of the scenes of runs of one experiment, at the times of its whole ladder.
+
+    None for a scene with an exact solution.
+    """
+    experiment, problems = runs[0].experiment, [run.problem for run in runs]
+    wanted = [one for one in problems if one.exact is None]
+    times = np.unique(np.concatenate([replace(runs[0], n_steps=n).times for n in experiment.steps]))
+    found = iter(find_references(wanted, experiment.steps, grading=experiment.grading))
+    return [next(found).tabulated(times) if one.exact is None else None for one in problems]
+
+
+def reference_of(run: Run) -> Reference:
+    """What the error of `run` is measured against; made once for all runs of its problem."""
+    return _reference_of(run.experiment, run.member)
+
+
+@functools.lru_cache(maxsize=8)
+def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
+    problem = experiment.problem if member is None else member.problem
+    if problem.scene is not None and experiment.observations.impacts:
+        return _unknown(problem.scene, "none (a motion with impacts)")
+    return find_reference(problem, experiment.steps, grading=experiment.grading)
+
+
 def find_reference(
     problem: AnyProblem, steps: tuple[int, ...], *, grading: float = 1.0
 ) -> Reference:
@@ -109,93 +142,28 @@ def find_references(
     problems: Sequence[AnyProblem], steps: tuple[int, ...], *, grading: float = 1.0
 ) -> list[Reference]:
     """What :func:`find_reference` finds for each problem; their refined runs are made together."""
-    unknown = [_scene_of(one) for one in problems if one.exact is None and _is_wanted(one)]
     common = math.lcm(*steps)
     has_grid = grading == 1.0 and common <= MOST_STEPS
-    pulses = [_pulses_of(scene) for scene in unknown]
-    gentle = [one for one, found in zip(unknown, pulses, strict=True) if has_grid and not found]
-    together = iter(_refined_together(gentle, common))
-    refined = iter(
-        [
-            next(together) if has_grid and not found else _refined_adaptively(scene, found)
-            for scene, found in zip(unknown, pulses, strict=True)
-        ]
-    )
-    references = []
-    for problem in problems:
-        if problem.exact is not None:
-            values, source = problem.exact, problem.exact_source
-            references.append(Reference(values=values, error=0.0, source=source))
-        elif _is_wanted(problem):
-            references.append(next(refined))
-        else:
-            references.append(unknown_reference(_scene_of(problem), "none, as asked for"))
-    return references
+    found: dict[int, Reference] = {}
+    on_grids: dict[int, Scene] = {}
+    for index, problem in enumerate(problems):
+        exact, scene, source = problem.exact, problem.scene, problem.exact_source
+        if exact is not None:
+            found[index] = Reference(values=exact, error=0.0, source=source)
+        elif scene is not None and source == "none":
+            found[index] = _unknown(scene, "none, as asked for")
+        elif scene is not None:
+            # times that steps have to end at, lest they pass over pulses of the force
+            pulses = pulses_that_move(scene, SUFFICIENT * likely_amplitude(scene)).points
+            if has_grid and not pulses:
+                on_grids[index] = scene
+            else:
+                found[index] = _refined_adaptively(scene, pulses)
+    found |= zip(on_grids, _refined_on_grids(list(on_grids.values()), common), strict=True)
+    return [found[index] for index in range(len(problems))]
 
 
-def _is_wanted(problem: AnyProblem) -> bool:
-    """Whether errors are wanted: ``exact: none`` wants none."""
-    return problem.exact_source != "none"
-
-
-def _pulses_of(scene: Scene) -> tuple[float, ...]:
-    """Times that steps have to end at, lest they pass over pulses of the force."""
-    return pulses_that_move(scene, SUFFICIENT * likely_amplitude(scene)).points
-
-
-def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
-    """Polynomials of a run with adaptive steps, whatever the times that are asked for."""
-    failure = ""
-    scale = likely_amplitude(scene) or 1.0
-    better, worse = (
-        AdaptiveRuns(
-            scene, degree, points=tuple(sorted({*knots_of(scene), *pulses})), most_steps=MOST_STEPS
-        )
-        for degree in (8, 10)
-    )
-    for tolerance in (ROUGH, *TOLERANCES):
-        runs = (better.run(tolerance * scale), worse.run(3.0 * tolerance * scale))
-        fine, other = (run.steps for run in runs)
-        failure = next((f"{run.status}: {run.message}" for run in runs if run.status != "ok"), "")
-        if failure or fine is None or other is None:
-            continue
-        scale = float(np.abs(runs[0].position).max()) or scale
-        if tolerance == ROUGH:
-            continue
-        times = np.union1d(fine.time, other.time)
-        difference = float(np.abs(fine(times) - other(times)).max())
-        words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
-        return Reference(values=fine, error=difference, source=f"refined run ({words})")
-    return _no_reference(scene, f"the refined run {failure}")
-
-
-def _scene_of(problem: AnyProblem) -> Scene:
-    if isinstance(problem, DerivativeProblem):  # pragma: no cover - always brings its own
-        raise ValueError("exact: a fractional derivative needs its exact value")
-    return problem.scene
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Refined:
-    """A refined run on `n_steps` steps, with its estimated error."""
-
-    n_steps: int
-    values: Array
-    error: float
-
-
-def _refined_together(scenes: Sequence[Scene], common: int) -> list[Reference]:
-    return [
-        _no_reference(scene, found) if isinstance(found, str) else _on_grid(scene, found, common)
-        for scene, found in zip(scenes, _doubled(scenes, common), strict=True)
-    ]
-
-
-def _no_reference(scene: Scene, failure: str) -> Reference:
-    return unknown_reference(scene, f"none (no exact solution is known, and {failure})")
-
-
-def unknown_reference(scene: Scene, source: str) -> Reference:
+def _unknown(scene: Scene, source: str) -> Reference:
     """No reference, and why."""
     dimension = scene.dimension
     return Reference(
@@ -205,16 +173,10 @@ def unknown_reference(scene: Scene, source: str) -> Reference:
     )
 
 
-def _on_grid(scene: Scene, refined: _Refined, common: int) -> Reference:
-    # what lies between the points of the common grid is never asked for
-    kept = np.ascontiguousarray(refined.values[:: refined.n_steps // common])
-
-    def values(times: Array) -> Array:
-        return np.asarray(kept[np.rint(times / scene.final_time * common).astype(int)])
-
-    words = _in_words(refined.error, float(np.abs(refined.values).max(initial=0.0)))
-    source = f"refined run ({method_name(REFERENCE_METHOD)}, {words})"
-    return Reference(values=values, error=refined.error, source=source)
+def _without_end(scene: Scene, run: Trajectory) -> Reference:
+    """No reference, for its run does not come to its end."""
+    words = f"the refined run {run.status}: {run.message}"
+    return _unknown(scene, f"none (no exact solution is known, and {words})")
 
 
 def _in_words(error: float, scale: float) -> str:
@@ -223,41 +185,71 @@ def _in_words(error: float, scale: float) -> str:
     return f"estimated error below 1e{math.ceil(math.log10(bound))}"
 
 
-def _doubled(scenes: Sequence[Scene], base: int) -> list[_Refined | str]:
-    """Runs on multiples of `base`, doubled for every scene as long as it pays; or why not."""
-    n_steps = base * max(1, math.ceil(LEAST_STEPS / base))
-    results: list[_Refined | str] = [
-        run if isinstance(run, str) else _Refined(n_steps=n_steps, values=run, error=math.inf)
-        for run in _runs(scenes, n_steps)
-    ]
-    going = [k for k, result in enumerate(results) if not isinstance(result, str)]
-    while going and 2 * n_steps <= max(MOST_STEPS, 2 * base):
+def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
+    """Polynomials of a run with adaptive steps, whatever the times that are asked for."""
+    scale = likely_amplitude(scene) or 1.0
+    points = tuple(sorted({*knots_of(scene), *pulses}))
+    better, worse = (
+        AdaptiveRuns(scene, degree, points=points, most_steps=MOST_STEPS) for degree in (8, 10)
+    )
+    for tolerance in (ROUGH, *TOLERANCES):
+        runs = (better.run(tolerance * scale), worse.run(3.0 * tolerance * scale))
+        last = next((run for run in runs if run.status != "ok"), runs[0])
+        fine, other = (run.steps for run in runs)
+        if last.status != "ok" or fine is None or other is None:
+            continue
+        scale = float(np.abs(last.position).max()) or scale
+        if tolerance == ROUGH:
+            continue
+        times = np.union1d(fine.time, other.time)
+        difference = float(np.abs(fine(times) - other(times)).max())
+        words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
+        return Reference(values=fine, error=difference, source=f"refined run ({words})")
+    return _without_end(scene, last)
+
+
+def _refined_on_grids(scenes: Sequence[Scene], common: int) -> list[Reference]:
+    """Runs on multiples of a common grid, doubled for every scene as long as it pays."""
+    n_steps = common * max(1, math.ceil(LEAST_STEPS / common))
+    runs = _runs(scenes, n_steps)
+    errors = [math.inf] * len(runs)
+    going = [index for index, run in enumerate(runs) if run.status == "ok"]
+    while going and 2 * n_steps <= max(MOST_STEPS, 2 * common):
         n_steps *= 2
-        finer = _runs([scenes[k] for k in going], n_steps)
-        still_going = []
-        for k, fine in zip(going, finer, strict=True):
-            coarse = results[k]
-            if isinstance(fine, str) or isinstance(coarse, str):
-                results[k] = fine if isinstance(fine, str) else coarse
+        finer = zip(going, _runs([scenes[index] for index in going], n_steps), strict=True)
+        going = []
+        for index, fine in finer:
+            if fine.status != "ok":
+                runs[index] = fine
                 continue
-            difference = float(np.abs(fine[::2] - coarse.values).max())
-            if difference >= coarse.error:
+            difference = float(np.abs(fine.position[::2] - runs[index].position).max())
+            if difference >= errors[index]:
                 continue
-            results[k] = _Refined(n_steps=n_steps, values=fine, error=difference)
-            if difference > SUFFICIENT * float(np.abs(fine).max()):
-                still_going.append(k)
-        going = still_going
-    return results
+            runs[index], errors[index] = fine, difference
+            if difference > SUFFICIENT * float(np.abs(fine.position).max()):
+                going.append(index)
+    return [_on_grid(*each, common) for each in zip(scenes, runs, errors, strict=True)]
 
 
-def _runs(scenes: Sequence[Scene], n_steps: int) -> list[Array | str]:
-    """Positions of refined runs, as many together as memory allows; or what became of them."""
-    positions: list[Array | str] = []
-    size = members_at_a_time(n_steps, max((s.dimension for s in scenes), default=1))
+def _runs(scenes: Sequence[Scene], n_steps: int) -> list[Trajectory]:
+    """Positions of refined runs, as many together as memory allows."""
+    found: list[Trajectory] = []
+    size = members_at_a_time(n_steps, max((scene.dimension for scene in scenes), default=1))
     for start in range(0, len(scenes), size):
-        together = scenes[start : start + size]
-        positions += [
-            run.position if run.status == "ok" else f"the refined run {run.status}: {run.message}"
-            for run in integrate_members(together, REFERENCE_METHOD, n_steps)
-        ]
-    return positions
+        together = integrate_members(scenes[start : start + size], REFERENCE_METHOD, n_steps)
+        found += [replace(run, momentum=None, energy=None) for run in together]
+    return found
+
+
+def _on_grid(scene: Scene, run: Trajectory, error: float, common: int) -> Reference:
+    if run.status != "ok":
+        return _without_end(scene, run)
+    # what lies between the points of the common grid is never asked for
+    kept = np.ascontiguousarray(run.position[:: run.n_steps // common])
+
+    def values(times: Array) -> Array:
+        return np.asarray(kept[np.rint(times / scene.final_time * common).astype(int)])
+
+    words = _in_words(error, float(np.abs(run.position).max(initial=0.0)))
+    source = f"refined run ({method_name(REFERENCE_METHOD)}, {words})"
+    return Reference(values=values, error=error, source=source)

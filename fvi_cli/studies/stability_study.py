@@ -8,6 +8,7 @@ than that growth. A prediction for the same number of steps must say the same.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +32,6 @@ from fvi_cli.integrator.stability.prediction import (
 )
 from fvi_cli.integrator.stability.region import StabilityMap, stability_map
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, Run
 
 FEWEST_STEPS = 2000
@@ -129,31 +129,32 @@ def stability_rows(
     ValueError
         If nothing is integrated: a fractional derivative has no stability.
     """
+    if experiment.problem.scene is None:
+        raise ValueError(f"{experiment.name}: has no motion, and so no stability")
     limits: dict[tuple[str, int], tuple[float, float]] = {}
     for run in experiment.runs():
         try:
-            row = _row(run, limits, with_observation=with_observation)
+            yield _row(run, limits, with_observation=with_observation)
         except (ValueError, MemoryError):
             raise
         except Exception as error:
             if failed is None:
                 raise
             message = failed(run, error)
-            row = StabilityRow(
+            yield StabilityRow(
                 run=run,
                 prediction=StabilityPrediction(verdict="unknown", reason=message),
                 largest_stable_step=math.nan,
                 lasting_step=math.nan,
                 failure=message,
             )
-        yield row
 
 
 def _row(
     run: Run, limits: dict[tuple[str, int], tuple[float, float]], *, with_observation: bool
 ) -> StabilityRow:
     """One run; `limits` are those of its method and member, found once."""
-    scene = _scene(run)
+    scene = run.scene
     key = (run.method.case, run.member.number if run.member is not None else 0)
     if key not in limits:
         limits[key] = _limits(scene, run.method)
@@ -167,13 +168,6 @@ def _row(
         lasting_step=min(limits[key][1], scene.final_time),
         observation=observation,
     )
-
-
-def _scene(run: Run) -> Scene:
-    problem = run.problem
-    if not isinstance(problem, Problem):
-        raise ValueError(f"{run.experiment.name}: has no motion, and so no stability")
-    return problem.scene
 
 
 def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
@@ -267,14 +261,10 @@ def stability_maps(
     experiment: Experiment, advance: Callable[[str], object] = lambda doing: None
 ) -> tuple[StabilityMap, ...]:
     """The stability regions that the experiment asks for, one for every order and method."""
-    settings = experiment.stability
-    if settings.region is None:
-        return ()
-    region = settings.region
-    maps = []
-    for order in region.orders:
-        for method in distinct_regions(experiment.methods):
-            stiffness, damping = np.array(region.stiffness), np.array(region.damping)
+    region, maps = experiment.stability.region, []
+    if region is not None:
+        stiffness, damping = np.array(region.stiffness), np.array(region.damping)
+        for order, method in itertools.product(region.orders, distinct_regions(experiment.methods)):
             maps.append(stability_map(method, order, stiffness, damping))
             advance(f"region of {method_name(method)}")
     return tuple(maps)
@@ -283,9 +273,7 @@ def stability_maps(
 def distinct_regions(methods: Sequence[AnyMethod]) -> list[AnyMethod]:
     """The methods without those that have the region of another: start and forcing do not count."""
     found: dict[object, AnyMethod] = {}
-    for method in methods:
-        if not has_patterns(method):
-            continue
+    for method in filter(has_patterns, methods):
         key: object = method
         if isinstance(method, Method):
             key = (method.cq, method.degree, method.rule, method.sampling)

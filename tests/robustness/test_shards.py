@@ -101,7 +101,7 @@ def test_every_run_is_in_one_part_and_packs_stay_whole():
             packs = {batches.pack_of(run) for run in members}
             # every pack with all of its steps, the last of seven members by itself
             assert len(members) == sum(2 * (1 if pack[1] == 2 else 3) for pack in packs)
-        assert len(seen) == len(set(seen)) == len(whole) + 1
+        assert len(seen) == len(set(seen)) == len(whole)
     halves = [Shard(number=k, count=2).runs_of(experiments) for k in (1, 2)]
     work = [sum(run.n_steps for own in half.values() for run in own) for half in halves]
     assert max(work) <= 1.2 * min(work)

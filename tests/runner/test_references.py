@@ -15,8 +15,7 @@ from fvi_cli.runner.executors.jobs import jobs_of
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.runner.parts.shard import Shard
 from fvi_cli.storage import list_runs, read_results
-from fvi_cli.studies.reference import Tabulated
-from fvi_cli.studies.study import reference_of
+from fvi_cli.studies.reference import Tabulated, reference_of
 
 MEMBERS, PACKS = 130, 15
 SWEPT = f"""\

@@ -118,8 +118,8 @@ def test_all_modes_of_random_structures_are_found(block):
 
 def test_starts_without_damping_lose_modes_and_the_count_says_so(monkeypatch):
     # the control: what the search adds is needed, and its absence does not pass for completeness
-    monkeypatch.setattr(modes, "_search", lambda *_: None)
-    monkeypatch.setattr(modes, "_stiffened", lambda *_: [])
+    monkeypatch.setattr(modes._Search, "look_in", lambda *_: None)
+    monkeypatch.setattr(modes._Search, "stiffened", lambda *_: [])
     lost = 0
     for seed in range(20):
         mass, terms = drawn(seed)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
@@ -55,8 +56,9 @@ def test_slope_of_a_pure_power_is_its_order(order):
     assert case.slope == pytest.approx(order, abs=1e-12)
     assert case.fit_residual < 1e-12
     assert case.last_order == pytest.approx(order, abs=1e-12)
-    assert math.isnan(case.rows[0].pairwise_order)
-    assert all(r.pairwise_order == pytest.approx(order, abs=1e-12) for r in case.rows[1:])
+    pairs = [case.pairwise_order(index) for index in range(len(case.rows))]
+    assert math.isnan(pairs[0])
+    assert pairs[1:] == pytest.approx([order] * 4, abs=1e-12)
 
 
 def test_one_wrong_error_shows_in_slope_and_residual():
@@ -115,6 +117,29 @@ def test_a_study_yields_every_run_in_order_and_takes_finished_ones():
     assert table.cases[0].slope == pytest.approx(2, abs=0.1)
     assert table.cases[1].slope == pytest.approx(1, abs=0.1)
     assert table.gamma == "0.5"
+
+
+@pytest.mark.parametrize("sweep", [{}, {"sweep": {"problem.stiffness": [1.0, 4.0]}}])
+def test_a_study_of_a_tolerance_yields_what_its_searches_come_to(sweep):
+    config = fvi.load(
+        {
+            "name": "asked",
+            "problem": {
+                "kind": "damped-oscillator",
+                "damping": [{"order": 0.5, "coefficient": 0.2}],
+                "initial": {"position": 1.0},
+                "final_time": 3.0,
+            },
+            "accuracy": {"tolerance": 1e-6},
+            **sweep,
+        }
+    )
+    (one,) = config.experiments
+    found = list(study(one))
+    assert len(found) == len(one.members or [None])
+    assert all(each.status == "ok" and 0 < each.error <= 1e-6 for each in found)
+    (outcome,) = fvi.run(config)
+    assert [each.error for each in outcome.finished] == [each.error for each in found]
 
 
 def test_claims_and_expected_failures_are_looked_up_by_case_or_its_beginning():

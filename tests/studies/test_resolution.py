@@ -11,10 +11,10 @@ from letters import spring
 import fvi_cli as fvi
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.integrator.local_error.pulses import Pulses
 from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.scenes.data import linear_oscillator, pendulum
 from fvi_cli.studies.experiment import FinishedRun
-from fvi_cli.studies.study import _reference_of
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -146,7 +146,6 @@ def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
     }
 
     def run() -> FinishedRun:
-        _reference_of.cache_clear()
         (outcome,) = fvi.run(config)
         return outcome.finished[1]
 
@@ -155,5 +154,7 @@ def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
     assert found.error == pytest.approx(swing, rel=0.02)
     assert any("pulse" in remark and "near t = " in remark for remark in found.trajectory.remarks)
     # the control: refined runs on grids that agree in passing over it
-    monkeypatch.setattr("fvi_cli.studies.reference._pulses_of", lambda scene: ())
+    monkeypatch.setattr(
+        "fvi_cli.studies.reference.pulses_that_move", lambda scene, amplitude: Pulses()
+    )
     assert run().error < 0.5 * swing

@@ -26,7 +26,7 @@ from fvi_cli.plotting.words import (
 )
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
-from fvi_cli.studies.study import reference_of
+from fvi_cli.studies.reference import reference_of
 
 _FINE_POINTS = 2001
 MOST_COMPONENTS = 4

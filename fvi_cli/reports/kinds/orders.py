@@ -45,7 +45,7 @@ from fvi_cli.reports.table import (
     within,
 )
 from fvi_cli.studies.experiment import Observed
-from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable, with_orders
+from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable
 
 ERROR = Within(relative=1e-3)
 """For errors that are reliable."""
@@ -79,7 +79,13 @@ COLUMNS = (
         Column("step_size", "h, in the scene's unit of time"),
         Column("error", "error of the position, in its unit", compared=ERROR),
         # what follows from errors must follow from those beside it: within 0.01 of the fresh one
-        Column("pairwise_order", "order against the row before", compared=None, follows=True),
+        Column(
+            "pairwise_order",
+            "order against the row before",
+            compared=None,
+            follows=True,
+            get=lambda of: of.case.pairwise_order(of.index),
+        ),
         Column("used_in_fit", "whether the slope uses the row", follows=True),
     ),
     *within(
@@ -130,11 +136,11 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     swept = member_columns((table.member for table in tables), lambda of: of.table.member)
     columns = (*COLUMNS, *swept, *EXTRA_COLUMNS)
     items = (
-        About(table=table, case=case, row=row, described=described)
+        About(table=table, case=case, index=index, row=row, described=described)
         for table in tables
         for case in table.cases
         for described in (SimpleNamespace(**case.columns()),)
-        for row in case.rows
+        for index, row in enumerate(case.rows)
     )
     keys = ("experiment", "case", "n_steps", *(column.name for column in swept))
     runs = Sheet.of("runs", columns, items, keys, below_floor=_below_floor)
@@ -188,7 +194,7 @@ def _with_rows(tables: Sequence[OrderTable], rows: Sequence[Row]) -> Iterator[Or
                 replace(row, error=number_of(found["error"]), status=_status(found["status"]))
                 for row, found in zip(case.rows, stored, strict=False)
             )
-            cases.append(with_orders(replace(case, rows=own)))
+            cases.append(replace(case, rows=own))
         yield replace(table, cases=tuple(cases))
 
 
@@ -276,7 +282,7 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
 def _entries(case: OrderCase, k: int) -> list[str]:
     row = case.rows[k]
     both = k > 0 and case.has_order and row.used_in_fit and case.rows[k - 1].used_in_fit
-    return [error_entry(row), f"{row.pairwise_order:.2f}" if both else ""]
+    return [error_entry(row), f"{case.pairwise_order(k):.2f}" if both else ""]
 
 
 def error_entry(row: OrderRow) -> str:

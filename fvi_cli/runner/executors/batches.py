@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import members_at_a_time
 
@@ -52,8 +51,8 @@ def pack_size(experiment: Experiment) -> int:
     """
     if one_by_one_words(experiment):
         return 1
-    problem = experiment.problem
-    dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
+    scene = experiment.problem.scene
+    dimension = 1 if scene is None else scene.dimension
     members = max(1, len(experiment.members))
     shared = max(LEAST_PACK, -(-members // PACKS))
     steps = max(experiment.steps, default=1)

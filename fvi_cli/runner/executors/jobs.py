@@ -15,11 +15,9 @@ import numpy as np
 import fvi_cli
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.runner.executors.batches import Batch, Pack, batches_of, pack_of
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import FinishedRun, Run
-from fvi_cli.studies.reference import Reference
-from fvi_cli.studies.study import needs_refined_run
+from fvi_cli.studies.reference import Reference, needs_refined_run
 
 _logger = logging.getLogger(__name__)
 
@@ -221,8 +219,8 @@ def no_memory(error: MemoryError) -> Crash:
 
 def lost_run(run: Run, message: str) -> FinishedRun:
     """The run as ``failed``: of it there is nothing but its start, and why."""
-    problem = run.problem
-    start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
+    scene = run.problem.scene
+    start = np.zeros(1) if scene is None else scene.initial_position
     return FinishedRun(
         run=run,
         trajectory=Trajectory(

@@ -56,7 +56,7 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
                 continue
             with file_lock(path, waits=waits), read_results(path) as part:
                 store.merge(part)
-        runs = (run for one in experiments for run in one.searches() or one.runs())
+        runs = (run for one in experiments for run in one.runs())
         count, missing = store.mark_requested(runs)
         del experiments
         store.consolidate(configuration)

@@ -59,7 +59,7 @@ class Shard:
 
     def runs_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
         """The runs and searches of this part, in the order of the experiments."""
-        listed = {one: one.searches() or one.runs() for one in experiments}
+        listed = {one: one.runs() for one in experiments}
         if self.count == 1:
             return listed
         dealt = itertools.cycle(range(1, self.count + 1))

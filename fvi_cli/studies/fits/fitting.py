@@ -11,13 +11,13 @@ import numpy as np
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
+from fvi_cli.studies.fits.intervals import estimates
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms
-from fvi_cli.studies.fits.profile import Minimum, quantile
+from fvi_cli.studies.fits.profile import BetterMinimumError, Minimum, quantile
 from fvi_cli.studies.fits.regions import holds, other_sides, region_of, regions
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import HOPELESS, Found, distinct, least_squares_from, search
-from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
+from fvi_cli.studies.fits.settings import FitModel, FitSettings
 from fvi_cli.studies.fits.statistics import (
     ROUND_OFF,
     covariance,
@@ -51,6 +51,14 @@ a remark says what other lines between the samples of a displacement would chang
 POINTS_OF_CURVES = 400
 
 Log = Callable[[str], None]
+
+
+class NoFitError(ValueError):
+    """Why no model could be fitted, and the last point that was tried."""
+
+    def __init__(self, message: str, point: Array) -> None:
+        super().__init__(message)
+        self.point = point
 
 
 def fit_models(name: str, settings: FitSettings, *, log: Log = lambda words: None) -> FitResult:
@@ -91,78 +99,60 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
             found += distinct([least_squares_from(model, model.start, bounds, tolerance=1e-3)])
     found = distinct(found)
     if not found:
-        return _failed(model, "every run near the starting values fails")
+        return _failed(model, "every run near the starting values fails", model.start)
     try:
-        return _describe_result(model, settings, found, scale)
+        return _fit_from(model, found, scale, is_known=bool(settings.deviations))
+    except NoFitError as error:
+        return _failed(model, str(error), error.point)
     except RunFailedError as error:
         return _failed(model, f"the run fails at the best point ({error})", found[0].point)
 
 
-def _describe_result(
-    model: MotionModel, settings: FitSettings, found: Sequence[Found], scale: float
+def _fit_from(
+    model: MotionModel, found: Sequence[Found], scale: float, *, is_known: bool
 ) -> ModelFit:
     """The result from rough minima, the best first.
 
     Raises
     ------
-    RunFailedError
-        If the run at the best point does not come to its end.
+    NoFitError, RunFailedError
+        If there is none, or the run at the best point does not come to its end.
     """
-    is_known = bool(settings.deviations)
     best, others = found[0], list(found[1:])
-    for attempt in range(MOST_BETTER + 1):
-        bounds = region_of(model, best.point)
-        best, at_best, ratio, message = _polished(model, settings, best, bounds, scale)
-        if message:
-            return _failed(model, message, best.point)
-        minimum = Minimum(point=best.point, evaluation=at_best, bounds=bounds)
+    for _ in range(MOST_BETTER + 1):
+        best, minimum, ratio = _polished(model, best, scale, is_known=is_known)
         close = [one for one in others if one.cost <= HOPELESS * found[0].cost][:MOST_OTHERS]
         polished = distinct(
             least_squares_from(model, one.point, region_of(model, one.point)) for one in close
         )
         try:
-            return _result(model, best, minimum, polished, ratio, is_known=is_known)
+            return _result(best, minimum, polished, ratio, is_known=is_known)
         except BetterMinimumError as better:
-            if attempt == MOST_BETTER:
-                break
             others.append(best)
             best = replace(best, point=better.point)
-    return _failed(
-        model,
+    raise NoFitError(
         "the search for intervals keeps finding better minima: begin elsewhere, "
         "or fit fewer parameters",
-        best.point,
+        others[-1].point,
     )
 
 
 def _polished(
-    model: MotionModel,
-    settings: FitSettings,
-    best: Found,
-    bounds: tuple[Array, Array],
-    scale: float,
-) -> tuple[Found, Evaluation, float, str]:
-    """The minimum on steps that are fine enough, their error, and why there is none."""
-    is_known, tolerance, message = bool(settings.deviations), FIRST_TOLERANCE, ""
-    at_best = Evaluation(residuals=np.zeros(0))
+    model: MotionModel, best: Found, scale: float, *, is_known: bool
+) -> tuple[Found, Minimum, float]:
+    """The minimum on steps that are fine enough, and their error relative to the residuals."""
+    bounds, tolerance = region_of(model, best.point), FIRST_TOLERANCE
     while True:
         model.remesh(best.point, tolerance * scale)
         for _ in range(MOST_REWEIGHTINGS):
             again = least_squares_from(model, best.point, bounds)
             if again is None:
-                return best, at_best, math.inf, "the run fails at the best point"
+                raise NoFitError("the run fails at the best point", best.point)
             best = again
             at_best = model.evaluate(best.point)
             if is_known or len(model.series) == 1 or _is_clean(model, at_best):
                 break
-            fresh, lacking = _estimated(model, at_best)
-            if lacking is not None:
-                message = (
-                    f"the noise of column {lacking.column} cannot be estimated: the "
-                    f"parameters use up its values ({lacking.values.size}); write noise: with a "
-                    "standard deviation"
-                )
-                return best, at_best, math.inf, message
+            fresh = _estimate_noise(model, best.point, at_best)
             change = max(abs(a / b - 1.0) for a, b in zip(fresh, model.deviations, strict=True))
             if change < ENOUGH:
                 break
@@ -175,7 +165,11 @@ def _polished(
         ratio = rms(difference) / max(rms(at_best.residuals), 1e-300)
         if ratio <= DISCRETISATION or tolerance <= LAST_TOLERANCE:
             model.meshes = used
-            return best, at_best, ratio, message
+            return (
+                best,
+                Minimum(model=model, point=best.point, evaluation=at_best, bounds=bounds),
+                ratio,
+            )
         tolerance = max(LAST_TOLERANCE, 1e-4 * tolerance)
 
 
@@ -222,46 +216,42 @@ def _is_clean(model: MotionModel, at: Evaluation) -> bool:
     return rms(np.concatenate(model.split(at.residuals))) <= ROUND_OFF * rms(data)
 
 
-def _estimated(model: MotionModel, at: Evaluation) -> tuple[list[float], Series | None]:
-    """Deviations of the series from the residuals, and a series too short to have one."""
-    freedom = own_freedoms(at, model.sizes)
-    lacking = [one for one, n in zip(model.series, freedom, strict=True) if n < LEAST_FREEDOM]
-    found = [
-        max(math.sqrt(float(part @ part) / max(count, 1e-300)), 1e-300)
-        for part, count in zip(model.split(at.residuals), freedom.tolist(), strict=True)
-    ]
-    return found, lacking[0] if lacking else None
+def _estimate_noise(model: MotionModel, point: Array, at: Evaluation) -> list[float]:
+    """Deviations of the series from the residuals."""
+    found = []
+    for one, part, n in zip(
+        model.series, model.split(at.residuals), own_freedoms(at, model.sizes).tolist(), strict=True
+    ):
+        if n < LEAST_FREEDOM:
+            raise NoFitError(
+                f"the noise of column {one.column} cannot be estimated: the parameters use up its "
+                f"values ({one.values.size}); write noise: with a standard deviation",
+                point,
+            )
+        found.append(max(math.sqrt(float(part @ part) / n), 1e-300))
+    return found
 
 
 def _result(
-    model: MotionModel,
-    best: Found,
-    minimum: Minimum,
-    others: Sequence[Found],
-    ratio: float,
-    *,
-    is_known: bool,
+    best: Found, minimum: Minimum, others: Sequence[Found], ratio: float, *, is_known: bool
 ) -> ModelFit:
-    at_best, p = minimum.evaluation, len(model.free)
+    model, at_best = minimum.model, minimum.evaluation
+    p = len(model.free)
     freedom = model.size - p
     variance = 1.0 if is_known else max(at_best.cost / freedom, 1e-300)
     correlations, errors, is_regular = covariance(at_best, variance)
-    slopes, values = model.slopes(best.point), model.values(best.point)
+    values = model.values(best.point)
     is_clean = _is_clean(model, at_best)
     is_sought = is_regular and best.is_converged
-    sides = other_sides(model, minimum, others) if is_sought and not is_clean else []
+    sides = other_sides(minimum, others) if is_sought and not is_clean else []
     found = estimates(
-        model,
-        [minimum, *sides],
-        variance,
-        is_known=is_known,
-        is_clean=is_clean,
-        is_sought=is_sought,
+        [minimum, *sides], variance, is_known=is_known, is_clean=is_clean, is_sought=is_sought
     )
-    needless = needless_terms(model, minimum, errors * slopes, variance, is_known=is_known)
     left = model.split(at_best.residuals)
     unit = 1.0 if is_known else math.sqrt(variance)
     deviations = [value * unit for value in model.deviations]
+    series = [(data.name, one) for data in model.data for one in data.series]
+    curves = model.curves(best.point, POINTS_OF_CURVES)
     alike = [
         tuple(model.values(one.point).tolist())
         for one in others
@@ -283,11 +273,7 @@ def _result(
         series=tuple(
             SeriesFit(data=name, series=one, residuals=rest, deviation=deviation, curve=curve)
             for (name, one), rest, deviation, curve in zip(
-                [(data.name, one) for data in model.data for one in data.series],
-                left,
-                deviations,
-                model.curves(best.point, POINTS_OF_CURVES),
-                strict=True,
+                series, left, deviations, curves, strict=True
             )
         ),
         misfit=at_best.cost / variance if is_known else float(freedom),
@@ -298,8 +284,10 @@ def _result(
         steps=sum(getattr(mesh, "n_steps", 0) for mesh in model.meshes),
         discretisation=float(ratio),
         others=tuple(alike),
-        needless=needless,
-        between=_between(model, best.point, at_best, variance),
+        needless=needless_terms(
+            minimum, errors * model.slopes(best.point), variance, is_known=is_known
+        ),
+        between=_between(minimum, variance),
         evaluations=model.evaluations,
         is_converged=best.is_converged and is_regular,
         message=message,
@@ -315,8 +303,9 @@ def _is_separated(at_best: Evaluation, direction: Array, variance: float) -> boo
     return float(expected @ expected) > SEPARATION**2 * variance
 
 
-def _between(model: MotionModel, point: Array, at: Evaluation, variance: float) -> tuple[str, ...]:
+def _between(best: Minimum, variance: float) -> tuple[str, ...]:
     """What a cubic spline in place of straight lines between samples would change."""
+    model, at = best.model, best.evaluation
     displacement = model.model.specification.get("displacement")
     if (
         not isinstance(displacement, Mapping)
@@ -328,7 +317,7 @@ def _between(model: MotionModel, point: Array, at: Evaluation, variance: float) 
     other = MotionModel(replace(model.model, specification=smooth), model.data, model.deviations)
     other.meshes = model.meshes
     try:
-        found = other.evaluate(point, with_jacobian=False).residuals
+        found = other.evaluate(best.point, with_jacobian=False).residuals
     except ValueError:
         return ()
     noise, change = math.sqrt(variance), at.residuals - found
@@ -345,9 +334,9 @@ def _between(model: MotionModel, point: Array, at: Evaluation, variance: float) 
     )
 
 
-def _failed(model: MotionModel, message: str, point: Array | None = None) -> ModelFit:
+def _failed(model: MotionModel, message: str, point: Array) -> ModelFit:
     """What is reported where nothing could be computed."""
-    values = model.values(model.start if point is None else point)
+    values = model.values(point)
     return ModelFit(
         model=model.model,
         estimates=tuple(

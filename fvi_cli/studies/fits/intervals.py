@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.model import MotionModel
-from fvi_cli.studies.fits.profile import BETTER, Minimum, Side, descend, profile_side, quantile
+from fvi_cli.studies.fits.profile import (
+    BETTER,
+    BetterMinimumError,
+    Minimum,
+    Side,
+    descend,
+    profile_side,
+    quantile,
+)
 from fvi_cli.studies.fits.result import Estimate
-from fvi_cli.studies.fits.settings import FitParameter
 from fvi_cli.studies.fits.statistics import covariance, freedoms
 
 JUMP = 1.0
 """The order at which a motion with a start velocity jumps."""
 
 
-class BetterMinimumError(ValueError):
-    """A profile found a point, in what the fit works with, with less misfit than the minimum."""
-
-    def __init__(self, point: Array) -> None:
-        super().__init__("another minimum has less misfit")
-        self.point = point
-
-
 def estimates(
-    model: MotionModel,
     minima: Sequence[Minimum],
     variance: float,
     *,
@@ -42,21 +39,20 @@ def estimates(
     BetterMinimumError
         If the first minimum is none.
     """
-    best = minima[0]
+    best, model = minima[0], minima[0].model
     _, errors, _ = covariance(best.evaluation, variance)
     ranks = freedoms(best.evaluation, model.sizes)
-    slopes, values = model.slopes(best.point), model.values(best.point)
     if is_sought and not is_clean:
-        _check_minimum(model, best, variance)
+        _check_minimum(best, variance)
     found = []
-    for index, one in enumerate(model.free):
+    for index in range(len(model.free)):
         threshold = quantile(float(ranks[index]), is_known=is_known)
         rivals = [
             each
             for each in minima[1:]
             if each.evaluation.cost - best.evaluation.cost <= variance * threshold**2
         ]
-        sides, passes = [], ""
+        sides, is_over_jump = [], False
         for sign in (-1.0, 1.0):
             step = sign * threshold * errors[index]
             if is_clean:
@@ -64,16 +60,14 @@ def estimates(
             elif not is_sought:
                 side = Side(end=math.nan, reached=float(best.point[index]))
             else:
-                side, is_rival = _farthest(
-                    model, [best, *rivals], index, step, variance=variance, threshold=threshold
-                )
-                passes = passes or ("other side" if is_rival else "")
+                side, is_rival = _farthest([best, *rivals], index, step, variance, threshold)
+                is_over_jump |= is_rival
             sides.append(side)
-        found.append(_estimate(one, best, index, sides, values, errors * slopes, passes))
+        found.append(_estimate(best, index, sides, float(errors[index]), is_over_jump=is_over_jump))
     return tuple(found)
 
 
-def _check_minimum(model: MotionModel, best: Minimum, variance: float) -> None:
+def _check_minimum(best: Minimum, variance: float) -> None:
     """Look for less misfit beside a minimum in logarithms: where a number should be 0 they end.
 
     Raises
@@ -82,7 +76,7 @@ def _check_minimum(model: MotionModel, best: Minimum, variance: float) -> None:
         If there is less.
     """
     cost = best.evaluation.cost
-    found = descend(model, best, best.point, best.evaluation, -1, cost)
+    found = descend(best, best.point, best.evaluation, -1, cost)
     if found.cost < cost - BETTER * variance:
         raise BetterMinimumError(found.point)
 
@@ -95,51 +89,27 @@ def _by_curvature(best: Minimum, index: int, step: float) -> Side:
 
 
 def _farthest(
-    model: MotionModel,
-    minima: Sequence[Minimum],
-    index: int,
-    step: float,
-    *,
-    variance: float,
-    threshold: float,
+    minima: Sequence[Minimum], index: int, step: float, variance: float, threshold: float
 ) -> tuple[Side, bool]:
     """The end farthest out of those of all minima, and whether it is another's than the first."""
-    sign, sides = math.copysign(1.0, step), []
-    for one in minima:
-        side = profile_side(
-            model,
-            one,
-            index,
-            step,
-            least=minima[0].evaluation.cost,
-            variance=variance,
-            threshold=threshold,
-        )
-        if side.better is not None:
-            raise BetterMinimumError(side.better)
-        sides.append(side)
-    points = np.concatenate([one.points for one in sides])
+    sign, least = math.copysign(1.0, step), minima[0].evaluation.cost
+    sides = [
+        profile_side(one, index, step, least=least, variance=variance, threshold=threshold)
+        for one in minima
+    ]
     lost = [one for one in sides if math.isnan(one.end)]
     chosen = max(lost or sides, key=lambda one: sign * (one.reached if lost else one.end))
     ends = [one.end for one in sides if not math.isnan(one.end)]
     if lost and any(sign * (end - chosen.reached) > 0 for end in ends):
         chosen = Side(end=math.nan, reached=max(ends, key=lambda end: sign * end))
-    is_rival = chosen is not sides[0]
-    return (
-        Side(end=chosen.end, is_bound=chosen.is_bound, reached=chosen.reached, points=points),
-        is_rival,
-    )
+    points = np.concatenate([one.points for one in sides])
+    return replace(chosen, points=points), chosen is not sides[0]
 
 
 def _estimate(
-    one: FitParameter,
-    best: Minimum,
-    index: int,
-    sides: Sequence[Side],
-    values: Array,
-    errors: Array,
-    passes: str,
+    best: Minimum, index: int, sides: Sequence[Side], error: float, *, is_over_jump: bool
 ) -> Estimate:
+    one = best.model.free[index]
     ends, bounds, jumps = [], [], []
     for side, name in zip(sides, ("low", "high"), strict=True):
         end = math.nan if math.isnan(side.end) else one.outer(side.end)
@@ -159,13 +129,13 @@ def _estimate(
     tried = tried[np.argsort(tried[:, 0])]
     return Estimate(
         name=one.key,
-        value=float(values[index]),
-        standard_error=float(errors[index]),
+        value=float(best.model.values(best.point)[index]),
+        standard_error=error * float(best.model.slopes(best.point)[index]),
         low=ends[0],
         high=ends[1],
         at_bound="both" if len(bounds) == 2 else "".join(bounds),
         at_jump="both" if len(jumps) == 2 else "".join(jumps),
-        over_jump=bool(passes),
+        over_jump=is_over_jump,
         reached=(one.outer(sides[0].reached), one.outer(sides[1].reached)),
         profile=np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]]),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,6 @@ class MotionModel:
             if not one.tied_to
             for suffix in ([f"@{each.name}" for each in data] if one.is_own else [""])
         ]
-        self._index = {one.key: index for index, one in enumerate(self.free)}
         self.meshes: list[AnySteps] = []
         self.evaluations = 0
 
@@ -105,18 +105,25 @@ class MotionModel:
         """Key paths with their values, for one data set."""
         data = self.data[number]
         found = dict(data.changes)
+        named = {one.key: float(value) for one, value in zip(self.free, values, strict=True)}
         for one in self.model.parameters:
             if not one.tied_to:
-                found[one.key] = float(values[self._place(one.key, data.name)])
+                found[one.key] = named[f"{one.key}@{data.name}" if one.is_own else one.key]
         for one in self.model.parameters:
             if one.tied_to:
                 found[one.key] = one.factor * found[one.tied_to]
         return found
 
-    def _place(self, key: str, name: str) -> int:
-        return self._index[key if key in self._index else f"{key}@{name}"]
+    def _specified(
+        self, number: int, values: Array, index: int = -1, value: float = 0.0
+    ) -> Mapping[str, Any]:
+        """The ``problem`` mapping of one data set, with another value of one parameter if any."""
+        if index >= 0:
+            values = values.copy()
+            values[index] = value
+        return with_values(self.model.specification, self.assignments(number, values))
 
-    def scene(self, number: int, values: Array) -> Scene:
+    def scene(self, number: int, values: Array, index: int = -1, value: float = 0.0) -> Scene:
         """The scene of one data set, up to its last measurement.
 
         Raises
@@ -124,15 +131,8 @@ class MotionModel:
         ValueError
             If there is none for these values.
         """
-        changed = with_values(self.model.specification, self.assignments(number, values))
-        scene = build_scene(changed)
-        data = self.data[number]
+        scene, data = build_scene(self._specified(number, values, index, value)), self.data[number]
         return scene if data.forces else replace(scene, final_time=data.last_time)
-
-    def _vary(self, number: int, values: Array, index: int, value: float) -> Scene:
-        changed = values.copy()
-        changed[index] = value
-        return self.scene(number, changed)
 
     def remesh(self, inner: Array, tolerance: float) -> None:
         """Choose the steps anew, for motions near this point.
@@ -143,16 +143,13 @@ class MotionModel:
             If a run does not come to its end.
         """
         values = self.values(inner)
-        self.meshes = []
+        self.meshes = [1] * len(self.data)
         for number, data in enumerate(self.data):
-            if data.forces:
-                self.meshes.append(1)
-                continue
-            steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
-            scene = self.scene(number, values)
-            done = run_steps(scene, METHOD, steps)
-            self.evaluations += 1
-            self.meshes.append(done.mesh(scene.break_points))
+            if not data.forces:
+                steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
+                scene = self.scene(number, values)
+                self.meshes[number] = run_steps(scene, METHOD, steps).mesh(scene.break_points)
+                self.evaluations += 1
 
     def size_at_start(self) -> float:
         """Largest position in coarse runs where the search begins.
@@ -225,23 +222,20 @@ class MotionModel:
         """What the model says about a data set, with derivatives by some of the parameters."""
         variations = [
             Variation(
-                family=partial(self._vary, number, values, index),
+                family=partial(self.scene, number, values, index),
                 value=float(values[index]),
                 name=self.free[index].key,
             )
             for index in own
         ]
         scene = self.scene(number, values)
-
-        def specified(column: int, value: float) -> Mapping[str, object]:
-            changed = values.copy()
-            if column >= 0:
-                changed[own[column]] = value
-            return with_values(self.model.specification, self.assignments(number, changed))
-
         if data.forces:
             direction = self.model.specification.get("ground_direction", 1.0)
             return predict_response(scene, data, variations, direction)
+
+        def specified(column: int, value: float) -> Mapping[str, Any]:
+            return self._specified(number, values, own[column] if column >= 0 else -1, value)
+
         return predict_motion(scene, self.meshes[number], data, variations, specified)
 
     def curves(self, inner: Array, count: int) -> list[Array]:

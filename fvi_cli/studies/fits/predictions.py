@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
@@ -21,7 +23,6 @@ from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
@@ -29,7 +30,7 @@ from fvi_cli.studies.vibration.response import harmonic_force
 
 Predicted = list[tuple[Array, Array]]
 """For every series values, ``(n,)``, and their derivatives by p parameters, ``(n, p)``."""
-Specified = Callable[[int, float], Mapping[str, object]]
+Specified = Callable[[int, float], Mapping[str, Any]]
 """From the index of a parameter and its value to the ``problem`` mapping."""
 
 METHOD = Method(cq="gauss", degree=8, start="none")
@@ -121,23 +122,18 @@ def _resolve_names(
 
     def resolve_names(index: int, number: float) -> Observations:
         specification = specified(index, number)
-        given = specification.get("parameters", {})
-        parameters = dict(given) if isinstance(given, Mapping) else {}
+        parameters = dict(specification.get("parameters", {}))
         inputs: Mapping[str, Forcing | None] = {}
         names = one.formula.names if one.formula is not None else frozenset()
         if names - set(known_names(data.coordinates, parameters)) - set(dampers):
-            problem = build_problem(specification, search=False)
-            inputs = problem.inputs if isinstance(problem, Problem) else {}
+            inputs = build_problem(specification, search=False).inputs
         return Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
 
     return resolve_names
 
 
 def predict_response(
-    scene: Scene,
-    data: DataSet,
-    variations: Sequence[Variation],
-    ground_direction: object = 1.0,
+    scene: Scene, data: DataSet, variations: Sequence[Variation], ground_direction: Any = 1.0
 ) -> Predicted:
     """What was measured of a response to harmonic forces, ``T(i omega) q = f``.
 
@@ -147,30 +143,11 @@ def predict_response(
         If the scene is not linear, or nothing limits the response at a frequency.
     """
     hertz = np.unique(np.concatenate([one.times for one in data.series]))
-    if scene.prescribed is not None:
-        return _predict_stiffness(scene, 2j * math.pi * hertz, hertz, data, variations)
-
-    def force(of: Scene) -> Array:
-        every = [
-            harmonic_force(text, of, data.coordinates, ground_direction)  # type: ignore[arg-type]
-            for text in data.forces
-        ]
-        return np.asarray(sum(every))
-
-    stiffness, s = DynamicStiffness(scene), 2j * math.pi * hertz
-    solve = _solver(stiffness, s)
-    load = np.broadcast_to(force(scene)[:, None], (hertz.size, scene.dimension, 1))
-    response = solve(load.astype(complex))[..., 0]
-    left = np.zeros((*response.shape, len(variations)), dtype=complex)
-
-    def unbalanced(varied: Scene, _: float) -> list[ComplexArray]:
-        # apart: their difference could not be separated from round-off
-        applied = _applied(DynamicStiffness(varied), s, response)
-        return [np.broadcast_to(force(varied), applied.shape), -applied]
-
-    for column, one in enumerate(variations):
-        left[..., column] = sum(differentiate(one, scene, unbalanced))
-    slopes = solve(left) if variations else left
+    s = 2j * math.pi * hertz
+    if scene.prescribed is None:
+        response, slopes = _displacements(scene, s, data, variations, ground_direction)
+    else:
+        response, slopes = _damper_stiffness(scene, s, variations)
     predicted = []
     for series in data.series:
         amplitude = series.amplitude
@@ -183,10 +160,40 @@ def predict_response(
     return predicted
 
 
-def _predict_stiffness(
-    scene: Scene, s: ComplexArray, hertz: Array, data: DataSet, variations: Sequence[Variation]
-) -> Predicted:
-    """The complex stiffness g(s) of dampers whose displacement is given."""
+def _displacements(
+    scene: Scene,
+    s: ComplexArray,
+    data: DataSet,
+    variations: Sequence[Variation],
+    ground_direction: Any,
+) -> tuple[ComplexArray, ComplexArray]:
+    """Amplitudes ``(n, d)``, and their derivatives by p parameters, ``(n, d, p)``."""
+
+    def force(of: Scene) -> Array:
+        every = [
+            harmonic_force(text, of, data.coordinates, ground_direction) for text in data.forces
+        ]
+        return np.asarray(sum(every))
+
+    solve = _solver(DynamicStiffness(scene), s)
+    load = np.broadcast_to(force(scene)[:, None], (s.size, scene.dimension, 1))
+    response = solve(load.astype(complex))[..., 0]
+    left = np.zeros((*response.shape, len(variations)), dtype=complex)
+
+    def unbalanced(varied: Scene, _: float) -> list[ComplexArray]:
+        # apart: their difference could not be separated from round-off
+        applied = _applied(DynamicStiffness(varied), s, response)
+        return [np.broadcast_to(force(varied), applied.shape), -applied]
+
+    for column, one in enumerate(variations):
+        left[..., column] = sum(differentiate(one, scene, unbalanced))
+    return response, solve(left) if variations else left
+
+
+def _damper_stiffness(
+    scene: Scene, s: ComplexArray, variations: Sequence[Variation]
+) -> tuple[ComplexArray, ComplexArray]:
+    """The complex stiffness g(s) of dampers whose displacement is given, in the same shapes."""
 
     def stiffness(of: Scene, _: float = 0.0) -> list[ComplexArray]:
         total = np.zeros(s.shape, dtype=complex)
@@ -195,22 +202,16 @@ def _predict_stiffness(
             total += factor * (spring + np.array([part.symbol(at) for at in s.tolist()]))
         return [total]
 
-    (values,) = stiffness(scene)
     slopes = [differentiate(one, scene, stiffness)[0] for one in variations]
-    changes = np.array(slopes, dtype=complex).reshape(len(slopes), s.size).T
-    predicted = []
-    for series in data.series:
-        assert series.amplitude is not None
-        places = np.searchsorted(hertz, series.times)
-        predicted.append(_part(series.amplitude, values[places], changes[places]))
-    return predicted
+    changes = np.array(slopes, dtype=complex).reshape(len(slopes), s.size)
+    return stiffness(scene)[0][:, None], changes.T[:, None]
 
 
 def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexArray], ComplexArray]:
     """Solutions of T(s) x = b for every s, shapes ``(n, d, k)``."""
     try:
         if not stiffness.is_sparse:
-            forms = np.stack([np.asarray(one) for one in stiffness.forms])
+            forms = np.stack(list(map(dense, stiffness.forms)))
             inverse = np.linalg.inv(np.tensordot(stiffness.symbols_over(s), forms, axes=1))
             return lambda right: np.asarray(inverse @ right)
         factors = [stiffness.factors(one) for one in s.tolist()]

@@ -31,6 +31,14 @@ DAMPING = (0.0, 1e-3, 0.1, 10.0, 1e3)
 """Of a step (Levenberg and Marquardt), for scaled derivatives."""
 
 
+class BetterMinimumError(ValueError):
+    """A point, in what the fit works with, has less misfit than the minimum."""
+
+    def __init__(self, point: Array) -> None:
+        super().__init__("another minimum has less misfit")
+        self.point = point
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Side:
     """One end of an interval."""
@@ -40,17 +48,26 @@ class Side:
     reached: float = math.nan  # the farthest value that is known to lie inside
     points: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Values tried and signed roots of the increase there, ``(n, 2)``."""
-    better: Array | None = None
-    """A point with less misfit than the supposed minimum, which ends the search; None: no such."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum:
     """Where profiles begin."""
 
+    model: MotionModel
     point: Array  # in what the fit works with
     evaluation: Evaluation
     bounds: tuple[Array, Array]  # within which the motion is a smooth function of the parameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Followed:
+    """Where parameters end when one is held, or none."""
+
+    point: Array  # in what the fit works with
+    cost: float  # an upper bound of the misfit there
+    is_minimum: bool
+    jacobian: Array | None = None
 
 
 def quantile(freedom: float, *, is_known: bool) -> float:
@@ -62,18 +79,16 @@ def quantile(freedom: float, *, is_known: bool) -> float:
 
 
 def profile_side(
-    model: MotionModel,
-    begin: Minimum,
-    index: int,
-    step: float,
-    *,
-    least: float,
-    variance: float,
-    threshold: float,
+    begin: Minimum, index: int, step: float, *, least: float, variance: float, threshold: float
 ) -> Side:
     """One end of the interval of a parameter.
 
     A value at which the misfit cannot be computed is neither inside nor outside.
+
+    Raises
+    ------
+    BetterMinimumError
+        Where there is less misfit than the least that is known.
     """
     sign = math.copysign(1.0, step)
     best = float(begin.point[index])
@@ -95,7 +110,7 @@ def profile_side(
 
     def narrow(value: float) -> float:
         size = abs(value - best)
-        return NARROW * (min(size, 1.0) if model.free[index].is_positive else size)
+        return NARROW * (min(size, 1.0) if begin.model.free[index].is_positive else size)
 
     if inner == limit:
         return side(limit, is_bound=True)
@@ -105,9 +120,9 @@ def profile_side(
             value = limit if math.isfinite(limit) else inner + sign * 1e3 * max(1.0, abs(inner))
         if not sign * (value - unknown) < 0 and not math.isnan(unknown):
             value = 0.5 * (inner + unknown)
-        found = _others(model, begin, near, index, value, least, variance * threshold**2)
+        found = _others(begin, near, index, value, least, variance * threshold**2)
         if found is not None and found.cost < least - BETTER * variance:
-            return Side(end=math.nan, better=found.point)
+            raise BetterMinimumError(found.point)
         root = math.nan
         if found is not None:
             root = math.sqrt(max(found.cost - least, 0.0) / variance)
@@ -143,37 +158,20 @@ def profile_side(
     return side(outer if is_bracketed else math.nan)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Followed:
-    """Where parameters end when one is held, or none; the misfit there is an upper bound."""
-
-    point: Array
-    cost: float
-    """In what the fit works with, and the misfit."""
-    is_minimum: bool
-    jacobian: Array | None = None
-
-
 def _others(
-    model: MotionModel,
-    begin: Minimum,
-    near: Followed,
-    index: int,
-    value: float,
-    least: float,
-    rise: float,
+    begin: Minimum, near: Followed, index: int, value: float, least: float, rise: float
 ) -> Followed | None:
     """The point of least misfit with one parameter held; None: none could be computed."""
     starts = [near.point.copy()]
     if near.jacobian is not None:
         # the others follow, to first order
         pushed = near.jacobian[:, index] * (value - near.point[index])
-        starts.insert(0, _moved(model, near.point, near.jacobian, pushed, index, begin)[0])
+        starts.insert(0, _moved(begin, near.point, near.jacobian, pushed, index)[0])
     best: Followed | None = None
     for point in starts:
         point[index] = value
         try:
-            found = descend(model, begin, point, model.evaluate(point), index, least)
+            found = descend(begin, point, begin.model.evaluate(point), index, least)
         except ValueError:
             continue
         if best is None or found.cost < best.cost:
@@ -183,20 +181,16 @@ def _others(
     return best
 
 
-def descend(
-    model: MotionModel,
-    begin: Minimum,
-    point: Array,
-    now: Evaluation,
-    index: int,
-    least: float,
-) -> Followed:
-    """The least misfit near a point, by least squares within the bounds of a minimum."""
+def descend(begin: Minimum, point: Array, now: Evaluation, index: int, least: float) -> Followed:
+    """The least misfit near a point, by least squares within the bounds of a minimum.
+
+    The parameter of this index is held; -1: none is.
+    """
     first = 0
     for _ in range(MOST_STEPS):
         if now.jacobian is None:
             break
-        moved, gain = _moved(model, point, now.jacobian, now.residuals, index, begin)
+        moved, gain = _moved(begin, point, now.jacobian, now.residuals, index)
         if gain <= ALMOST * max(now.cost - least, 0.0) + 1e-12 * now.cost:
             # so close to the end the misfit is a parabola
             return Followed(
@@ -206,11 +200,10 @@ def descend(
         for number in range(first, len(DAMPING)):
             trial = moved
             if number:
-                trial, _ = _moved(
-                    model, point, now.jacobian, now.residuals, index, begin, DAMPING[number]
-                )
+                damping = DAMPING[number]
+                trial, _ = _moved(begin, point, now.jacobian, now.residuals, index, damping)
             try:
-                after = model.evaluate(trial)
+                after = begin.model.evaluate(trial)
             except ValueError:
                 continue
             if after.cost < now.cost:
@@ -225,12 +218,11 @@ def descend(
 
 
 def _moved(
-    model: MotionModel,
+    begin: Minimum,
     point: Array,
     jacobian: Array,
     residuals: Array,
     index: int,
-    begin: Minimum,
     damping: float = 0.0,
 ) -> tuple[Array, float]:
     """The point after a step of least squares within bounds, and how much misfit it should gain.
@@ -243,7 +235,7 @@ def _moved(
     free = np.delete(np.arange(point.size), index) if index >= 0 else np.arange(point.size)
     if not free.size:
         return point.copy(), 0.0
-    is_positive = np.array([one.is_positive for one in model.free])[free]
+    is_positive = np.array([one.is_positive for one in begin.model.free])[free]
     low, high = ((bound - point)[free] for bound in begin.bounds)
     low = np.where(is_positive, np.expm1(np.maximum(low, -LONGEST)), low)
     high = np.where(is_positive, np.expm1(high), high)

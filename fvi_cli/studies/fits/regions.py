@@ -23,12 +23,9 @@ def regions(model: MotionModel) -> list[tuple[Array, Array]]:
     """
     low, high = model.bounds
     values = model.values(model.start)
-    motions = any(not data.forces for data in model.data)
-    moving = motions and any("velocity" in one.key for one in model.free)
-    for number, data in enumerate(model.data):
-        if data.forces:
-            continue
-        scene = model.scene(number, values)
+    motions = [number for number, data in enumerate(model.data) if not data.forces]
+    moving = bool(motions) and any("velocity" in one.key for one in model.free)
+    for scene in (model.scene(number, values) for number in motions):
         moving |= scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
     split = [
         index
@@ -57,19 +54,21 @@ def region_of(model: MotionModel, point: Array) -> tuple[Array, Array]:
     return next(b for b in regions(model) if holds(b, point))
 
 
-def other_sides(model: MotionModel, best: Minimum, others: Sequence[Found]) -> list[Minimum]:
+def other_sides(best: Minimum, others: Sequence[Found]) -> list[Minimum]:
     """The least misfit in every other region, those beside an order at which the motion jumps."""
-    found = []
+    found, model = [], best.model
     for bounds in regions(model):
         if np.array_equal(bounds, best.bounds):
             continue
-        inside = [one for one in others if holds(bounds, one.point)]
-        begin = inside[0].point if inside else np.clip(best.point, *bounds)
-        least = least_squares_from(model, begin, bounds)
-        if least is not None:
-            try:
-                evaluation = model.evaluate(least.point)
-            except ValueError:
-                continue
-            found.append(Minimum(point=least.point, evaluation=evaluation, bounds=bounds))
+        begin = next((one.point for one in others if holds(bounds, one.point)), None)
+        least = least_squares_from(
+            model, np.clip(best.point, *bounds) if begin is None else begin, bounds
+        )
+        if least is None:
+            continue
+        try:
+            evaluation = model.evaluate(least.point)
+        except ValueError:
+            continue
+        found.append(Minimum(model=model, point=least.point, evaluation=evaluation, bounds=bounds))
     return found

@@ -17,7 +17,6 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.settings import DataSet, FitParameter
 
-PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
 REACH = 1.0
 """Positive parameters are scanned over so many decades on either side of their start."""
 MOST_ITERATIONS = 100
@@ -51,14 +50,9 @@ def least_squares_from(
     most: int = MOST_ITERATIONS,
     tolerance: float = 1e-10,
 ) -> Found | None:
-    """Gauss-Newton in a trust region, with exact derivatives.
+    """Gauss-Newton in a trust region, with exact derivatives; None: it cannot even begin.
 
     The tolerance is that of the parameters, relative; the misfit may still change by its square.
-
-    Returns
-    -------
-    Found or None
-        None: it cannot even begin.
     """
     from scipy.optimize import least_squares
 
@@ -72,8 +66,7 @@ def least_squares_from(
                 kept[key] = model.evaluate(point)
             except ValueError:
                 # no scene, or no run, there: the step was too long
-                empty = np.full(model.size, np.nan)
-                kept[key] = Evaluation(residuals=empty, jacobian=np.zeros((1, 1)))
+                kept[key] = Evaluation(residuals=np.full(model.size, np.nan))
         return kept[key]
 
     def residuals(point: Array) -> Array:
@@ -115,37 +108,28 @@ def _inside(bound: Array, other: Array, share: float) -> Array:
 
 def search(model: MotionModel, bounds: tuple[Array, Array], scale: float) -> list[Found]:
     """Minima of the misfit, the best first."""
-    parts = [_part(model, data) for data in _windows(model)]
+    parts = [MotionModel(model.model, data, model.deviations) for data in _windows(model)]
     for one in parts:
         one.loosen(1e-4 * scale)
-    first, candidates = parts[0], [np.clip(model.start, *bounds)]
-    candidates += [np.clip(point, *bounds) for point in _scan(model.free, bounds)]
-    costs = [_cost(first, point) for point in candidates]
+    given = np.clip(model.start, *bounds)
+    candidates = [given, *(np.clip(point, *bounds) for point in _scan(model.free, bounds))]
+    costs = [_cost(parts[0], point) for point in candidates]
     order = np.argsort(costs, kind="stable")
     chosen = [candidates[index] for index in order[:3] if costs[index] < math.inf]
-    if costs[0] < math.inf and not any(point is candidates[0] for point in chosen):
-        chosen.append(candidates[0])
+    if costs[0] < math.inf and not any(point is given for point in chosen):
+        chosen.append(given)
     for one in parts[:-1]:
-        chosen = [
-            each.point
-            for each in _hopeful(
-                least_squares_from(one, point, bounds, most=FIRST_ITERATIONS, tolerance=ROUGH)
-                for point in chosen
-            )
-        ]
-    given = np.clip(model.start, *bounds)
+        found = distinct(
+            least_squares_from(one, point, bounds, most=FIRST_ITERATIONS, tolerance=ROUGH)
+            for point in chosen
+        )
+        chosen = [each.point for each in found[:3] if each.cost <= HOPELESS * found[0].cost]
     if not any(np.abs(point - given).max() <= SAME for point in chosen):
         chosen.append(given)
     return distinct(
         least_squares_from(parts[-1], point, bounds, most=PATIENCE, tolerance=ROUGH)
         for point in chosen
     )
-
-
-def _hopeful(found: Iterable[Found | None]) -> list[Found]:
-    """The best three minima whose misfit is not out of proportion."""
-    kept = distinct(found)[:3]
-    return [one for one in kept if one.cost <= HOPELESS * kept[0].cost]
 
 
 def distinct(found: Iterable[Found | None]) -> list[Found]:
@@ -155,10 +139,6 @@ def distinct(found: Iterable[Found | None]) -> list[Found]:
         if all(np.abs(one.point - other.point).max() > SAME for other in kept):
             kept.append(one)
     return kept
-
-
-def _part(model: MotionModel, data: list[DataSet]) -> MotionModel:
-    return MotionModel(model.model, data, model.deviations)
 
 
 def _windows(model: MotionModel) -> list[list[DataSet]]:
@@ -186,27 +166,15 @@ def _cost(model: MotionModel, point: Array) -> float:
 
 def _scan(free: Sequence[FitParameter], bounds: tuple[Array, Array]) -> list[Array]:
     """Points spread evenly (Halton's sequence) over what is likely."""
-    count = 8 + 4 * len(free)
+    from scipy.stats.qmc import Halton
+
+    # the first point of the sequence is a corner
+    shares = Halton(len(free), scramble=False).random(9 + 4 * len(free))[1:]
     low, high = bounds
-    points = []
-    for number in range(1, count + 1):
-        point = np.empty(len(free))
-        for index, one in enumerate(free):
-            share = _van_der_corput(number, PRIMES[index % len(PRIMES)])
-            middle = one.inner(one.start)
-            reach = math.log(10.0) * REACH if one.is_positive else max(abs(middle), 1.0)
-            begin, end = max(low[index], middle - reach), min(high[index], middle + reach)
-            if not one.is_positive and math.isfinite(high[index] - low[index]):
-                begin, end = low[index], high[index]
-            point[index] = begin + share * (end - begin)
-        points.append(point)
-    return points
-
-
-def _van_der_corput(number: int, base: int) -> float:
-    found, share = 0.0, 1.0 / base
-    while number:
-        number, digit = divmod(number, base)
-        found += digit * share
-        share /= base
-    return found
+    middle = np.array([one.inner(one.start) for one in free])
+    is_positive = np.array([one.is_positive for one in free])
+    reach = np.where(is_positive, math.log(10.0) * REACH, np.maximum(np.abs(middle), 1.0))
+    is_bounded = ~is_positive & np.isfinite(high - low)
+    begin = np.where(is_bounded, low, np.maximum(low, middle - reach))
+    end = np.where(is_bounded, high, np.minimum(high, middle + reach))
+    return list(begin + shares * (end - begin))

@@ -46,32 +46,25 @@ class NeedlessTerm:
 
 
 def needless_terms(
-    model: MotionModel,
-    best: Minimum,
-    errors: Array,
-    variance: float,
-    *,
-    is_known: bool,
+    best: Minimum, errors: Array, variance: float, *, is_known: bool
 ) -> tuple[NeedlessTerm, ...]:
     """Terms whose removal is not refused by the data."""
-    values, found = model.values(best.point), []
+    model, found = best.model, []
+    values, freedom = model.values(best.point), model.size - len(model.free)
     for key, lists in _terms(model.model.specification, [one.key for one in model.free]):
         gone = [i for i, one in enumerate(model.free) if _renamed(one.key, lists) is None]
-        threshold = _threshold(len(gone), model.size - len(model.free), is_known=is_known)
+        threshold = _threshold(len(gone), freedom, is_known=is_known)
         sizes = [i for i in gone if _is_size(model.free[i].key)]
         if not sizes or any(values[i] > SURE * math.sqrt(threshold) * errors[i] for i in sizes):
             continue
-        cost = _cost_without(model, best, lists, gone)
-        increase = (cost - best.evaluation.cost) / variance
+        increase = (_cost_without(best, lists, gone) - best.evaluation.cost) / variance
         if increase <= threshold:
             found.append(
                 NeedlessTerm(
                     key=key,
                     parameters=len(gone),
                     increase=float(increase),
-                    probability=_probability(
-                        increase, len(gone), model.size - len(model.free), is_known=is_known
-                    ),
+                    probability=_probability(increase, len(gone), freedom, is_known=is_known),
                 )
             )
     return tuple(found)
@@ -135,15 +128,15 @@ def _renamed(key: str, lists: _Lists) -> str | None:
     return key
 
 
-def _cost_without(model: MotionModel, best: Minimum, lists: _Lists, gone: list[int]) -> float:
+def _cost_without(best: Minimum, lists: _Lists, gone: list[int]) -> float:
     """The least misfit without a term; infinite where there is none."""
-    reduced = _without(model, lists)
+    reduced = _without(best.model, lists)
     if reduced is None:
         return math.inf
-    kept = np.delete(np.arange(len(model.free)), gone)
+    kept = np.delete(np.arange(len(best.model.free)), gone)
     try:
-        smaller = MotionModel(reduced[0], reduced[1], model.deviations)
-        smaller.meshes = model.meshes
+        smaller = MotionModel(*reduced, best.model.deviations)
+        smaller.meshes = best.model.meshes
         if not kept.size:
             return smaller.evaluate(np.zeros(0), with_jacobian=False).cost
         bounds = (best.bounds[0][kept], best.bounds[1][kept])

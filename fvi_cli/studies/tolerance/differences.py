@@ -44,7 +44,8 @@ def between_points(scene: Scene, steps: RunSteps) -> Array:
     """Estimated largest error of the polynomial of every step of a run, a length."""
     m, sizes = steps.tables.points.size, steps.step_size[:, None]
     ends = steps.tables.stage_basis.values([0.0, 1.0])
-    velocity = _velocity(scene, steps)
+    with np.errstate(all="ignore"):
+        velocity = scene.velocity(steps.position, steps.momentum, steps.time)
     reached = np.einsum("re,nrd->end", ends, steps.velocity)
     missed = np.stack([velocity[:-1], velocity[1:]]) - reached
     # (a + b x) P_m(x) vanishes at the stages, and is what is missed at both ends
@@ -66,15 +67,6 @@ def _reaches(m: int) -> Array:
         (polynomial * factor).integ(lbnd=-1)(x) for factor in (1.0, np.polynomial.Legendre([0, 1]))
     )
     return np.array([0.5 * np.abs(values).max() for values in integrals])
-
-
-def _velocity(scene: Scene, steps: RunSteps) -> Array:
-    """Velocities at the points of the mesh by the momenta there, shape ``(n + 1, d)``."""
-    if scene.lagrangian is None:
-        return np.asarray(scene.inertia.velocity(steps.momentum))
-    with np.errstate(all="ignore"):
-        found: Array = scene.lagrangian.velocity(steps.position, steps.momentum, steps.time)
-    return np.asarray(found)
 
 
 def _tails(steps: RunSteps) -> tuple[Array, Array]:
@@ -127,6 +119,11 @@ class Growth:
     time: float  # from when on it is above the tolerance
     place: tuple[float, ...]  # where the motion is then
     factor: float  # by how much it grows in the run, from where it first is above round-off
+
+    @property
+    def where(self) -> str:
+        """Time and place in words."""
+        return f"from t = {self.time:.6g} on, at [{', '.join(f'{x:.4g}' for x in self.place)}]"
 
 
 def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: float) -> Growth:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -79,129 +79,84 @@ def solve_on_equal_steps(
         log=log,
         checkpoints=checkpoints,
     )
-    search = _Search(
-        scene=scene,
-        witness=witness,
-        norm=norm,
-        unit=unit,
-        target=_target(witness, tolerance, relative, unit),
-        available_bytes=available_bytes,
-        log=log,
-        checkpoints=checkpoints,
-    )
-    return *search.result(methods), witness
+    known = witness.assessment
+    if known is None:  # pragma: no cover - a solved run has one
+        raise ValueError("tolerance: no run was made")
+    size = float(np.abs(witness.position).max())
+    target = unit * (relative or 0.0) * size if tolerance is None else tolerance
+    own, lines = unit * known.estimate, list(known.attempts)
 
+    def result(
+        method: AnyMethod, run: Trajectory, outcome: Outcome, estimate: float, reason: str = ""
+    ) -> tuple[AnyMethod, Trajectory, Trajectory]:
+        is_unreliable = outcome == "unreliable"
+        assessment = Assessment(
+            outcome=outcome,
+            tolerance=target,
+            estimate=estimate,
+            reason=reason,
+            time=known.time if is_unreliable else None,
+            place=known.place if is_unreliable else None,
+            attempts=tuple(lines),
+        )
+        return method, replace(run, assessment=assessment), witness
 
-def _target(
-    witness: Trajectory, tolerance: float | None, relative: float | None, unit: float
-) -> float:
-    """The tolerance in the norm."""
-    if tolerance is not None:
-        return tolerance
-    return unit * (relative or 0.0) * float(np.abs(witness.position).max())
-
-
-@dataclass(kw_only=True, eq=False)
-class _Search:
-    """The runs so far; only the finest of every method is kept."""
-
-    scene: Scene
-    witness: Trajectory
-    norm: Norm
-    unit: float
-    target: float
-    available_bytes: int | None
-    log: Callable[[str], object]
-    checkpoints: RunKeeper | None = None
-    lines: list[str] = field(default_factory=list)
-
-    def result(self, methods: Sequence[AnyMethod]) -> tuple[AnyMethod, Trajectory]:
-        known = self.witness.assessment
-        if known is None:  # pragma: no cover - a solved run has one
-            raise ValueError("tolerance: no run was made")
-        self.lines += known.attempts
-        own = self.unit * known.estimate
-        if known.outcome == "unreliable" or not own <= ENOUGH * self.target:
-            outcome: Outcome = "unreliable" if known.outcome == "unreliable" else "refused"
-            run = integrate(self.scene, methods[0], max(self._first_steps(methods[0]), 1))
-            return methods[0], self._result(run, outcome, self.unit * known.estimate, known.reason)
-        candidates = [
-            _Candidate(method=method, next_steps=self._first_steps(method)) for method in methods
-        ]
-        while True:
-            options = [one for one in candidates if 0 < one.next_steps <= MOST_STEPS]
-            options = [one for one in options if self._has_room(one)]
-            if not options:
-                break
-            chosen = min(options, key=self._work)
-            self._advance(chosen)
-            if chosen.run is not None and chosen.error + own <= self.target:
-                return chosen.method, self._result(chosen.run, "met", chosen.error + own, "")
-        best = min(candidates, key=lambda one: one.error)
-        if best.run is None:
-            raise ValueError("no number of equal steps puts every break point on the grid")
-        reason = f"{self.target:.2g} is out of reach of these methods on equal steps, with "
-        reason += f"{MOST_STEPS} steps at most and the available memory"
-        if math.isfinite(best.error):
-            reason += f": the best error reached is {best.error:.2g}"
-        return best.method, self._result(best.run, "refused", best.error + own, reason)
-
-    def _first_steps(self, method: AnyMethod) -> int:
-        base = nearest_fitting(self.scene, 1)[1]
-        if not base:
-            if not (isinstance(method, Method) and method.cq == "gauss"):
-                return 0
-            # Gauss methods take break points between the points of the grid
-            base = 1
-        return base << max(0, math.ceil(math.log2(FIRST_STEPS / base)))
-
-    def _work(self, one: _Candidate) -> float:
-        """What the next run takes; every method is tried once before."""
-        return -1.0 if one.run is None else plan_run(self.scene, one.method, one.next_steps).work
-
-    def _has_room(self, one: _Candidate) -> bool:
-        if self.available_bytes is None:
-            return True
-        plan = plan_run(self.scene, one.method, one.next_steps)
-        return plan.memory_bytes <= self.available_bytes
-
-    def _advance(self, one: _Candidate) -> None:
-        """Run it, hold it against the witness, and say where it goes next."""
+    if known.outcome == "unreliable" or not own <= ENOUGH * target:
+        run = integrate(scene, methods[0], max(_first_steps(scene, methods[0]), 1))
+        outcome: Outcome = "unreliable" if known.outcome == "unreliable" else "refused"
+        return result(methods[0], run, outcome, own, known.reason)
+    candidates = [
+        _Candidate(method=method, next_steps=_first_steps(scene, method)) for method in methods
+    ]
+    while one := _next_candidate(candidates, scene, available_bytes):
         n_steps = one.next_steps
-        own = part_of(self.checkpoints, f"{one.method!r} N = {n_steps}")
-        run = integrate(self.scene, one.method, n_steps, checkpoints=own)
-        before, error = one.error, math.inf
+        kept = part_of(checkpoints, f"{one.method!r} N = {n_steps}")
+        run = integrate(scene, one.method, n_steps, checkpoints=kept)
+        before, error, words = one.error, math.inf, str(run.status)
         if run.status == "ok":
-            error = error_norm(run.position, self.witness(run.time), run.step_size, self.norm)
-        line = f"{method_name(one.method)}, N = {n_steps}: "
-        line += f"error {error:.2g}" if run.status == "ok" else run.status
-        self.lines.append(line)
-        self.log(line)
+            error = error_norm(run.position, witness(run.time), run.step_size, norm)
+            words = f"error {error:.2g}"
+        lines.append(f"{method_name(one.method)}, N = {n_steps}: {words}")
+        log(lines[-1])
         one.run, one.error = run, error if math.isfinite(error) else math.inf
-        amplitude = self.unit * float(np.abs(self.witness.position).max())
+        if one.error + own <= target:
+            return result(one.method, run, "met", one.error + own)
         factor = 2
-        if one.error < RESOLVED * amplitude:
+        if one.error < RESOLVED * unit * size:
             # what falls no more below this is round-off
             one.stalled += one.error > STILL * before
-            order = expected_order(self.scene, one.method, self.norm, n_steps)
-            if not order > 0:
-                order = 1.0
-            wanted = (one.error / (AIMED_AT * self.target)) ** (1 / order)
+            order = expected_order(scene, one.method, norm, n_steps)
+            wanted = (one.error / (AIMED_AT * target)) ** (1 / (order if order > 0 else 1.0))
             doublings = math.ceil(math.log2(max(wanted, 1.0)))
             factor = 1 << max(1, min(doublings, int(math.log2(FARTHEST))))
         one.next_steps = 0 if one.stalled > 1 else factor * n_steps
+    best = min(candidates, key=lambda one: one.error)
+    if best.run is None:
+        raise ValueError("no number of equal steps puts every break point on the grid")
+    reason = f"{target:.2g} is out of reach of these methods on equal steps, with "
+    reason += f"{MOST_STEPS} steps at most and the available memory"
+    if math.isfinite(best.error):
+        reason += f": the best error reached is {best.error:.2g}"
+    return result(best.method, best.run, "refused", best.error + own, reason)
 
-    def _result(
-        self, run: Trajectory, outcome: Outcome, estimate: float, reason: str
-    ) -> Trajectory:
-        found = self.witness.assessment
-        assessment = Assessment(
-            outcome=outcome,
-            tolerance=self.target,
-            estimate=estimate,
-            reason=reason,
-            time=None if found is None or outcome != "unreliable" else found.time,
-            place=None if found is None or outcome != "unreliable" else found.place,
-            attempts=tuple(self.lines),
-        )
-        return replace(run, assessment=assessment)
+
+def _first_steps(scene: Scene, method: AnyMethod) -> int:
+    """The least number of steps that is tried; 0: none puts every break point on the grid."""
+    base = nearest_fitting(scene, 1)[1]
+    if not base and isinstance(method, Method) and method.cq == "gauss":
+        # Gauss methods take break points between the points of the grid
+        base = 1
+    return base << max(0, math.ceil(math.log2(FIRST_STEPS / base))) if base else 0
+
+
+def _next_candidate(
+    candidates: Sequence[_Candidate], scene: Scene, available_bytes: int | None
+) -> _Candidate | None:
+    """The one whose next run takes least, after every one was tried once; None: no room for any."""
+    options: list[tuple[float, _Candidate]] = []
+    for one in candidates:
+        if 0 < one.next_steps <= MOST_STEPS:
+            plan = plan_run(scene, one.method, one.next_steps)
+            if available_bytes is None or plan.memory_bytes <= available_bytes:
+                options.append((-1.0 if one.run is None else plan.work, one))
+    return min(options, key=lambda option: option[0])[1] if options else None

@@ -14,8 +14,7 @@ from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.observe import integrate_observed, observe_members
 from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
-from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
+from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
@@ -43,82 +42,108 @@ def run_for_tolerance(
     The finished run is that of the experiment with what was chosen, with an assurance; its status
     is ``refused`` where the tolerance is not kept. `available_bytes` limits runs on equal steps.
     """
-    experiment = search.experiment
-    accuracy, problem = _wanted(search)
-    unit = math.sqrt(problem.final_time) if experiment.norm == "l2" else 1.0
-    absolute = accuracy.tolerance
-    truth: Trajectory | None = None
+    experiment, scene, accuracy = search.experiment, search.scene, search.experiment.accuracy
+    if accuracy is None:
+        raise ValueError(f"{experiment.name}: no tolerance is asked for")
+    unit, tolerance = 1.0, accuracy.tolerance
     if accuracy.mesh == "uniform":
         method, found, truth = solve_on_equal_steps(
-            problem.scene,
+            scene,
             accuracy.candidates,
-            tolerance=absolute,
+            tolerance=tolerance,
             relative=accuracy.relative,
             norm=experiment.norm,
             available_bytes=available_bytes,
             log=log,
             checkpoints=checkpoints,
         )
-        unit = 1.0
     else:
-        absolute = None if absolute is None else absolute / unit
-        found = solve(
-            problem.scene,
-            tolerance=absolute,
+        unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
+        found = truth = solve(
+            scene,
+            tolerance=None if tolerance is None else tolerance / unit,
             relative=accuracy.relative,
             log=log,
             checkpoints=checkpoints,
         )
-        if found.steps is None:
-            raise ValueError(f"{experiment.name}: no run was made")
-        method = gauss(problem.scene, found.steps.tables.degree)
-    assessment = found.assessment
-    if assessment is None:
+        method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
+    known = found.assessment
+    if known is None:  # pragma: no cover - a solved run has one
         raise ValueError(f"{experiment.name}: no run was made")
     run = experiment.chosen_run(method, max(found.n_steps, 1), search.member)
-    on_mesh = _diagnosed(run, problem, found, part_of(checkpoints, "diagnosed"))
-    trajectory = on_mesh
+    on_mesh = trajectory = _diagnosed(run, found, part_of(checkpoints, "diagnosed"))
     if not run.observations.is_empty and found.status == "ok":
-        trajectory = _observed(run, problem, on_mesh, part_of(checkpoints, "observed"))
-        if truth is None or experiment.norm == "max":
-            assessment = _between_points(trajectory, truth or found, assessment)
-    message = _message(run, assessment)
-    assurance = Assurance(
-        tolerance=accuracy.tolerance or unit * assessment.tolerance,
-        estimate=unit * assessment.estimate,
-        choice=message,
-        attempts=assessment.attempts,
-        outcome=assessment.outcome,
-        relative=accuracy.relative,
-    )
-    error, reference = unit * assessment.estimate, "a second run, an estimate"
-    exact = problem.exact
+        trajectory = _observed(run, on_mesh, part_of(checkpoints, "observed"))
+        if truth is found or experiment.norm == "max":
+            known = _between_points(trajectory, truth, known)
+    error, reference, exact = unit * known.estimate, "a second run, an estimate", run.problem.exact
     if exact is not None:
         measured = on_mesh if experiment.norm == "l2" else trajectory
         spacing = np.diff(measured.time, prepend=0.0)
         error = error_norm(measured.position, exact(measured.time), spacing, experiment.norm)
-        reference = problem.exact_source
+        reference = run.problem.exact_source
     floor = 100 * EPSILON * unit * float(np.abs(trajectory.position).max())
     status: Observed = "floor" if error < floor else "ok"
-    remarks = (*trajectory.remarks, f"accuracy: {message}")
-    trajectory = replace(trajectory, remarks=remarks, assessment=assessment)
-    if assessment.outcome != "met":
-        reason = assessment.reason
-        if assessment.outcome == "unreliable":
-            reason = f"unreliable: {reason}"
-        trajectory = replace(trajectory, status="refused", message=reason)
-        status = "refused"
-    trajectory = replace(trajectory, steps=None)
+    message = _message(run, known)
+    trajectory = replace(
+        trajectory,
+        remarks=(*trajectory.remarks, f"accuracy: {message}"),
+        assessment=known,
+        steps=None,
+    )
+    if known.outcome != "met":
+        reason = "unreliable: " * (known.outcome == "unreliable") + known.reason
+        trajectory, status = replace(trajectory, status="refused", message=reason), "refused"
     return FinishedRun(
         run=run,
         trajectory=trajectory,
         error=error,
         floor=floor,
         status=status,
-        predicted="unknown",
         reference=reference,
-        assurance=assurance,
+        assurance=Assurance(
+            tolerance=tolerance or unit * known.tolerance,
+            estimate=unit * known.estimate,
+            choice=message,
+            attempts=known.attempts,
+            outcome=known.outcome,
+            relative=accuracy.relative,
+        ),
     )
+
+
+def _diagnosed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Trajectory:
+    """The run, once more on its own mesh where it is wanted with its bookkeeping."""
+    request = run.experiment.diagnostics
+    if request.is_empty or found.status != "ok" or not isinstance(run.method, Method):
+        return found
+    again = integrate(
+        run.scene,
+        run.method,
+        found.n_steps if found.steps is None else found.steps.mesh(run.scene.break_points),
+        diagnostics=request,
+        with_steps=found.steps is not None,
+        checkpoints=checkpoints,
+    )
+    return replace(again, assessment=found.assessment, doubts=found.doubts)
+
+
+def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Trajectory:
+    """The run at the requested times, with its quantities and events."""
+    request, diagnostics = run.observations, run.experiment.diagnostics
+    if found.steps is not None:
+        ((_, reported),) = observe_members(
+            [run.scene], run.method, [found], [request], checkpoints=checkpoints
+        )
+        return reported
+    return integrate_observed(
+        run.scene,
+        run.method,
+        run.n_steps,
+        request,
+        diagnostics=diagnostics,
+        checkpoints=checkpoints,
+    )[1]
 
 
 def _between_points(reported: Trajectory, truth: Trajectory, known: Assessment) -> Assessment:
@@ -144,13 +169,6 @@ def _between_points(reported: Trajectory, truth: Trajectory, known: Assessment) 
     )
 
 
-def _wanted(search: Run) -> tuple[Accuracy, Problem]:
-    accuracy, problem = search.experiment.accuracy, search.problem
-    if accuracy is None or not isinstance(problem, Problem):
-        raise ValueError(f"{search.experiment.name}: a tolerance is for a scene without a ladder")
-    return accuracy, problem
-
-
 def _message(run: Run, assessment: Assessment) -> str:
     rounds = len(assessment.attempts)
     adaptive = run.experiment.accuracy is not None and run.experiment.accuracy.mesh == "adaptive"
@@ -160,36 +178,3 @@ def _message(run: Run, assessment: Assessment) -> str:
         f"for a tolerance of {assessment.tolerance:.3g}, {assessment.outcome} after {rounds} "
         f"round{'' if rounds == 1 else 's'}"
     )
-
-
-def _diagnosed(
-    run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
-) -> Trajectory:
-    """The run, once more on its own mesh where it is wanted with its bookkeeping."""
-    request = run.experiment.diagnostics
-    if request.is_empty or found.status != "ok" or not isinstance(run.method, Method):
-        return found
-    steps = found.n_steps
-    scene, keeps = problem.scene, found.steps is not None
-    mesh = steps if found.steps is None else found.steps.mesh(scene.break_points)
-    again = integrate(
-        scene, run.method, mesh, diagnostics=request, with_steps=keeps, checkpoints=checkpoints
-    )
-    return replace(again, assessment=found.assessment, doubts=found.doubts)
-
-
-def _observed(
-    run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
-) -> Trajectory:
-    """The run at the requested times, with its quantities and events."""
-    request, method = run.observations, run.method
-    if found.steps is not None and isinstance(method, Method):
-        ((_, reported),) = observe_members(
-            [problem.scene], method, [found], [request], checkpoints=checkpoints
-        )
-        return reported
-    scene, diagnostics = problem.scene, run.experiment.diagnostics
-    reported = integrate_observed(
-        scene, method, run.n_steps, request, diagnostics=diagnostics, checkpoints=checkpoints
-    )[1]
-    return replace(reported, assessment=found.assessment)

@@ -92,29 +92,15 @@ def solve(
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
-    Steps are found on the way and a second run measures the error of the whole
-    (``docs/explanation/tolerances.md``).
+    Any component may err by `tolerance`, a length, or by the share `relative` of the largest
+    position of the run. Steps are found on the way and a second run measures the error of the whole
+    (``docs/explanation/tolerances.md``). `log` is called with a line about every run, and every run
+    has a part of `checkpoints`.
 
-    Parameters
-    ----------
-    scene
-        What is integrated.
-    tolerance
-        Largest error of any component of the position at any time of the run, a length.
-    relative
-        The same as a share of the largest position of the run; one of the two.
-    log
-        Called with a line about every run.
-    checkpoints
-        Where every run of the search has a part.
-
-    Returns
-    -------
-    Trajectory
-        The best run. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at any
-        times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
-        is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
-        ``trajectory.assessment``.
+    The best run is returned. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at
+    any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
+    is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
+    ``trajectory.assessment``.
 
     Raises
     ------
@@ -139,25 +125,29 @@ class _Search:
     lines: list[str] = field(default_factory=list)
     first_step: float | None = None
     pulses: Pulses = field(default_factory=Pulses)
+    guess: float = 0.0
 
     def result(self) -> Trajectory:
-        forces = SceneForces(self.scene)
-        knots = knots_of(self.scene)
-        wanted = NEGLIGIBLE * self.target(likely_amplitude(self.scene))
-        self.pulses = pulses_that_move(self.scene, wanted)
-        if self.pulses.points:
-            return self._adaptively(forces, tuple(sorted({*knots, *self.pulses.points})))
-        if knots and not forces.has_kinks:
+        forces, knots = SceneForces(self.scene), knots_of(self.scene)
+        self.guess = likely_amplitude(self.scene)
+        self.pulses = pulses_that_move(self.scene, NEGLIGIBLE * self.target(self.guess))
+        if knots and not (self.pulses.points or forces.has_kinks):
             found = self._on_samples(knots)
             if found is not None:
                 return found
-        return self._adaptively(forces, knots)
+        return self._adaptively(forces, tuple(sorted({*knots, *self.pulses.points})))
 
     def target(self, amplitude: float) -> float:
         """The tolerance as a length, for a motion of this size."""
         if self.wanted.tolerance is not None:
             return self.wanted.tolerance
         return (self.wanted.relative or 0.0) * amplitude
+
+    @property
+    def digits(self) -> float:
+        """What is asked for of the likely motion."""
+        target = self.target(self.guess)
+        return math.log10(max(self.guess, 1e-300) / target) if target > 0 else 0.0
 
     def _note(self, one: Round) -> None:
         self.lines.append(one.line)
@@ -169,11 +159,8 @@ class _Search:
             self.worst_since = max(self.worst_since, one.at_points)
 
     def _adaptively(self, forces: SceneForces, knots: tuple[float, ...]) -> Trajectory:
-        guess = likely_amplitude(self.scene)
-        target = self.target(guess)
-        digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
-        degree = 8 if digits <= FEW_DIGITS else 10
-        local = first_local(target, guess)
+        degree = 8 if self.digits <= FEW_DIGITS else 10
+        local = first_local(self.target(self.guess), self.guess)
         most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
         runs, finer = (
             AdaptiveRuns(
@@ -203,8 +190,9 @@ class _Search:
                 local *= 0.03
                 continue
             amplitude = amplitude_of(run)
+            target = self.target(amplitude)
             is_probed = self.scene.is_linear or self.rounding is not None
-            if not is_probed and self.target(amplitude) < PROBED * amplitude:
+            if not is_probed and target < PROBED * amplitude:
                 own = part_of(self.checkpoints, "moved")
                 moved = run_on(perturb_start(self.scene, run), degree, mesh, own)
                 self.rounding = differences_of(coarse, moved)
@@ -215,7 +203,6 @@ class _Search:
                 return self._result(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
-            target = self.target(amplitude)
             if run.doubts and self.first_step is None and run.doubts[0][0] == 0.0:
                 self.first_step = SHORTER_START * self.scene.final_time
                 continue
@@ -268,21 +255,16 @@ class _Search:
         times, differences = self.rounding or (one.times, one.differences)
         lengths = ROUNDED * EPSILON / SHIFT * differences
         growth = growth_of(one.run, times, lengths, target)
-        where = ", ".join(f"{x:.4g}" for x in growth.place)
         reason = (
-            f"round-off itself is more than {target:.2g} from t = {growth.time:.6g} on, at "
-            f"[{where}]: "
-            f"a change of the start grows by a factor of {growth.factor:.1e} in the run; "
-            f"the error is about {one.estimate:.2g}"
+            f"round-off itself is more than {target:.2g} {growth.where}: a change of the start "
+            f"grows by a factor of {growth.factor:.1e} in the run; the error is about "
+            f"{one.estimate:.2g}"
         )
         return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
 
     def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
         """Equal steps between samples; None where these do not do."""
-        guess = likely_amplitude(self.scene)
-        target = self.target(guess)
-        digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
-        degree = 2 if digits < 3.5 else 3 if digits < 7.5 else 4
+        degree = 2 if self.digits < 3.5 else 3 if self.digits < 7.5 else 4
         per_interval, before = 1, math.inf
         while per_interval <= MOST_PER_INTERVAL and per_interval * len(knots) <= MOST_STEPS:
             mesh = knot_mesh(self.scene, knots, per_interval)
@@ -334,11 +316,9 @@ class _Search:
         growth = growth_of(run, one.times, one.differences, target)
         reached = f"the best error reached is {one.estimate:.2g}, ask for that or more"
         if growth.factor > SENSITIVE and float(one.differences.max()) > target:
-            where = ", ".join(f"{x:.4g}" for x in growth.place)
             reason = (
-                f"runs that should agree differ by more than {target:.2g} from t = "
-                f"{growth.time:.6g} on, at [{where}]: their difference grows by a factor of "
-                f"{growth.factor:.1e} in the run; {reached}"
+                f"runs that should agree differ by more than {target:.2g} {growth.where}: their "
+                f"difference grows by a factor of {growth.factor:.1e} in the run; {reached}"
             )
             return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
         return self._result(one, "refused", f"{target:.2g} is out of reach: {reached}")

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, negative_pivots
+from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, dense, negative_pivots
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.stability.determinants import log_determinants
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_array, csr_array
+    from scipy.sparse import csc_array
 
 Symbol = Callable[[complex], complex]
 
@@ -53,18 +53,21 @@ class DynamicStiffness:
             raise ValueError("scene: it is not linear; it has neither modes nor harmonic responses")
         self.scene = scene
         self.dimension = scene.dimension
-        terms: list[tuple[Symbol, Form]] = [(lambda s: s * s, scene.inertia.form)]
+        self._symbols: list[Symbol] = [lambda s: s * s]
+        self.forms = [scene.inertia.form]
         if isinstance(scene.potential, QuadraticPotential):
-            terms.append((lambda s: 1.0, scene.potential.form))
-        terms += [(one.symbol, one.form) for one in scene.active_forces]
-        self._symbols = [symbol for symbol, _ in terms]
-        self.forms = [form for _, form in terms]
+            self._symbols.append(lambda s: 1.0)
+            self.forms.append(scene.potential.form)
+        self._symbols += [one.symbol for one in scene.active_forces]
+        self.forms += [one.form for one in scene.active_forces]
         self.is_sparse = scene.is_sparse and scene.dimension > LARGEST_DENSE
-        self.norms = np.array([_norm(form) for form in self.forms])
+        # largest sums of the sizes of a row, of sparse matrices too
+        sums = [abs(cast(Array, form)).sum(axis=1) for form in self.forms]
+        self.norms = np.array([np.asarray(one).max() for one in sums])
         if self.is_sparse:
-            self._indices, self._indptr, self._entries = _together(self.forms)
+            self._indices, self._indptr, self._entries = _on_one_pattern(self.forms)
         else:
-            self._entries = np.stack([np.asarray(_dense(form)) for form in self.forms])
+            self._entries = np.stack(list(map(dense, self.forms)))
 
     @property
     def mass(self) -> Form:
@@ -75,14 +78,6 @@ class DynamicStiffness:
     def is_small(self) -> bool:
         """Whether the whole plane of complex frequencies is looked at."""
         return self.dimension <= LARGEST_DENSE
-
-    def dense(self, index: int) -> Array:
-        """One of the matrices, the mass first, shape ``(d, d)``."""
-        return _dense(self.forms[index])
-
-    def symbol(self, index: int) -> Symbol:
-        """What stands before that matrix."""
-        return self._symbols[index]
 
     def symbols(self, s: complex) -> ComplexArray:
         """What stands before every matrix, shape ``(number of matrices,)``."""
@@ -222,31 +217,13 @@ def _exchanges(permutation: NDArray[np.signedinteger[Any]]) -> int:
     return int(size - cycles)
 
 
-def _norm(form: Form) -> float:
-    """Largest sum of the sizes of a row."""
-    if isinstance(form, np.ndarray):
-        return float(np.abs(form).sum(axis=1).max())
-    return float(np.asarray(abs(as_csr(form)).sum(axis=1)).max())
-
-
-def _dense(form: Form) -> Array:
-    return form if isinstance(form, np.ndarray) else form.toarray()
-
-
-def _together(forms: Sequence[Form]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
+def _on_one_pattern(forms: Sequence[Form]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
     """All matrices on one common pattern, by columns: rows, ends of columns, entries of each."""
     from scipy.sparse import csc_array
 
-    pattern = None
-    for form in forms:
-        if not form.nonzero()[0].size:
-            continue
-        own = as_csr(form).copy()
-        own.data = np.ones_like(own.data)
-        pattern = own if pattern is None else pattern + own
-    whole = csc_array(cast("csr_array[np.float64]", pattern))
+    patterns = [abs(as_csr(form)).sign() for form in forms if form.nonzero()[0].size]
+    whole = csc_array(sum(patterns[1:], patterns[0]))
     whole.sum_duplicates()
-    whole.data = np.zeros_like(whole.data)
     rows = whole.indices
     columns = np.repeat(np.arange(whole.shape[1]), np.diff(whole.indptr))
     entries = [np.asarray(as_csr(form)[rows, columns]).ravel() for form in forms]

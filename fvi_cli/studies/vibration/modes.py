@@ -12,16 +12,16 @@ modes are found in their parts by contour integrals.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, as_csc
+from fvi_cli.effects.matrices import as_csc, dense
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.studies.members import Member, label_of
+from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
 from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
@@ -77,10 +77,9 @@ class Mode:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModeTable:
+class ModeTable(OfMember):
     """Modes of one scene."""
 
-    name: str
     coordinates: tuple[str, ...]
     """Names of the degrees of freedom."""
     modes: tuple[Mode, ...]
@@ -93,15 +92,6 @@ class ModeTable:
     reach: Reach = "around"
     """``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor are
     faster ones; ``around``: it was chosen around the modes that were asked for."""
-    of_member: Member | None = None
-    """The member of a sweep, or design, to which it belongs."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Labels of units for figures."""
-
-    @property
-    def member(self) -> str:
-        """Swept values in words; empty without a sweep."""
-        return label_of(self.of_member)
 
     @property
     def is_complete(self) -> bool:
@@ -112,10 +102,7 @@ class ModeTable:
 def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTable:
     """At most `count` modes of lowest frequency, or nearest to one in oscillations per time.
 
-    Returns
-    -------
-    ModeTable
-        Without a name. Solutions that do not oscillate (branch cut, rigid motions) are none.
+    Solutions that do not oscillate (branch cut, rigid motions) are none.
 
     Raises
     ------
@@ -123,13 +110,13 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
         If the scene is not linear, or has no stiffness or mode at all.
     """
     stiffness = DynamicStiffness(scene)
-    centre = 0.0 if near is None else 2.0 * math.pi * near
+    search = _Search(
+        stiffness=stiffness, count=count, centre=0.0 if near is None else 2.0 * math.pi * near
+    )
     wanted = scene.dimension if stiffness.is_small else min(count + EXTRA, scene.dimension)
-    found: list[Mode] = []
-    for s, vector in _undamped(stiffness, _stored(stiffness, centre), wanted, centre):
-        _keep(found, refine(stiffness, s, vector))
-    if stiffness.is_small or found:
-        table = _completed(stiffness, found, count, centre)
+    search.add(search.undamped(search.centre, wanted))
+    if stiffness.is_small or search.found:
+        table = search.table()
         if table.modes:
             return table
     raise ValueError(f"no mode with a damping ratio below {LARGEST_RATIO}")
@@ -191,180 +178,162 @@ def _functional(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -
     return s
 
 
-def _keep(found: list[Mode], mode: Mode | None) -> None:
-    """Add a mode that is not there yet."""
-    if mode is None:
-        return
-    for other in found:
-        if abs(other.frequency - mode.frequency) <= SAME * abs(mode.frequency):
-            parallel = abs(np.vdot(other.shape, mode.shape)) / (
-                np.linalg.norm(other.shape) * np.linalg.norm(mode.shape)
+def _is_same(mode: Mode, other: Mode) -> bool:
+    """Whether two modes are one: equal frequencies may have several shapes."""
+    if abs(other.frequency - mode.frequency) > SAME * abs(mode.frequency):
+        return False
+    sizes = np.linalg.norm(other.shape) * np.linalg.norm(mode.shape)
+    return bool(abs(np.vdot(other.shape, mode.shape)) / sizes > 1.0 - SAME)
+
+
+@dataclass(kw_only=True, eq=False)
+class _Search:
+    """The modes of a scene that are found, and those that are missing."""
+
+    stiffness: DynamicStiffness
+    count: int  # of the modes that are wanted
+    centre: float  # the frequency near which they are, 1/time
+    found: list[Mode] = field(default_factory=list)
+
+    def add(self, starts: Iterable[tuple[complex, ComplexArray]]) -> None:
+        """Keep the modes to which frequencies and shapes lead."""
+        for s, vector in starts:
+            mode = refine(self.stiffness, s, vector)
+            if mode is not None and not any(_is_same(mode, other) for other in self.found):
+                self.found.append(mode)
+
+    def undamped(self, rate: float, wanted: int) -> list[tuple[complex, ComplexArray]]:
+        """Modes without damping, with the stiffness that it has at a frequency, 1/time."""
+        stiffness, d, mass = self.stiffness, self.stiffness.dimension, self.stiffness.mass
+        factors = stiffness.symbols(1j * max(rate, 1e-30)).real.astype(complex)
+        factors[0] = 0.0
+        combined = stiffness.combined(factors)
+        if isinstance(combined, np.ndarray) or d <= 4 * wanted:
+            from scipy.linalg import eigh
+
+            values, vectors = eigh(dense(combined).real, dense(mass))  # type: ignore[arg-type]
+        else:
+            from scipy.sparse.linalg import eigsh
+
+            scale = float(np.abs(factors) @ stiffness.norms) / stiffness.norms[0]
+            values, vectors = eigsh(
+                as_csc(combined.real),  # type: ignore[attr-defined]
+                k=wanted,
+                M=as_csc(mass),
+                # beside the spectrum, since a free structure has modes at 0
+                sigma=self.centre**2 if self.centre else -1e-9 * scale,
+                which="LM",
+                v0=np.random.default_rng(5).standard_normal(d),
             )
-            if parallel > 1.0 - SAME:
-                return
-    found.append(mode)
+        rates = np.sqrt(np.maximum(values, 0.0))
+        order = np.argsort(np.abs(rates - self.centre), kind="stable")[:wanted]
+        largest = float(rates.max(initial=0.0))
+        return [
+            (1j * float(rates[index]), vectors[:, index].astype(complex))
+            for index in order
+            if rates[index] > 1e-6 * largest
+        ]
 
+    def stiffened(self) -> list[tuple[complex, ComplexArray]]:
+        """Modes without damping, with the stiffness that it has at frequencies of known modes."""
+        rates = sorted(abs(mode.frequency) for mode in self.found)
+        wanted = min(self.count + EXTRA, self.stiffness.dimension)
+        chosen = [rates[index] for index in (0, len(rates) // 2, -1) if rates]
+        return [start for rate in dict.fromkeys(chosen) for start in self.undamped(rate, wanted)]
 
-def _stiffened(
-    stiffness: DynamicStiffness, found: Sequence[Mode], count: int, centre: float
-) -> list[tuple[complex, ComplexArray]]:
-    """Modes without damping, with the stiffness that it has at the frequencies of known modes."""
-    rates = sorted(abs(mode.frequency) for mode in found)
-    wanted = min(count, stiffness.dimension)
-    return [
-        start
-        for rate in dict.fromkeys(rates[index] for index in (0, len(rates) // 2, -1) if rates)
-        for start in _undamped(stiffness, _stored(stiffness, rate), wanted, centre)
-    ]
-
-
-def _stored(stiffness: DynamicStiffness, rate: float) -> ComplexArray:
-    """Factors of the matrices in the real part of T without mass, at a real frequency."""
-    factors = stiffness.symbols(1j * max(rate, 1e-30)).real.astype(complex)
-    factors[0] = 0.0
-    return factors
-
-
-def _undamped(
-    stiffness: DynamicStiffness, factors: ComplexArray, count: int, centre: float
-) -> list[tuple[complex, ComplexArray]]:
-    """Frequencies and shapes of the mass and a combination of the other matrices."""
-    d, mass = stiffness.dimension, stiffness.mass
-    combined = stiffness.combined(factors)
-    if isinstance(combined, np.ndarray) or d <= 4 * count:
-        from scipy.linalg import eigh
-
-        whole = combined if isinstance(combined, np.ndarray) else np.asarray(combined.toarray())
-        values, vectors = eigh(whole.real, _dense(mass))
-    else:
-        from scipy.sparse.linalg import eigsh
-
-        scale = float(np.abs(factors) @ stiffness.norms) / stiffness.norms[0]
-        # beside the spectrum, since a free structure has modes at 0
-        shift = centre**2 if centre else -1e-9 * scale
-        values, vectors = eigsh(
-            as_csc(combined.real),  # type: ignore[attr-defined]
-            k=count,
-            M=as_csc(mass),
-            sigma=shift,
-            which="LM",
-            v0=np.random.default_rng(5).standard_normal(d),
+    def table(self) -> ModeTable:
+        """The modes that are wanted, with those that a count says are missing."""
+        sector, reach, counted = self.counted()
+        for attempt in range(4):
+            before = len(self.found)
+            if counted is None or counted <= self.inside(sector):
+                break
+            if attempt == 0:
+                self.add(self.stiffened())
+            else:
+                self.look_in(sector)
+            if len(self.found) == before and attempt:
+                break
+            sector, reach, counted = self.counted()
+        found = self.found
+        if self.stiffness.is_small:
+            # what is outside is a rigid motion, whose s is round-off
+            found = [one for one in found if sector.least < abs(one.frequency) < sector.largest]
+        found = sorted(found, key=self.distance)
+        return ModeTable(
+            coordinates=tuple(f"x{index}" for index in range(1, self.stiffness.dimension + 1)),
+            modes=tuple(sorted(found[: self.count], key=lambda mode: abs(mode.frequency))),
+            sector=sector,
+            counted=counted,
+            inside=sum(sector.holds(mode.frequency) for mode in found),
+            reach=reach,
         )
-    rates = np.sqrt(np.maximum(values, 0.0))
-    order = np.argsort(np.abs(rates - centre), kind="stable")[:count]
-    largest = float(rates.max(initial=0.0))
-    return [
-        (1j * float(rates[index]), vectors[:, index].astype(complex))
-        for index in order
-        if rates[index] > 1e-6 * largest
-    ]
 
+    def distance(self, mode: Mode) -> float:
+        """From the frequency near which modes are wanted, 1/time."""
+        return abs(abs(mode.frequency) - self.centre)
 
-def _dense(form: Form) -> Array:
-    return form if isinstance(form, np.ndarray) else np.asarray(form.toarray())
+    def inside(self, sector: Sector) -> int:
+        """How many of the modes that are found lie in a sector."""
+        return sum(sector.holds(mode.frequency) for mode in self.found)
 
+    def counted(self) -> tuple[Sector, Reach, int | None]:
+        """The sector in which modes are counted, and how many it holds; None: that is not known."""
+        reach: Reach = "around"
+        self.found.sort(key=self.distance)
+        known = [mode.frequency for mode in self.found]
+        for ratio in RATIOS:
+            if self.stiffness.is_small:
+                sector, is_all = region_of_all_modes(self.stiffness, largest_ratio=ratio)
+                reach = "all" if is_all else "faster"
+            else:
+                sector = self.sector_around(ratio)
+            try:
+                return sector, reach, count_modes(self.stiffness, sector, known)
+            except CountError:
+                continue
+        return sector, reach, None
 
-def _completed(
-    stiffness: DynamicStiffness, found: list[Mode], count: int, centre: float
-) -> ModeTable:
-    """The modes that are wanted, with those that a count says are missing."""
-    sector, reach, counted = _counted(stiffness, found, count, centre)
-    for attempt in range(4):
-        inside = [mode for mode in found if sector.holds(mode.frequency)]
-        if counted is None or counted <= len(inside):
-            break
-        before = len(found)
-        if attempt == 0:
-            for s, vector in _stiffened(stiffness, found, count + EXTRA, centre):
-                _keep(found, refine(stiffness, s, vector))
-        else:
-            _search(stiffness, sector, found)
-        if len(found) == before and attempt:
-            break
-        sector, reach, counted = _counted(stiffness, found, count, centre)
-    if stiffness.is_small:
-        # what is outside is a rigid motion, whose s is round-off
-        found = [one for one in found if sector.least < abs(one.frequency) < sector.largest]
-    found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
-    chosen = sorted(found[:count], key=lambda mode: abs(mode.frequency))
-    names = tuple(f"x{index}" for index in range(1, stiffness.dimension + 1))
-    return ModeTable(
-        name="",
-        coordinates=names,
-        modes=tuple(chosen),
-        sector=sector,
-        counted=counted,
-        inside=sum(sector.holds(mode.frequency) for mode in found),
-        reach=reach,
-    )
+    def sector_around(self, ratio: float) -> Sector:
+        """A sector around the modes that are wanted, with its arcs between modes."""
+        sizes = sorted(abs(mode.frequency) for mode in self.found)
+        wanted = sorted(abs(mode.frequency) for mode in self.found[: self.count])
+        above = [size for size in sizes if size > wanted[-1] * (1.0 + SAME)]
+        below = [size for size in sizes if size < wanted[0] * (1.0 - SAME)]
+        return Sector(
+            least=math.sqrt(below[-1] * wanted[0]) if self.centre and below else 0.05 * wanted[0],
+            largest=math.sqrt(wanted[-1] * above[0]) if above else 1.05 * wanted[-1],
+            first=first_angle(self.stiffness, ratio),
+            last=math.pi - math.acos(ratio),
+        )
 
-
-def _counted(
-    stiffness: DynamicStiffness, found: list[Mode], count: int, centre: float
-) -> tuple[Sector, Reach, int | None]:
-    """The sector in which modes are counted, and how many it holds; None: that is not known."""
-    reach: Reach = "around"
-    found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
-    known = [mode.frequency for mode in found]
-    for ratio in RATIOS:
-        if stiffness.is_small:
-            sector, is_all = region_of_all_modes(stiffness, largest_ratio=ratio)
-            reach = "all" if is_all else "faster"
-        else:
-            sector = _sector_of(stiffness, found, count, centre, ratio)
+    def look_in(self, sector: Sector) -> None:
+        """Find the modes of a sector that are missing, in ever smaller parts of it."""
         try:
-            return sector, reach, count_modes(stiffness, sector, known)
+            missing = self.missing(sector)
         except CountError:
-            continue
-    return sector, reach, None
+            # the caller has counted the other part and knows that some are here
+            missing = 1
+        if missing <= 0 or max(sector.extent) < SMALLEST_CELL:
+            return
+        if max(sector.extent) < CELL:
+            self.add(modes_by_integrals(self.stiffness, sector, missing + self.inside(sector)))
+            try:
+                if self.missing(sector) <= 0:
+                    return
+            except CountError:
+                pass
+        for cut in CUTS:
+            parts = sector.halves(cut)
+            try:
+                self.missing(parts[0])
+            except CountError:
+                continue
+            for part in parts:
+                self.look_in(part)
+            return
 
-
-def _search(stiffness: DynamicStiffness, sector: Sector, found: list[Mode]) -> None:
-    """Find the modes of a sector that are missing, in ever smaller parts of it."""
-    try:
-        missing = _missing(stiffness, sector, found)
-    except CountError:
-        # the caller has counted the other part and knows that some are here
-        missing = 1
-    if missing <= 0 or max(sector.extent) < SMALLEST_CELL:
-        return
-    if max(sector.extent) < CELL:
-        inside = sum(sector.holds(mode.frequency) for mode in found)
-        for s, vector in modes_by_integrals(stiffness, sector, missing + inside):
-            _keep(found, refine(stiffness, s, vector))
-        try:
-            if _missing(stiffness, sector, found) <= 0:
-                return
-        except CountError:
-            pass
-    for cut in CUTS:
-        parts = sector.halves(cut)
-        try:
-            _missing(stiffness, parts[0], found)
-        except CountError:
-            continue
-        for part in parts:
-            _search(stiffness, part, found)
-        return
-
-
-def _missing(stiffness: DynamicStiffness, sector: Sector, found: Sequence[Mode]) -> int:
-    """How many modes of a sector were not found."""
-    counted = count_modes(stiffness, sector, [mode.frequency for mode in found])
-    return counted - sum(sector.holds(mode.frequency) for mode in found)
-
-
-def _sector_of(
-    stiffness: DynamicStiffness, found: Sequence[Mode], count: int, centre: float, ratio: float
-) -> Sector:
-    """A sector around the modes that are wanted, with its arcs between modes."""
-    sizes = sorted(abs(mode.frequency) for mode in found)
-    wanted = sorted(abs(mode.frequency) for mode in found[:count])
-    above = [size for size in sizes if size > wanted[-1] * (1.0 + SAME)]
-    below = [size for size in sizes if size < wanted[0] * (1.0 - SAME)]
-    largest = math.sqrt(wanted[-1] * above[0]) if above else 1.05 * wanted[-1]
-    least = 0.05 * wanted[0]
-    if centre and below:
-        least = math.sqrt(below[-1] * wanted[0])
-    first, last = first_angle(stiffness, ratio), math.pi - math.acos(ratio)
-    return Sector(least=least, largest=largest, first=first, last=last)
+    def missing(self, sector: Sector) -> int:
+        """How many modes of a sector were not found."""
+        known = [mode.frequency for mode in self.found]
+        return count_modes(self.stiffness, sector, known) - self.inside(sector)

@@ -16,17 +16,19 @@ other kind too small. Terms of other matrices count with their norms against bot
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.matrices import SEMIDEFINITE_TOLERANCE, is_semidefinite
+from fvi_cli.effects.matrices import SEMIDEFINITE_TOLERANCE, dense, is_semidefinite
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness, Symbol
+from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.sector import Sector
 
 LARGEST_RATIO: Final = 0.995
@@ -40,15 +42,73 @@ _BELOW = 7.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Term:
-    """A matrix in units of the mass, and the size of its symbol at |s|."""
+class _Terms:
+    """All terms but that of the mass, n of them, in units of the mass."""
 
-    matrix: Array
-    norm: float
-    is_semidefinite: bool
-    size: Callable[[float], float]
-    is_law: bool
-    power: float
+    stiffness: DynamicStiffness
+    matrices: Array  # (n, d, d)
+    norms: Array  # (n,)
+    powers: Array  # of s, (n,); of laws 1
+    is_law: NDArray[np.bool_]  # (n,)
+    is_semidefinite: NDArray[np.bool_]  # (n,)
+
+    @classmethod
+    def of(cls, stiffness: DynamicStiffness) -> _Terms:
+        """The terms of a scene."""
+        forces = stiffness.scene.active_forces
+        powers = [one.order if isinstance(one, FractionalDamping) else 1.0 for one in forces]
+        is_law = [not isinstance(one, FractionalDamping) for one in forces]
+        forms = stiffness.forms[1:]
+        still = len(forms) - len(forces)
+        root = np.linalg.inv(np.linalg.cholesky(dense(stiffness.mass)))
+        matrices = np.array([root @ dense(form) @ root.T for form in forms])
+        matrices = matrices.reshape(-1, *root.shape)
+        values = np.linalg.eigvalsh(0.5 * (matrices + matrices.swapaxes(1, 2)))
+        return cls(
+            stiffness=stiffness,
+            matrices=matrices,
+            norms=np.abs(values).max(axis=1),
+            powers=np.array([0.0] * still + powers),
+            is_law=np.array([False] * still + is_law, dtype=bool),
+            is_semidefinite=np.array([is_semidefinite(form) for form in forms], dtype=bool),
+        )
+
+    def sizes(self, r: float) -> Array:
+        """Of the factors before the matrices at |s| = r, ``(n,)``."""
+        return np.asarray(np.abs(self.stiffness.symbols(complex(r))[1:]))
+
+    def bound(self, r: float, which: NDArray[np.bool_], cosine: float) -> float:
+        """The largest that the sum of some terms can be at |s| = r."""
+        return float((self.sizes(r) * self.norms / np.where(self.is_law, cosine, 1.0))[which].sum())
+
+    def mass_outweighs(self, r: float, cosine: float) -> bool:
+        """Whether no mode has |s| = r, since s^2 M is too large."""
+        helping = self.is_semidefinite & (self.powers >= 1.0) & ~self.is_law
+        own = (cosine if helping.any() else 1.0) * r * r
+        return own > self.bound(r, ~helping, cosine)
+
+    def stiffness_outweighs(self, r: float, cosine: float) -> bool:
+        """Whether no mode has |s| = r, since what does not grow like inertia is too large."""
+        low = self.is_semidefinite & (self.powers <= 1.0)
+        indefinite = ~low & (self.powers == 0.0)
+        if indefinite.any():
+            # by the smallest singular value of a stiffness against all others
+            values = np.sort(np.abs(np.linalg.eigvalsh(self.matrices[indefinite][0])))
+            against = r * r + self.bound(r, ~indefinite, cosine)
+            return bool(values[0] > max(SEMIDEFINITE_TOLERANCE * values[-1], against))
+        if not low.any():
+            return False
+        values = np.linalg.eigvalsh(np.tensordot(self.sizes(r)[low], self.matrices[low], axes=1))
+        if values[0] <= SEMIDEFINITE_TOLERANCE * values[-1]:
+            return False
+        return bool(cosine * values[0] > r * r + self.bound(r, ~low, cosine))
+
+    def slowest(self, largest: float) -> float:
+        """Where no bound is known, log |s| far below the slowest motion of the stiffness."""
+        values = np.abs(np.linalg.eigvalsh(self.matrices[self.powers == 0.0]))
+        is_there = values > SEMIDEFINITE_TOLERANCE * self.norms[self.powers == 0.0, None]
+        slowest = float(0.5 * np.log(values[is_there].min())) if is_there.any() else largest
+        return min(slowest, largest) - _BELOW
 
 
 def region_of_all_modes(
@@ -59,27 +119,27 @@ def region_of_all_modes(
     Where the stiffness is singular nothing may be known of slow modes; the sector then begins far
     below the slowest motion that the stiffness makes.
     """
-    terms = _terms(stiffness)
+    terms = _Terms.of(stiffness)
     last = math.pi - math.acos(largest_ratio)
     cosine = math.cos(0.5 * last)
-    first = first_angle(stiffness, largest_ratio)
     # moduli between the fastest and the slowest oscillation that one term makes against the mass
-    rates = [
-        math.log(term.norm) / (2.0 - term.power)
-        for term in terms
-        if term.norm > 0 and not term.is_law and term.power < 1.5
-    ]
-    rates += [0.5 * math.log(term.size(1.0) * term.norm) for term in terms if term.is_law]
-    centre = sum(rates) / len(rates) if rates else 0.0
+    is_clear = (terms.norms > 0) & ~terms.is_law & (terms.powers < 1.5)
+    rates = np.concatenate(
+        [
+            np.log(terms.norms[is_clear]) / (2.0 - terms.powers[is_clear]),
+            0.5 * np.log((terms.sizes(1.0) * terms.norms)[terms.is_law]),
+        ]
+    )
+    centre = float(rates.sum()) / rates.size if rates.size else 0.0
     logs = np.arange(centre - _SEARCHED, centre + _SEARCHED, _STEP).tolist()
-    above = _until(logs[::-1], lambda r: _mass_outweighs(terms, r, cosine))
-    below = _until(logs, lambda r: _stiffness_outweighs(terms, r, cosine))
+    above = _until(logs[::-1], lambda r: terms.mass_outweighs(r, cosine))
+    below = _until(logs, lambda r: terms.stiffness_outweighs(r, cosine))
     largest = logs[-1] if above is None else above
-    least = _floor(terms, largest) if below is None else below
+    least = terms.slowest(largest) if below is None else below
     sector = Sector(
         least=math.exp(min(least, largest - _STEP)),
         largest=math.exp(largest),
-        first=first,
+        first=first_angle(stiffness, largest_ratio),
         last=last,
     )
     return sector, above is not None and below is not None
@@ -87,86 +147,10 @@ def region_of_all_modes(
 
 def _until(logs: Sequence[float], holds: Callable[[float], bool]) -> float | None:
     """The last of the logarithms of moduli up to which a bound holds; None: not at the first."""
-    last = None
-    for log in logs:
-        if not holds(math.exp(log)):
-            return last
-        last = log
-    return last
+    kept = list(itertools.takewhile(lambda log: holds(math.exp(log)), logs))
+    return kept[-1] if kept else None
 
 
 def first_angle(stiffness: DynamicStiffness, largest_ratio: float) -> float:
     """Argument of s from which on modes are counted."""
     return DISSIPATIVE_ANGLE if stiffness.scene.is_dissipative else math.acos(largest_ratio)
-
-
-def _terms(stiffness: DynamicStiffness) -> list[_Term]:
-    """All matrices but the mass."""
-    scene = stiffness.scene
-    root = np.linalg.inv(np.linalg.cholesky(stiffness.dense(0)))
-    found = []
-    powers: list[float | None] = [0.0] * (len(stiffness.forms) - 1 - len(scene.active_forces))
-    powers += [
-        one.order if isinstance(one, FractionalDamping) else None for one in scene.active_forces
-    ]
-    for index, power in enumerate(powers, start=1):
-        matrix = root @ stiffness.dense(index) @ root.T
-        values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
-        found.append(
-            _Term(
-                matrix=matrix,
-                norm=float(np.abs(values).max()),
-                is_semidefinite=is_semidefinite(stiffness.forms[index]),
-                size=_size_of(stiffness.symbol(index)),
-                is_law=power is None,
-                power=1.0 if power is None else power,
-            )
-        )
-    return found
-
-
-def _size_of(symbol: Symbol) -> Callable[[float], float]:
-    return lambda r: abs(symbol(complex(r)))
-
-
-def _mass_outweighs(terms: list[_Term], r: float, cosine: float) -> bool:
-    """Whether no mode has |s| = r, since s^2 M is too large."""
-    helping = [one for one in terms if one.is_semidefinite and one.power >= 1.0 and not one.is_law]
-    others = [one for one in terms if not any(one is other for other in helping)]
-    against = sum(one.size(r) * one.norm / (cosine if one.is_law else 1.0) for one in others)
-    return (cosine if helping else 1.0) * r * r > against
-
-
-def _stiffness_outweighs(terms: list[_Term], r: float, cosine: float) -> bool:
-    """Whether no mode has |s| = r, since what does not grow like inertia is too large."""
-    low = [one for one in terms if one.is_semidefinite and one.power <= 1.0]
-    others = [one for one in terms if not any(one is other for other in low)]
-    still = [one for one in others if one.power == 0.0]
-    if still:
-        # an indefinite stiffness: its smallest singular value against all others
-        values = np.abs(np.linalg.eigvalsh(still[0].matrix))
-        if values.min() <= SEMIDEFINITE_TOLERANCE * values.max():
-            return False
-        rest = [one for one in terms if one is not still[0]]
-        against = sum(one.size(r) * one.norm / (cosine if one.is_law else 1.0) for one in rest)
-        return bool(values.min() > r * r + against)
-    if not low:
-        return False
-    values = np.linalg.eigvalsh(np.sum([one.size(r) * one.matrix for one in low], axis=0))
-    if values[0] <= SEMIDEFINITE_TOLERANCE * values[-1]:
-        return False
-    against = sum(one.size(r) * one.norm / (cosine if one.is_law else 1.0) for one in others)
-    return bool(cosine * values[0] > r * r + against)
-
-
-def _floor(terms: list[_Term], largest: float) -> float:
-    """Where no bound is known, log |s| far below the slowest motion that the stiffness makes."""
-    squares = [
-        abs(value)
-        for one in terms
-        if one.power == 0.0
-        for value in np.linalg.eigvalsh(one.matrix)
-        if abs(value) > SEMIDEFINITE_TOLERANCE * one.norm
-    ]
-    slowest = 0.5 * math.log(min(squares)) if squares else largest
-    return min(slowest, largest) - _BELOW

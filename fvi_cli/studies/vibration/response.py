@@ -3,8 +3,8 @@ r"""Steady responses to harmonic forces: :math:`T(i\omega) \hat q = \hat f`, sol
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.data import per_coordinate
-from fvi_cli.studies.members import Member, label_of
+from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.peaks import (
     NO_MODES,
@@ -31,10 +31,9 @@ GROUND: Final = "ground"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ResponseTable:
+class ResponseTable(OfMember):
     r"""Response of one scene over frequencies."""
 
-    name: str
     load: str
     outputs: tuple[str, ...]
     """Outputs to report: coordinates, or combinations of them."""
@@ -44,17 +43,8 @@ class ResponseTable:
     r"""Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``."""
     peaks: tuple[Peak, ...]
     """Maxima of the magnitudes inside of the range."""
-    of_member: Member | None = None
-    """The member of a sweep, or design, to which it belongs."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Labels of units for figures."""
     known: ModesInRange = NO_MODES
     """The modes by which peaks were looked for."""
-
-    @property
-    def member(self) -> str:
-        """Swept values in words; empty without a sweep."""
-        return label_of(self.of_member)
 
     @property
     def magnitude(self) -> Array:
@@ -130,7 +120,6 @@ def harmonic_response(
 
         peaks += find_peaks(name, fine, sizes[:, index], size, known)
     return ResponseTable(
-        name="",
         load=load_words,
         outputs=names,
         hertz=hertz,

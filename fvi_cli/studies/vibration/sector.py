@@ -127,8 +127,6 @@ def modes_by_integrals(
 ) -> list[tuple[complex, ComplexArray]]:
     r"""Approximations of the modes inside, by the moments of :math:`T(s)^{-1}` around the sector.
 
-    Notes
-    -----
     Beyn, *An integral method for solving nonlinear eigenvalue problems*, Linear Algebra Appl. 436
     (2012), with :math:`A_k = \oint s^k T(s)^{-1} V ds` for random columns V.
     """

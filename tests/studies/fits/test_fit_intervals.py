@@ -133,9 +133,9 @@ def test_a_descent_that_does_not_end_is_no_misfit(monkeypatch):
     )
     model.meshes = [1]
     at = model.evaluate(model.start)
-    begin = Minimum(point=model.start, evaluation=at, bounds=model.bounds)
+    begin = Minimum(model=model, point=model.start, evaluation=at, bounds=model.bounds)
     monkeypatch.setattr(profile, "MOST_STEPS", 0)
-    side = profile_side(model, begin, 0, 0.5, least=at.cost, variance=1.0, threshold=1.96)
+    side = profile_side(begin, 0, 0.5, least=at.cost, variance=1.0, threshold=1.96)
     assert np.isnan(side.end)
     assert side.reached >= model.start[0]
 

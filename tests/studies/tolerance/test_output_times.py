@@ -54,7 +54,7 @@ def draw(random: Random, *, near_two: bool = False) -> dict[str, object]:
 
 def run(data: dict[str, object]) -> FinishedRun:
     (experiment,) = parse_config(TEXT.format(**data), "seen.yaml").experiments
-    (search,) = experiment.searches()
+    (search,) = experiment.runs()
     return run_for_tolerance(search)
 
 
@@ -143,7 +143,7 @@ def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
     (experiment,) = parse_config(
         TEXT.format(**data).replace("  exact: none\n", ""), "a"
     ).experiments
-    (search,) = experiment.searches()
+    (search,) = experiment.runs()
     found, known = run_for_tolerance(search), truth(data)
     assert found.error == pytest.approx(largest_error(found, known), rel=1e-3)
     assert found.error > 1e-6

@@ -62,7 +62,7 @@ def expected_times(data: dict[str, object]) -> np.ndarray:
 
 def run(data: dict[str, object]) -> FinishedRun:
     (experiment,) = parse_config(TEXT.format(**data), "section.yaml").experiments
-    (search,) = experiment.searches()
+    (search,) = experiment.runs()
     return run_for_tolerance(search)
 
 

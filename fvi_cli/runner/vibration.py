@@ -1,0 +1,227 @@
+"""Modes and harmonic responses of the linear scenes of a request."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fvi_cli.errors import RequestError
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.runner.request import Request, Source, Task, requested
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.members import Member
+from fvi_cli.studies.vibration.modes import ModeTable, find_modes
+from fvi_cli.studies.vibration.response import (
+    GROUND,
+    ResponseTable,
+    forms_of,
+    harmonic_force,
+    harmonic_response,
+)
+
+_logger = logging.getLogger(__name__)
+
+USUAL_COUNT = 10
+MOST_FREQUENCIES = 100_000
+_FORM = "it must be frequency=FROM:TO:NUMBER or frequency=FROM:TO:NUMBER:log"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearScene:
+    """A linear scene: that of an experiment, or of one of its members."""
+
+    experiment: Experiment
+    member: Member | None
+    specification: Mapping[str, Any]
+    problem: Problem
+
+    @property
+    def title(self) -> str:
+        """Its name in messages."""
+        name = self.experiment.name
+        return name if self.member is None else f"{name} ({self.member.label})"
+
+
+def linear_scenes(request: Request) -> Iterator[LinearScene]:
+    """Every scene of a request, member by member.
+
+    Raises
+    ------
+    RequestError
+        Where an experiment has no scene, or one that is not linear.
+    """
+    for experiment in request.loaded.experiments:
+        for member in experiment.members or (None,):
+            problem = experiment.problem if member is None else member.problem
+            if not isinstance(problem, Problem):
+                raise RequestError(f"{experiment.name}: has no motion, and so no modes")
+            if not problem.scene.is_linear:
+                raise RequestError(
+                    f"{experiment.name}: {problem.kind} is not linear; modes and harmonic "
+                    "responses need a linear scene"
+                )
+            yield LinearScene(
+                experiment=experiment,
+                member=member,
+                specification=(
+                    experiment.problem_specification if member is None else member.specification
+                ),
+                problem=problem,
+            )
+
+
+def linear_tasks(request: Request, action: str) -> list[Task]:
+    """Every linear scene of a request, for a computation that has a name."""
+    return [
+        Task(
+            experiment=one.experiment.name,
+            action=action,
+            of=f"{one.problem.scene.dimension} degrees of freedom"
+            + (f", {one.member.label}" if one.member else ""),
+        )
+        for one in linear_scenes(request)
+    ]
+
+
+def modes(
+    source: Source, *, count: int | None = None, near: float | None = None
+) -> list[ModeTable]:
+    """Modes of every experiment of a configuration, as ``fvi modes`` computes them.
+
+    Parameters
+    ----------
+    source
+        As of :func:`load`.
+    count
+        How many; default 10, or all of fewer.
+    near
+        Frequency in oscillations per unit of time, to which they are nearest; default: the lowest.
+
+    Raises
+    ------
+    RequestError
+        For scenes that are not linear, and numbers out of range.
+    """
+    if near is not None and not near > 0:
+        raise RequestError(f"--near: {near:g} is not allowed; it must be positive")
+    tables = []
+    for one in linear_scenes(requested(source)):
+        d = one.problem.scene.dimension
+        if count is not None and not 1 <= count <= d:
+            raise RequestError(
+                f"--count: {count} is not allowed; {one.experiment.name} has 1 to {d} modes"
+            )
+        try:
+            table = find_modes(one.problem.scene, count or USUAL_COUNT, near=near)
+        except ValueError as error:
+            raise RequestError(f"{one.title}: {error}") from None
+        if table.counted is None:
+            _logger.warning(
+                "%s: modes may be missing: they cannot be counted, one lies at the edge of the "
+                "region",
+                one.title,
+            )
+        elif not table.is_complete:
+            _logger.warning(
+                "%s: %d modes are found where the argument principle counts %d",
+                one.title,
+                table.inside,
+                table.counted,
+            )
+        tables.append(
+            replace(
+                table,
+                name=one.experiment.name,
+                of_member=one.member,
+                units=one.experiment.units,
+                coordinates=one.problem.coordinates or table.coordinates,
+            )
+        )
+    return tables
+
+
+def frequencies(over: str) -> Array:
+    """Frequencies of a text such as ``frequency=0.1:20:400:log``, in oscillations per unit of time.
+
+    Raises
+    ------
+    RequestError
+        For another form and numbers out of range.
+    """
+    key, _, numbers = over.partition("=")
+    parts = numbers.split(":")
+    is_log = len(parts) == 4 and parts[3] == "log"
+    if key.strip() != "frequency" or not (len(parts) == 3 or is_log):
+        raise RequestError(f"--over: {over!r} is not allowed; {_FORM}")
+    try:
+        low, high, number = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError:
+        raise RequestError(f"--over: {over!r} is not allowed; {_FORM}") from None
+    if not (0 < low < high < math.inf and 3 <= number <= MOST_FREQUENCIES):
+        raise RequestError(
+            f"--over: {over!r} is not allowed; 0 < FROM < TO, and 3 to {MOST_FREQUENCIES} "
+            "frequencies"
+        )
+    return np.geomspace(low, high, number) if is_log else np.linspace(low, high, number)
+
+
+def response(
+    source: Source, *, over: str, force: Sequence[str] = (), at: Sequence[str] = ()
+) -> list[ResponseTable]:
+    """Steady responses of every experiment of a configuration, as ``fvi response`` computes them.
+
+    Parameters
+    ----------
+    source
+        As of :func:`load`.
+    over
+        Frequencies, ``frequency=FROM:TO:NUMBER`` or with ``:log`` behind.
+    force
+        Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
+        ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
+    at
+        Outputs to report; default: the coordinate that moves most.
+
+    Raises
+    ------
+    RequestError
+        For scenes that are not linear, and places that do not exist.
+    """
+    hertz = frequencies(over)
+    tables = []
+    for one in linear_scenes(requested(source)):
+        name, scene, coordinates = one.experiment.name, one.problem.scene, one.problem.coordinates
+        wanted = list(force)
+        if not wanted and one.specification.get("ground_acceleration", "0") != "0":
+            wanted = [GROUND]
+        if not wanted:
+            raise RequestError(
+                f"{name}: say where forces act, for example --force x1, or --force {GROUND}"
+            )
+        direction = one.specification.get("ground_direction", 1.0)
+        option = "--force"
+        try:
+            loads = [harmonic_force(text, scene, coordinates, direction) for text in wanted]
+            option = "--at"
+            rows = forms_of(at, coordinates) if at else None
+        except ValueError as error:
+            raise RequestError(f"{option}: {error}") from None
+        try:
+            table = harmonic_response(
+                scene,
+                sum(loads, np.zeros(1)),
+                hertz,
+                outputs=at or coordinates,
+                rows=rows,
+                load_words=", ".join(wanted),
+            )
+        except ValueError as error:
+            raise RequestError(f"{one.title}: {error}") from None
+        tables.append(replace(table, name=name, of_member=one.member, units=one.experiment.units))
+    return tables

@@ -1,1 +1,0 @@
-"""Modes and harmonic responses that a request asks for."""
