@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from matplotlib import rcParams
+from matplotlib import colormaps, rcParams
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -29,6 +29,7 @@ from fvi_cli.plotting.style import (
     few_numbers,
     hatch_rounding,
     journal_style,
+    label_axis,
     label_size,
     legend_of,
     logarithmic_ticks,
@@ -252,7 +253,9 @@ def _colours(panels: Sequence[Panel]) -> ScalarMappable:
     numbers = [curve.by for panel in panels for curve in panel.curves]
     low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
     is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
-    return ScalarMappable((LogNorm if is_log else Normalize)(low, high))
+    # the lightest colours would fade on paper
+    colours = ListedColormap(colormaps[rcParams["image.cmap"]](np.linspace(0.0, 0.88, 256)))
+    return ScalarMappable((LogNorm if is_log else Normalize)(low, high), colours)
 
 
 def finish(
@@ -312,29 +315,24 @@ def _name_axes(
     x: str,
 ) -> None:
     """Words beside the panels, in lines that are no longer than these."""
-    columns, factor = (
-        len(grid),
-        figure.get_figheight() / (sum(p.height for p in panels[:: len(grid)])),
-    )
+    columns = len(grid)
+    factor = figure.get_figheight() / sum(panel.height for panel in panels[::columns])
     wide = (figure.get_figwidth() - 0.6) / columns
     for position, (axes, panel) in enumerate(zip(used, panels, strict=True)):
         if panel.title:
-            lines = [
-                wrap(line, wide - 0.1 if columns > 1 else wide, label_size())
-                for line in panel.title.split("\n")
-            ]
-            axes.set_title("\n".join(lines))
+            lines = panel.title.split("\n")
+            room = wide - 0.1 if columns > 1 else wide
+            axes.set_title("\n".join(wrap(line, room, label_size()) for line in lines))
         if panel.remark:
             axes.set_title(panel.remark, loc="right", fontsize=small(), pad=2.5)
         if position % columns == 0 or panel.y != panels[position - 1].y:
-            tall = 1.05 * panel.height * min(factor, 1.0)
-            axes.set_ylabel(wrap(panel.y, tall, label_size()))
+            label_axis(axes.yaxis, panel.y, 0.95 * panel.height * min(factor, 1.0))
         # a shorter column would keep a gap open for its words
         is_lowest = position + columns >= len(panels) and any(
             axes is column[-1] for column in grid if len(column) == len(grid[0])
         )
         if panel.x or is_lowest:
-            axes.set_xlabel(wrap(panel.x or x, wide - 0.25 * (columns > 1), label_size()))
+            label_axis(axes.xaxis, panel.x or x, wide - 0.25 * (columns > 1))
 
 
 def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:

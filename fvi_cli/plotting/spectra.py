@@ -26,7 +26,7 @@ from fvi_cli.plotting.style import (
     new_figure,
     small,
 )
-from fvi_cli.plotting.words import typeset_sum, with_unit
+from fvi_cli.plotting.words import typeset_sum, with_ratio, with_unit
 from fvi_cli.studies.vibration.modes import Mode, ModeTable
 from fvi_cli.studies.vibration.response import GROUND, ResponseTable
 
@@ -143,10 +143,8 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
         widths += [(peak, look.colour) for peak in own]
     steps = np.diff(first.hertz)
     what = "ground acceleration" if first.load.split(" ")[0] == GROUND else typeset_sum(first.load)
-    units = {**first.units}
-    if what.startswith("ground") and {"length", "acceleration"} <= units.keys():
-        units["response"] = f"{units['length']} per {units['acceleration']}"
-    magnitude = with_unit("magnitude", units, "response")
+    below = "acceleration" if what.startswith("ground") else "force"
+    magnitude = with_ratio("magnitude", first.units, "length", below)
     figure = over_time(
         [
             Panel(curves=upper, y=magnitude, is_log=True, height=2.3),

@@ -27,6 +27,7 @@ from fvi_cli.plotting.style import (
     INK,
     few_decades,
     journal_style,
+    label_size,
     legend_of,
     new_figure,
     note,
@@ -141,6 +142,7 @@ _MARKS = {
     "unstable": _mark("x", INK, INK, 5.0),
     "unknown": _mark("|", GUIDE_COLOUR, "none", 4.0),
 }
+_GROWTH = _mark("x", INK, INK, 2.5)
 _DIFFERENCE = _mark("s", COLOURS[1], "none", 9.0, 1.4)
 _SMALL_DIFFERENCE = _mark("s", COLOURS[1], "none", 5.0, 1.4)
 
@@ -164,7 +166,7 @@ def _growth_line(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
     axes.plot(x, y, label=style.label, **replace(style.look, size=6.0).properties())
     seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
     points = np.array(seen).reshape(-1, 2).T
-    axes.plot(*points, "x", color=INK, markersize=2.5, label="_observed", zorder=4)
+    axes.plot(*points, label="_observed", zorder=4, **_GROWTH)
     return bool(grown)
 
 
@@ -195,6 +197,7 @@ def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
     entries[2].set(edgecolor="white", hatch=_HATCHES[UNSTABLE_COLOUR])
     words = ("stable", "unstable")
     seen = [Line2D([], [], label=f"{word} in a long run", **_MARKS[word]) for word in words]
+    seen.append(Line2D([], [], label="growth in that run", **_GROWTH))
     return [*entries, *_observed_entries(table, seen)]
 
 
@@ -353,14 +356,15 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
             lowest = [axes for axes in column if axes.axison][-1]
             lowest.tick_params(labelbottom=True)
             lowest.set_xlabel("$h^2 k / m$")
-        figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$")
+        figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=label_size())
         undecided = any((one.level < 0).any() for one in maps)
         handles = [
             Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
             for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
         ]
         order = fraction_in_words(maps[0].order)
-        legend_of(figure, handles, title=rf"damping of order $\gamma = {order}$: growth per step")
+        title = rf"damping of order $\gamma = {order}$: growth per step, and share that is stable"
+        legend_of(figure, handles, title=title)
     return figure
 
 
@@ -390,8 +394,8 @@ def _draw(axes: Axes, one: StabilityMap) -> None:
     if 0 < one.share_stable < 1 and min(one.level.shape) > 1:
         stable = (one.level == 0).astype(float)
         axes.contour(*plane, stable, levels=[0.5], colors=[INK], linewidths=0.8)
-    share = f"{100 * one.share_stable:.0f} % stable"
-    note(axes, 0.05, 0.93, share, ha="left", va="top", paper={"alpha": 0.8, "pad": 1.0})
+    share = f"{100 * one.share_stable:.0f} %"
+    note(axes, 0.05, 0.07, share, ha="left", va="bottom", paper={"alpha": 0.8, "pad": 1.0})
     for axis in (axes.xaxis, axes.yaxis):
         few_decades(axis, 4)
         axis.set_minor_locator(NullLocator())

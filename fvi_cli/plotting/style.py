@@ -224,8 +224,8 @@ def text_width(words: str, size: float = 0.0) -> float:
 def wrap(words: str, width: float, size: float = 0.0) -> str:
     """The same words in lines of at most so many inches, as far as single words allow."""
     lines = [""]
-    # a formula is one word
-    for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", words):
+    # a formula is one word, and so is a unit
+    for word in re.findall(r"(?:\$[^$]*\$|\([^()$]*\)|[^\s$])+", words):
         longer = f"{lines[-1]} {word}".strip()
         if lines[-1] and text_width(longer, size) > width:
             lines.append(word)
@@ -237,6 +237,14 @@ def wrap(words: str, width: float, size: float = 0.0) -> str:
 def label_size() -> float:
     """Points of the words beside axes."""
     return float(FontProperties(size=mpl.rcParams["axes.labelsize"]).get_size_in_points())
+
+
+def label_axis(axis: Axis, words: str, width: float) -> None:
+    """Write words beside an axis, in lines of at most so many inches."""
+    label = axis.set_label_text(wrap(words, width, label_size()))
+    if "\n" in label.get_text():
+        # the lines of the sheet's font are high
+        label.set_linespacing(1.05)
 
 
 def legend_of(
@@ -277,6 +285,7 @@ def legend_of(
         handlelength=length,
         columnspacing=gap,
         title=head or None,
+        title_fontsize=small(),
     )
     legend.get_title().set_multialignment("center")
 

@@ -29,7 +29,7 @@ _KEYS: Mapping[str, str] = {
 }
 
 
-_SINGULAR = {"masses": "mass", "stiffnesses": "stiffness"}
+_SINGULAR = {"masses": "mass", "modulus": "modulus", "stiffnesses": "stiffness"}
 _PARTS = {
     "relaxed": "relaxed modulus",
     "unrelaxed": "unrelaxed modulus",

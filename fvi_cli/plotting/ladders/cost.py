@@ -22,6 +22,7 @@ from fvi_cli.plotting.style import (
     INK,
     few_decades,
     journal_style,
+    label_size,
     note,
     short_numbers,
     text_width,
@@ -89,7 +90,7 @@ def cost_figure(table: CostTable) -> Figure:
         shared=True,
     )
     with journal_style():
-        figure.suptitle(_title(table))
+        figure.suptitle(_title(table), fontsize=label_size())
         figure.set_figheight(figure.get_figheight() + 0.55)
         times = figure.axes[0]
         errors = np.concatenate([curve.x for panel in panels for curve in panel.curves])

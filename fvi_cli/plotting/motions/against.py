@@ -17,7 +17,7 @@ from fvi_cli.plotting.motions.section import section_figure
 from fvi_cli.plotting.motions.time_series import observed_of
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import coordinates_of, typeset_name, with_unit
+from fvi_cli.plotting.words import coordinates_of, key_label, typeset_name, with_unit
 from fvi_cli.reports.naming import DESIGN, key_in_words
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
@@ -93,7 +93,7 @@ def against_figure(
     runs = [one for one in finest_of_members(finished) if one.run.member is not None]
     series, names, bar = _series(runs, key)
     which, quantity = settings.extent
-    x = with_unit(key_in_words(key), experiment.units, key.rpartition(".")[2])
+    x = key_label(key, experiment.units)
     if which:
         label = _WORDS[which].format(quantity.replace("_", " "))
         panel = Panel(
@@ -254,10 +254,10 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
         for label, (at, most) in points.items()
     ]
     units = experiment.units
-    acceleration = r"pseudo-acceleration $\omega^2 \max |x|$"
+    acceleration = r"pseudo-acceleration $\omega^2 \max\, |x|$"
     return over_time(
         [
-            Panel(curves=upper, y=with_unit(r"displacement $\max |x|$", units, "length")),
+            Panel(curves=upper, y=with_unit(r"displacement $\max\, |x|$", units, "length")),
             Panel(curves=lower, y=with_unit(acceleration, units, "acceleration")),
         ],
         x=with_unit("period without damping", units, "time"),

@@ -157,12 +157,11 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             elif not experiment.members:
                 curve = replace(curve, look=Look(colour=COLOURS[0], width=0.9))
             curves.append(curve)
-        force = f"force {typeset_name(name)}" if name != "force" else name
         panels.append(
             Panel(
                 curves=curves,
                 x=with_unit("deformation", experiment.units, "length"),
-                y=with_unit(force, experiment.units, name),
+                y=with_unit(name.replace("_", " "), experiment.units, name, "force"),
                 height=2.4,
             )
         )

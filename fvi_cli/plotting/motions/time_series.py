@@ -26,6 +26,7 @@ from fvi_cli.plotting.words import (
 )
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.studies.loops import forces_of
 from fvi_cli.studies.study import reference_of
 
 _FINE_POINTS = 2001
@@ -112,6 +113,7 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
         shown = select_runs(finished, has_quantities)
         peaked = shown[-1:]
     names = list(observed_of(shown[0]).quantities)
+    forces = forces_of(experiment)
     panels = []
     for name in names[:MOST_PANELS]:
         columns = [observed_of(item).quantities[name] for item in shown]
@@ -128,7 +130,12 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             curves[place] = replace(curves[place], peaks=[peak])
         panels.append(
             Panel(
-                y=with_unit(name.replace("_", " "), experiment.units, name),
+                y=with_unit(
+                    name.replace("_", " "),
+                    experiment.units,
+                    name,
+                    "force" if name in forces else name,
+                ),
                 curves=curves,
                 remark=remark,
                 height=1.15 if len(names) <= 3 else 0.9,
