@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -50,6 +49,7 @@ _ROUND_OFF = 1e-9  # of the largest value
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
 
 
+@journal_style()
 def over_time(
     panels: Sequence[Panel],
     *,
@@ -71,24 +71,20 @@ def over_time(
     panels = merge_alike(panels)
     heights = [panel.height for panel in panels[::columns]]
     shares: dict[str, Any] = {"sharex": shared, "sharey": columns > 1, "height_ratios": heights}
-    with _drawing(panels, columns, 0.5, bar, **shares) as (figure, grid, used, colours):
-        for axes, panel in zip(used, panels, strict=True):
-            axes.set_yscale("log", nonpositive="mask") if panel.is_log else None
-            if logarithmic:
-                axes.set_xscale("log")
-            _draw_curves(axes, panel, colours)
-            _limit_over_time(axes, panel)
-            axes.set_xlim(*(span or _ends(panels if shared else [panel])))
-            if from_zero:
-                axes.set_ylim(bottom=0.0)
-            if logarithmic:
-                short_numbers(axes.xaxis)
-        _name_axes(figure, grid, used, panels, x)
-        figure.align_ylabels(used)
-        finish(figure, used, panels, colours, bar=bar, title=title)
+    figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
+    for axes, panel in zip(used, panels, strict=True):
+        _limit_over_time(axes, panel)
+        axes.set_xlim(*(span or _ends(panels if shared else [panel])))
+        if from_zero:
+            axes.set_ylim(bottom=0.0)
+        if logarithmic:
+            axes.set_xscale("log")
+            short_numbers(axes.xaxis)
+    figure.align_ylabels(used)
     return figure
 
 
+@journal_style()
 def ladders(
     panels: Sequence[Panel],
     *,
@@ -102,24 +98,23 @@ def ladders(
     """Draw log-log panels of errors, the values that were lost in a strip at the top.
 
     Errors below a floor that a curve reaches are hatched. Triangles show the slopes that theory
-    expects, or else those observed; what a source states is dashed. `shared`: all panels have the
-    same abscissas.
+    expects, or else those observed; what a source states is dashed. The legend stands `above`, or
+    below. `shared`: all panels have the same abscissas.
     """
-    with _drawing(panels, columns, 0.45, bar, sharex=shared) as (figure, grid, used, colours):
-        for axes, panel in zip(used, panels, strict=True):
-            axes.set(xscale="log", yscale="log")
-            _draw_curves(axes, panel, colours, nested=True)
-        _name_axes(figure, grid, used, panels, x)
-        finish(figure, used, panels, colours, bar=bar, title=title, above=above)
-        for axes, panel in zip(used, panels, strict=True):
-            limit_ladder(axes, panel.curves)
-        figure.draw_without_rendering()
-        for axes, panel in zip(used, panels, strict=True):
-            if panel.has_slopes and not panel.is_ensemble:
-                explain(axes, panel.curves)
+    figure, used = _drawn(
+        panels, x=x, columns=columns, bar=bar, title=title, above=above, nested=True, sharex=shared
+    )
+    for axes, panel in zip(used, panels, strict=True):
+        axes.set(xscale="log", yscale="log")
+        _limit_ladder(axes, panel.curves)
+    figure.draw_without_rendering()
+    for axes, panel in zip(used, panels, strict=True):
+        if panel.has_slopes and not panel.is_ensemble:
+            explain(axes, panel.curves)
     return figure
 
 
+@journal_style()
 def plane(
     panels: Sequence[Panel],
     *,
@@ -130,31 +125,52 @@ def plane(
     most_ticks: int = 0,
 ) -> Figure:
     """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
-    with _drawing(panels, columns, 0.5, bar) as (figure, grid, used, colours):
-        for axes, panel in zip(used, panels, strict=True):
-            _draw_curves(axes, panel, colours)
-            _widen(axes, panels)
-            if is_equal:
-                axes.set_aspect("equal", adjustable="datalim")
-            if most_ticks:
-                few_numbers(axes, most_ticks)
-        _name_axes(figure, grid, used, panels, "")
-        finish(figure, used, panels, colours, bar=bar, title=title)
-        figure.draw_without_rendering()
-        for axes in used:
-            clear_factor(axes.xaxis)
+    figure, used = _drawn(panels, columns=columns, bar=bar, title=title)
+    for axes in used:
+        _widen(axes, panels)
+        if is_equal:
+            axes.set_aspect("equal", adjustable="datalim")
+        if most_ticks:
+            few_numbers(axes, most_ticks)
+    figure.draw_without_rendering()
+    for axes in used:
+        clear_factor(axes.xaxis)
     return figure
 
 
-@contextmanager
-def _drawing(
-    panels: Sequence[Panel], columns: int, words: float, bar: str, **options: Any
-) -> Iterator[tuple[Figure, list[list[Axes]], list[Axes], ScalarMappable | None]]:
-    """A figure with the panels, inches for `words` around them, and the colours of a bar."""
-    with journal_style():
-        figure = new_figure(sum(panel.height for panel in panels[::columns]) + words)
-        grid, used = panel_grid(figure, len(panels), columns, **options)
-        yield figure, grid, used, _colours(panels) if bar else None
+def _drawn(
+    panels: Sequence[Panel],
+    *,
+    x: str = "",
+    columns: int,
+    bar: str,
+    title: str,
+    above: bool = True,
+    nested: bool = False,
+    **options: Any,
+) -> tuple[Figure, list[Axes]]:
+    """A figure with the curves, words and legend of all panels, and these."""
+    figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.5)
+    grid, used = panel_grid(figure, len(panels), columns, **options)
+    colours = _colours(panels) if bar else None
+    for axes, panel in zip(used, panels, strict=True):
+        _draw_curves(axes, panel, colours, nested=nested)
+    _name_axes(figure, grid, used, panels, x)
+    entries = _legend_entries(panels, used)
+    if colours is not None:
+        colour_bar(figure, used, colours, bar)
+        # lines are distinguished by their colours; marks and dashes of different kinds have names
+        entries = [
+            one
+            for one in entries
+            if isinstance(one, Line2D)
+            and (len(entries) <= MOST_LINES or one.get_linestyle() == "None")
+        ]
+        for one in entries:
+            one.set(color=INK, markerfacecolor=INK)
+        entries = entries if len(entries) > 1 else []
+    legend_of(figure, entries, title=title, above=above)
+    return figure, used
 
 
 def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
@@ -167,9 +183,7 @@ def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
             getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
 
 
-def _draw_curves(
-    axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool = False
-) -> None:
+def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool) -> None:
     """All curves of a panel; `nested`: with a mark at every point, larger below smaller ones."""
     curves = panel.curves
     if colours is None and panel.is_ensemble and len(curves) > MOST_LINES:
@@ -258,34 +272,7 @@ def _colours(panels: Sequence[Panel]) -> ScalarMappable:
     return ScalarMappable((LogNorm if is_log else Normalize)(low, high), colours)
 
 
-def finish(
-    figure: Figure,
-    axes: Sequence[Axes],
-    panels: Sequence[Panel],
-    colours: ScalarMappable | None = None,
-    *,
-    bar: str = "",
-    title: str = "",
-    above: bool = True,
-) -> None:
-    """The legend, or the bar that explains the colours."""
-    entries = legend_entries(panels, axes)
-    if colours is not None:
-        colour_bar(figure, axes, colours, bar)
-        # lines are distinguished by their colours; marks and dashes of different kinds have names
-        few = len(entries) <= MOST_LINES
-        marks = [
-            one
-            for one in entries
-            if isinstance(one, Line2D) and (few or one.get_linestyle() == "None")
-        ]
-        for one in marks:
-            one.set(color=INK, markerfacecolor=INK)
-        entries = [*marks] if len(marks) > 1 else []
-    legend_of(figure, entries, title=title, above=above)
-
-
-def legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
+def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
     """An entry for every name in the panels, none for a single curve that has no peak."""
     entries: dict[str, Line2D | Patch] = {}
     size, width = rcParams["lines.markersize"], rcParams["lines.linewidth"]
@@ -335,7 +322,7 @@ def _name_axes(
             label_axis(axes.xaxis, panel.x or x, wide - 0.25 * (columns > 1))
 
 
-def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
+def _limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
     """Fit limits and ticks of a log-log panel to all steps, and to the errors that there are."""
     steps = [h for curve in curves for h in curve.x.tolist()]
     errors = np.concatenate([curve.y for curve in curves])
@@ -363,6 +350,7 @@ def _limit_over_time(axes: Axes, panel: Panel) -> None:
     ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
     ranges = [values for values in ranges if values.size]
     if panel.is_log:
+        axes.set_yscale("log", nonpositive="mask")
         positive = [values[values > 0] for values in ranges if np.any(values > 0)]
         if not positive:
             # everything is exactly 0
