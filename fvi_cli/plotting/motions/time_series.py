@@ -296,14 +296,12 @@ def has_momentum(item: FinishedRun) -> bool:
 
 def has_balance(item: FinishedRun) -> bool:
     """Whether a run was stored with its energy balance."""
-    found = item.trajectory.diagnostics
-    return found is not None and found.energy_defect is not None
+    return _diagnostics(item).energy_defect is not None
 
 
 def has_momenta(item: FinishedRun) -> bool:
     """Whether a run was stored with momentum maps."""
-    found = item.trajectory.diagnostics
-    return found is not None and bool(found.map_names)
+    return bool(_diagnostics(item).map_names)
 
 
 def has_quantities(item: FinishedRun) -> bool:
