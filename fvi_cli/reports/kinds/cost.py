@@ -281,7 +281,7 @@ def _tolerance_blocks(table: CostTable) -> list[Block]:
                 "which is not known beforehand:",
             )
         ),
-        grid_of([one for one in TOLERANCE_COLUMNS if one.title], _tolerances(table)),
+        grid_of(TOLERANCE_COLUMNS, _tolerances(table)),
     ]
 
 
@@ -319,7 +319,7 @@ def _details(table: CostTable) -> list[Block]:
     names = _names(table)
     blocks: list[Block] = [
         Heading(level=2, words=f"{table.experiment}: every run"),
-        grid_of([one for one in RUN_COLUMNS if one.title], _runs(table), key_columns=2),
+        grid_of(RUN_COLUMNS, _runs(table), key_columns=2),
         Paragraph(
             words="The spread is the interquartile range of the stepping times over their median. "
             "The peak is traced in a run of its own."

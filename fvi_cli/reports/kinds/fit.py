@@ -188,8 +188,7 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
         yield Heading(level=2, words=(CodeSpan(result.name),))
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
-            shown = [one for one in MODEL_COLUMNS if one.title]
-            yield grid_of(shown, (About(result=result, model=one) for one in models))
+            yield grid_of(MODEL_COLUMNS, (About(result=result, model=one) for one in models))
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
