@@ -12,7 +12,7 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import over_time, plane
 from fvi_cli.plotting.style import COLOURS, GUIDE_COLOUR, INK, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import key_label, with_ratio, with_unit
+from fvi_cli.reports.naming import key_label, with_ratio, with_unit
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 from fvi_cli.studies.fits.settings import Series
 

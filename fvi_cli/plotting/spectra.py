@@ -26,7 +26,9 @@ from fvi_cli.plotting.style import (
     new_figure,
     small,
 )
-from fvi_cli.plotting.words import typeset_sum, with_ratio, with_unit
+from fvi_cli.plotting.words import typeset_sum
+from fvi_cli.reports.kinds.vibration import magnitude_label
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.vibration.modes import Mode, ModeTable
 from fvi_cli.studies.vibration.response import GROUND, ResponseTable
 
@@ -143,11 +145,9 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
         widths += [(peak, look.colour) for peak in own]
     steps = np.diff(first.hertz)
     what = "ground acceleration" if first.load.split(" ")[0] == GROUND else typeset_sum(first.load)
-    below = "acceleration" if what.startswith("ground") else "force"
-    magnitude = with_ratio("magnitude", first.units, "length", below)
     figure = over_time(
         [
-            Panel(curves=upper, y=magnitude, is_log=True, height=2.3),
+            Panel(curves=upper, y=magnitude_label(first), is_log=True, height=2.3),
             Panel(curves=lower, y="phase (degrees)", height=1.4),
         ],
         x=with_unit("frequency", first.units, "frequency"),

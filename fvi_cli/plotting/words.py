@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
-from fvi_cli.reports.naming import key_in_words
+from fvi_cli.reports.naming import key_in_words, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
@@ -47,49 +47,6 @@ def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...
     """Names of the coordinates; of what has none ``x``."""
     problem = experiment.problem
     return (problem.coordinates if isinstance(problem, Problem) else ()) or ("x",) * dimension
-
-
-def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
-    """The units that are given, and those that follow from time, length and force."""
-    time, length, force = (units.get(name, "") for name in ("time", "length", "force"))
-    found: dict[str, str] = {}
-    if time:
-        found |= {"rate": f"1/{time}", "frequency": "Hz" if time == "s" else f"1/{time}"}
-    if length and time:
-        found |= {"velocity": f"{length}/{time}", "acceleration": f"{length}/{time}²"}
-    if length and force:
-        found |= {"stiffness": f"{force}/{length}", "energy": f"{force} {length}"}
-    if length and force and time:
-        found["momentum"] = f"{force} {time}"
-        found["coefficient"] = rf"{force} {time}$^\gamma$/{length}"
-    return found | {**units}
-
-
-def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
-    """A label with the unit of the first of some names that has one."""
-    known = all_units(units)
-    unit = next((known[name] for name in names if name in known), "")
-    return f"{label} ({unit})" if unit else label
-
-
-def with_ratio(label: str, units: Mapping[str, str], above: str, below: str) -> str:
-    """A label with the unit of a response, such as metres per newton."""
-    known = all_units(units)
-    has_unit = {above, below} <= known.keys()
-    return f"{label} ({known[above]} per {known[below]})" if has_unit else label
-
-
-_LIKE = dict.fromkeys(("relaxed", "unrelaxed", "modulus", "moduli"), "stiffness") | {
-    "times": "time"
-}
-
-
-def key_label(key: str, units: Mapping[str, str]) -> str:
-    """What an entry of the configuration is called beside an axis, with its unit."""
-    path, _, motion = key.partition("@")  # as of a parameter that each motion has for itself
-    last = [part for part in path.split(".") if not part.isdigit()][-1]
-    label = with_unit(key_in_words(path), units, last, _LIKE.get(last, last))
-    return f"{label}, {motion}" if motion else label
 
 
 def in_formula(value: float, digits: int = 8) -> str:

@@ -6,7 +6,8 @@ import pytest
 import fvi_cli as fvi
 from fvi_cli.plotting import left_out
 from fvi_cli.plotting.style import new_figure, panel_grid
-from fvi_cli.plotting.words import in_formula, key_label
+from fvi_cli.plotting.words import in_formula
+from fvi_cli.reports.naming import key_label
 
 CONFIG = {
     "name": "seen",

@@ -20,8 +20,8 @@ from fvi_cli.plotting.words import (
     member_label,
     swept_keys_in_words,
     swept_number,
-    with_unit,
 )
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.scenes.registry import kind_title
 from fvi_cli.studies.experiment import Experiment, FinishedRun

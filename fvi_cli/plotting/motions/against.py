@@ -17,8 +17,8 @@ from fvi_cli.plotting.motions.section import section_figure
 from fvi_cli.plotting.motions.time_series import observed_of
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import coordinates_of, key_label, typeset_name, with_unit
-from fvi_cli.reports.naming import DESIGN, key_in_words
+from fvi_cli.plotting.words import coordinates_of, typeset_name
+from fvi_cli.reports.naming import DESIGN, key_in_words, key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.figure_settings import FigureSettings

@@ -30,7 +30,8 @@ from fvi_cli.plotting.style import (
     new_figure,
     note,
 )
-from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name, with_unit
+from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 

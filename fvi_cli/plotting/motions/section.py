@@ -27,8 +27,8 @@ from fvi_cli.plotting.words import (
     swept_keys_in_words,
     swept_number,
     typeset_name,
-    with_unit,
 )
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.loops import deformation_against, forces_of
 

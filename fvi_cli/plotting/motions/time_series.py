@@ -17,13 +17,8 @@ from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_t
 from fvi_cli.plotting.looks import EXACT, Look, method_looks
 from fvi_cli.plotting.panels import MOST_LINES, over_time
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES
-from fvi_cli.plotting.words import (
-    coordinates_of,
-    in_formula,
-    time_label,
-    typeset_name,
-    with_unit,
-)
+from fvi_cli.plotting.words import coordinates_of, in_formula, time_label, typeset_name
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.loops import forces_of

@@ -112,6 +112,8 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
             " floor: round-off leaves no order; above it there is one error, or there are few over "
             "less than a factor of two in N that lie on no line."
         )
+    if any(order_entry(case).startswith("none") for case in cases):
+        text += " none: errors grow as steps become smaller."
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
@@ -155,7 +157,7 @@ def _grid(
         if not is_full:
             return (name.label,)
         variant = [name.variant] if any(variants) else []
-        return (titles[table.experiment], *variant, table.gamma or "-", _ladder(table))
+        return (titles[table.experiment], *variant, orders_in_words(table) or "-", _ladder(table))
 
     claimed = {column(t, name) for t, case, name in each if not math.isnan(case.claim)}
     full = ("problem", *(["method"] if any(variants) else []), "gamma", "N")
@@ -176,6 +178,11 @@ def _grid(
     )
 
 
+def orders_in_words(table: OrderTable) -> str:
+    """The orders of its damping, each once."""
+    return ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
+
+
 def _has_claims(table: OrderTable) -> bool:
     return any(not math.isnan(case.claim) for case in table.cases)
 
@@ -190,6 +197,8 @@ def order_entry(case: OrderCase) -> str:
     failures = [row.status for row in case.rows if row.status in FAILURES]
     star = "*" if failures else ""
     used = [row for row in case.rows if row.used_in_fit]
+    if case.has_order and case.slope <= 0.0:
+        return f"none{star}"
     if case.has_order and len(used) > 2 and not math.isnan(case.last_order):
         return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
     if case.has_order:

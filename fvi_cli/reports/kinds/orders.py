@@ -27,6 +27,7 @@ from fvi_cli.reports.kinds.order_summary import (
     expected_orders,
     legend,
     names_in_tables,
+    orders_in_words,
     steps_phrase,
     summary,
 )
@@ -216,7 +217,7 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
 def setting(tables: Sequence[OrderTable]) -> Words:
     """Equation and norm of an experiment, which has a table for every member of a sweep."""
     table = tables[0]
-    orders = table.gamma.replace(";", ", ")
+    orders = orders_in_words(table)
     if any(other.gamma != table.gamma for other in tables):
         orders = "swept"
     floors = [row.floor for one in tables for case in one.cases for row in case.rows]
