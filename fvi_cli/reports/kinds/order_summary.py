@@ -113,7 +113,7 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
             "less than a factor of two in N that lie on no line."
         )
     if any(order_entry(case).startswith("none") for case in cases):
-        text += " none: errors grow as steps become smaller."
+        text += " none: errors do not fall as steps become smaller."
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
@@ -197,7 +197,7 @@ def order_entry(case: OrderCase) -> str:
     failures = [row.status for row in case.rows if row.status in FAILURES]
     star = "*" if failures else ""
     used = [row for row in case.rows if row.used_in_fit]
-    if case.has_order and case.slope <= 0.0:
+    if case.has_order and (case.slope <= 0.0 or case.last_order <= 0.0):
         return f"none{star}"
     if case.has_order and len(used) > 2 and not math.isnan(case.last_order):
         return f"{case.slope:.2f}, {case.last_order:.2f}{star}"

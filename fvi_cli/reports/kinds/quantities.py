@@ -303,8 +303,8 @@ def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, Column]:
     return (
         Column(
             f"peak_{name}",
-            "largest absolute value",
-            with_unit(f"peak {name}", units, name),
+            with_unit("largest absolute value", units, name),
+            f"peak {name}",
             ".4g",
             CLOSE,
             get=lambda one: _peak(one.of, name),
