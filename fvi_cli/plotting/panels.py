@@ -7,36 +7,36 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from matplotlib import colormaps, rcParams
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fvi_cli.plotting.curves import Curve, Panel, looks, merge_alike
-from fvi_cli.plotting.looks import EXACT, Look
+from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
 from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
     COLOURS,
     INK,
-    clear_factor,
-    colour_bar,
-    colour_of,
-    few_decades,
-    few_numbers,
     hatch_rounding,
     journal_style,
     label_axis,
     label_size,
     legend_of,
-    logarithmic_ticks,
     new_figure,
     panel_grid,
-    short_numbers,
     small,
     wrap,
+)
+from fvi_cli.plotting.ticks import (
+    clear_factor,
+    few_decades,
+    few_numbers,
+    logarithmic_ticks,
+    short_numbers,
 )
 
 MOST_LINES = 6
@@ -152,13 +152,18 @@ def _drawn(
     """A figure with the curves, words and legend of all panels, and these."""
     figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.5)
     grid, used = panel_grid(figure, len(panels), columns, **options)
-    colours = _colours(panels) if bar else None
+    numbers = [curve.by for panel in panels for curve in panel.curves]
+    colours = colours_of(numbers) if bar else None
     for axes, panel in zip(used, panels, strict=True):
         _draw_curves(axes, panel, colours, nested=nested)
     _name_axes(figure, grid, used, panels, x)
     entries = _legend_entries(panels, used)
     if colours is not None:
-        colour_bar(figure, used, colours, bar)
+        shown = figure.colorbar(colours, ax=used, location="top", aspect=40, pad=0.02)
+        shown.set_label(wrap(bar, figure.get_figwidth() - 0.6))
+        shown.ax.set_gid("decoration")
+        if isinstance(colours.norm, LogNorm):
+            short_numbers(shown.ax.xaxis)
         # lines are distinguished by their colours; marks and dashes of different kinds have names
         entries = [
             one
@@ -260,16 +265,6 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
             axes.plot(x, edge, color=COLOURS[0], linewidth=0.5, label=f"_{label}, {name}")
     median = np.nanmedian(values, axis=0)
     axes.plot(x, median, color="black", marker="o" if marked else "", label="median")
-
-
-def _colours(panels: Sequence[Panel]) -> ScalarMappable:
-    """Colours of the numbers of curves, by their logarithms where these are spaced evenly."""
-    numbers = [curve.by for panel in panels for curve in panel.curves]
-    low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
-    is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
-    # the lightest colours would fade on paper
-    colours = ListedColormap(colormaps[rcParams["image.cmap"]](np.linspace(0.0, 0.88, 256)))
-    return ScalarMappable((LogNorm if is_log else Normalize)(low, high), colours)
 
 
 def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:

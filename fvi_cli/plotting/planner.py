@@ -190,7 +190,7 @@ _NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
         f"it is made for {', '.join(WATERFALL_KINDS)}",
     ),
 }
-"""What some run must have that a kind of figure is drawn of, and what is said where none has."""
+"""What some run must have that a kind of figure is drawn of, and the reason where none has."""
 
 
 def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:

@@ -216,14 +216,14 @@ def _draw_slopes(axes: Axes, ladders: Sequence[_Ladder], floor: float, strip: fl
         room: Array = distance_transform_edt(~taken)
         places = (
             triangle
-            for runs, distances, clearance, is_beside in _CHOICES
-            if is_needed or is_beside
+            for runs, distances, clearance, is_close in _CHOICES
+            if is_needed or is_close
             for run in runs
             if order * ladders[0].tilt * run * width < _HIGHEST_RISE * height
             for distance in distances
             for one in near or ladders
             for triangle in _triangles(
-                one, order, run * width, distance, one.span(order) if is_beside else (0, width)
+                one, order, run * width, distance, one.span(order) if is_close else (0, width)
             )
             if _is_free(triangle, box, room, clearance)
         )

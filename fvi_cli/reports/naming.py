@@ -104,7 +104,9 @@ def key_label(key: str, units: Mapping[str, str]) -> str:
     return f"{label}, {motion}" if motion else label
 
 
-def titled(columns: Sequence[Column], units: Mapping[str, str], **kinds: str) -> tuple[Column, ...]:
+def columns_with_units(
+    columns: Sequence[Column], units: Mapping[str, str], **kinds: str
+) -> tuple[Column, ...]:
     """The columns; some have behind their titles the unit of what they are, a length or a time."""
     return tuple(
         replace(one, title=with_unit(one.title, units, kinds[one.name]))

@@ -17,16 +17,8 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look, MethodLook, method_looks
 from fvi_cli.plotting.panels import ladders
 from fvi_cli.plotting.slopes import make_room
-from fvi_cli.plotting.style import (
-    DECORATION,
-    INK,
-    few_decades,
-    journal_style,
-    label_size,
-    note,
-    short_numbers,
-    text_width,
-)
+from fvi_cli.plotting.style import DECORATION, INK, journal_style, label_size, note, text_width
+from fvi_cli.plotting.ticks import few_decades, short_numbers
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.writers.equations import to_mathematics

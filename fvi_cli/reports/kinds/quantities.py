@@ -10,7 +10,7 @@ from typing import Any
 from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
-from fvi_cli.reports.naming import DESIGN, member_columns, titled, with_unit
+from fvi_cli.reports.naming import DESIGN, columns_with_units, member_columns, with_unit
 from fvi_cli.reports.table import (
     About,
     Column,
@@ -193,7 +193,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         sheet("events", EVENT_COLUMNS, lambda _, observed: observed.events, "event"),
     )
     kinds = {"amplitude": "length", "stiffness": "stiffness", "work": "energy"}
-    loops = sheet("loops", titled(LOOP_COLUMNS, units, **kinds), _loops, "force")
+    loops = sheet("loops", columns_with_units(LOOP_COLUMNS, units, **kinds), _loops, "force")
     sheets = (*sheets, loops) if loops.rows else sheets
     designs = design_sheet(finished)
     return Report(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
-from fvi_cli.reports.naming import all_units, member_columns, titled, with_ratio
+from fvi_cli.reports.naming import all_units, columns_with_units, member_columns, with_ratio
 from fvi_cli.reports.table import About, Column, Report, Sheet, Within, alike, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
@@ -102,7 +102,9 @@ PEAK_COLUMNS = (
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     """Frequencies, damping ratios and loss factors of modes."""
     owner, units = _owner(tables), _units(tables)
-    columns = titled(MODE_COLUMNS, units, real="rate", imaginary="rate", frequency_hz="frequency")
+    columns = columns_with_units(
+        MODE_COLUMNS, units, real="rate", imaginary="rate", frequency_hz="frequency"
+    )
     items = [
         About(table=table, one=mode, number=number)
         for table in tables
@@ -230,7 +232,7 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         for table in tables
         for peak in table.peaks
     ]
-    columns = titled(
+    columns = columns_with_units(
         PEAK_COLUMNS, units, frequency_hz="frequency", low_hz="frequency", high_hz="frequency"
     )
     if units:
