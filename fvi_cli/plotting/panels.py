@@ -202,7 +202,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
                 curve.look or Look(colour="", width=0.6), colour=colour_of(colours, curve.by)
             )
             properties = look.properties()
-        every = max(1, curve.x.size // _FINE_POINTS)
+        every = max(1, curve.x.size // _FINE_POINTS) if look.has_line else 1
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
         stride = max(1, xs.size // _MARKS)
         shifted = (((2 * position + 1) * stride // 6) % stride, stride)

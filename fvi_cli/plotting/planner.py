@@ -152,22 +152,31 @@ def left_out(studies: Sequence[Study]) -> list[str]:
     return lines
 
 
+_OF_FIRST_METHOD = ("quantities", "section", "hysteresis", "spectrum")
+"""Figures of sweeps that show one method."""
+
+
 def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Iterator[str]:
     """One line for every figure that does not show everything that there is."""
     quantities = max(len(observed_of(item).quantities) for item in finished)
     coordinates = finished[0].trajectory.position.shape[1]
     most = 1 if experiment.members else MOST_COMPONENTS
     counts = {
-        "quantities": (quantities, MOST_PANELS),
-        "trajectory": (coordinates, most),
-        "phase": (coordinates, MOST_COMPONENTS),
-        "section": (coordinates, most),
+        "quantities": (quantities, MOST_PANELS, "quantities"),
+        "hysteresis": (len(forces_of(experiment)), MOST_COMPONENTS, "forces"),
+        "trajectory": (coordinates, most, "coordinates"),
+        "phase": (coordinates, MOST_COMPONENTS, "coordinates"),
+        "section": (coordinates, most, "coordinates"),
     }
+    methods = len({item.run.method for item in finished})
     for kind in figure_kinds(experiment, finished):
-        count, most = counts.get(kind, (0, 0))
-        if count > most:
-            what = "quantities" if kind == "quantities" else "coordinates"
-            yield f"{experiment.name}: the {kind} figure shows {most} of {count} {what}"
+        start = f"{experiment.name}: the {kind} figure shows"
+        count, shown, what = counts.get(kind, (0, 0, ""))
+        if count > shown:
+            yield f"{start} {shown} of {count} {what}"
+        is_sweep = experiment.members and experiment.accuracy is None
+        if is_sweep and methods > 1 and kind in _OF_FIRST_METHOD:
+            yield f"{start} the first of {methods} methods"
 
 
 _NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {

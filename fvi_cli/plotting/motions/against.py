@@ -25,7 +25,6 @@ from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member, value_in_words
 
 _WORDS = {"peak": "peak of {}", "rms": "RMS of {}", "least": "least {}", "greatest": "greatest {}"}
-_DOTS_OF_A_CURVE = 2000
 _DECADES = 30.0
 """Swept numbers that span more stand on a logarithmic axis."""
 
@@ -112,7 +111,7 @@ def against_figure(
             bar=bar,
         )
     at, words = _place(experiment, settings)
-    curves = [curve for one in series for curve in _dots(one, key, at, settings, len(series), bar)]
+    curves = [_dots(one, key, at, settings, len(series), bar) for one in series]
     return plane([Panel(curves=curves, x=x, y=words, height=2.8)], title=names, bar=bar)
 
 
@@ -201,8 +200,8 @@ def _dots(
     settings: FigureSettings,
     count: int,
     bar: str,
-) -> list[Curve]:
-    """The places of one series, in curves that are drawn point by point."""
+) -> Curve:
+    """The places of one series."""
     xs: list[Array] = []
     ys: list[Array] = []
     for run in events_of(one.members, settings.plot, settings.after):
@@ -217,17 +216,7 @@ def _dots(
         has_line=False,
         size=1.6 if x.size > 500 else 3.0,
     )
-    parts = range(0, max(x.size, 1), _DOTS_OF_A_CURVE)
-    return [
-        Curve(
-            x=x[k : k + _DOTS_OF_A_CURVE],
-            y=y[k : k + _DOTS_OF_A_CURVE],
-            label=one.label,
-            by=one.number,
-            look=look,
-        )
-        for k in parts
-    ]
+    return Curve(x=x, y=y, label=one.label, by=one.number, look=look)
 
 
 OF_PERIOD = ("problem.mass", "problem.stiffness")
