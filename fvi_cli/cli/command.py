@@ -113,7 +113,8 @@ class Call:
 
     def options_of(self, called: Callable[..., object]) -> dict[str, Any]:
         """Those of the shared options that a call of the api has."""
-        return {name: getattr(self, name) for name in _parameters(called) if hasattr(self, name)}
+        names = inspect.signature(called).parameters
+        return {name: getattr(self, name) for name in names if hasattr(self, name)}
 
     def show_plans(self) -> int:
         """Print what would be done with every run."""
@@ -249,10 +250,6 @@ class Call:
         if self.failures:
             return RUN_FAILED
         return CHECK_FAILED if self.differences or self.violations else DONE
-
-
-def _parameters(called: Callable[..., object]) -> Sequence[str]:
-    return tuple(inspect.signature(called).parameters)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from fvi_cli.integrator.method_names import MethodName, describe_method, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Paragraph, Words
@@ -51,18 +51,19 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
     return {title: title for title in titles}
 
 
-def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
+def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
     """Orders of all experiments in one table, with what a reader should know of them."""
     names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     titles = short_titles(name, single)
     groups = _groups(single)
     if not groups and not swept:
-        return [Paragraph(words="No run is finished.")]
-    blocks: list[Block] = [Paragraph(words=_explanation(tables))]
-    blocks += [_grid(group, names, titles) for group in groups]
+        yield Paragraph(words="No run is finished.")
+        return
+    yield Paragraph(words=_explanation(tables))
+    yield from (_grid(group, names, titles) for group in groups)
     for members in swept:
-        blocks += sweep_summary(members, names, order_entry)
+        yield from sweep_summary(members, names, order_entry)
     remarks = [
         sentence
         for say in (_stated, _sampled, _failures)
@@ -70,29 +71,24 @@ def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
         for sentence in say(table, names, titles)
     ]
     if remarks:
-        blocks.append(Bullets(items=tuple(remarks)))
-    return blocks
+        yield Bullets(items=tuple(remarks))
 
 
-def legend(tables: Sequence[OrderTable]) -> list[Block]:
+def legend(tables: Sequence[OrderTable]) -> Iterator[Block]:
     """What every method is, and its case in the other files; what all share stands once."""
     names = names_in_tables(tables)
     methods = {case.method.case: case.method for table in tables for case in table.cases}
-    if not methods:
-        return []
-    phrases_by_case = {case: describe_method(method) for case, method in methods.items()}
-    shared = [
-        phrase
-        for phrase in next(iter(phrases_by_case.values()))
-        if len(phrases_by_case) > 1
-        and all(phrase in phrases for phrases in phrases_by_case.values())
-    ]
+    described = {case: describe_method(method) for case, method in methods.items()}
+    if not described:
+        return
+    first, *others = described.values()
+    shared = [one for one in first if others and all(one in phrases for phrases in others)]
     items: list[Words] = []
-    for case, phrases in phrases_by_case.items():
+    for case, phrases in described.items():
         own = ", ".join(phrase for phrase in phrases if phrase not in shared)
         items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", CodeSpan(case)))
-    title = f"Methods, all with {', '.join(shared)}:" if shared else "Methods:"
-    return [Paragraph(words=title), Bullets(items=tuple(items))]
+    yield Paragraph(words=f"Methods, all with {', '.join(shared)}:" if shared else "Methods:")
+    yield Bullets(items=tuple(items))
 
 
 def _explanation(tables: Sequence[OrderTable]) -> str:
@@ -117,7 +113,7 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
-    if any(_has_claims(table) for table in tables):
+    if any(not math.isnan(case.claim) for case in cases):
         text += " stated: the order that the source of the experiment states."
     if any(row.status in FAILURES for case in cases for row in case.rows):
         text += " A star marks methods that failed on some step sizes."
@@ -181,10 +177,6 @@ def _grid(
 def orders_in_words(table: OrderTable) -> str:
     """The orders of its damping, each once."""
     return ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
-
-
-def _has_claims(table: OrderTable) -> bool:
-    return any(not math.isnan(case.claim) for case in table.cases)
 
 
 def _ladder(table: OrderTable) -> str:

@@ -199,19 +199,16 @@ _SOURCES: Mapping[str, str] = {
 }
 
 
-def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
+def details(table: OrderTable, names: Mapping[str, MethodName]) -> Iterator[Block]:
     """Heading, equation, grids of errors and orders, remarks."""
-    blocks: list[Block] = [
-        Heading(level=2, words=table.experiment),
-        Paragraph(words=setting([table])),
-    ]
+    yield Heading(level=2, words=table.experiment)
+    yield Paragraph(words=setting([table]))
     if not table.cases:
-        return [*blocks, Paragraph(words="No run is finished.")]
-    blocks.append(_grid(table.cases, names))
-    remarks = _remarks(table, names)
-    if remarks:
-        blocks.append(Bullets(items=tuple(remarks)))
-    return blocks
+        yield Paragraph(words="No run is finished.")
+        return
+    yield _grid(table.cases, names)
+    if remarks := _remarks(table, names):
+        yield Bullets(items=tuple(remarks))
 
 
 def setting(tables: Sequence[OrderTable]) -> Words:
