@@ -60,6 +60,7 @@ _NOT_LOOKS: tuple[str, ...] = (
 )
 _NOT_LOOKS += ("webagg", "savefig.directory", "savefig.format")
 _FEW_ROWS = 3  # of a legend; of more the samples of lines are short
+_LINES = 1.05  # distance of lines, which are high in the sheet's font
 _DOTS = 100.0  # per inch: words are broad where there are few
 _FAMILIES = ("serif", "sans-serif", "cursive", "fantasy", "monospace")
 _OWN: ContextVar[Mapping[RcKeyType, object]] = ContextVar(
@@ -231,8 +232,7 @@ def label_axis(axis: Axis, words: str, width: float) -> None:
     """Write words beside an axis, in lines of at most so many inches."""
     label = axis.set_label_text(wrap(words, width, label_size()))
     if "\n" in label.get_text():
-        # the lines of the sheet's font are high
-        label.set_linespacing(1.05)
+        label.set_linespacing(_LINES)
 
 
 def legend_of(
@@ -275,7 +275,7 @@ def legend_of(
         title=head or None,
         title_fontsize=small(),
     )
-    legend.get_title().set_multialignment("center")
+    legend.get_title().set(multialignment="center", linespacing=_LINES if "\n" in head else 1.2)
 
 
 def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:

@@ -10,6 +10,7 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Equation, Heading, Paragraph
+from fvi_cli.reports.kinds.order_summary import NORMS, reference_in_words
 from fvi_cli.reports.naming import number
 from fvi_cli.reports.table import About, Column, Report, Sheet, Sheets, Words, grid_of, within
 from fvi_cli.studies.cost import CostTable
@@ -240,7 +241,8 @@ def _prices(table: CostTable) -> Iterator[Block]:
     yield Paragraph(
         words=(
             Equation(table.equation or "an equation that is not stated"),
-            f"; T = {table.final_time:g}. Errors: norm {table.norm}, against {table.reference}.",
+            f"; T = {table.final_time:g}. Errors in the {NORMS[table.norm]}, against "
+            f"{reference_in_words(table.reference)}.",
         )
     )
     cheapest = [cheapest_at(bands, accuracy) for accuracy in ACCURACIES]

@@ -30,6 +30,21 @@ NORMS: Mapping[str, str] = {
 }
 
 
+_SOURCES: Mapping[str, str] = {
+    "expression": "the exact solution, an expression of the configuration",
+    "unknown": "a reference that is not stated",
+}
+
+
+def reference_in_words(source: str) -> str:
+    """What errors are measured against."""
+    if source.startswith("refined run"):
+        return f"a {source}"
+    if source.startswith("N = "):
+        return source
+    return _SOURCES.get(source, f"the exact solution, {source}")
+
+
 def names_in_tables(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
     """Names of all methods in `tables`, by case."""
     return method_names([case.method for table in tables for case in table.cases])

@@ -28,6 +28,7 @@ from fvi_cli.reports.kinds.order_summary import (
     legend,
     names_in_tables,
     orders_in_words,
+    reference_in_words,
     steps_phrase,
     summary,
 )
@@ -193,12 +194,6 @@ def _with_rows(tables: Sequence[OrderTable], rows: Sequence[Row]) -> Iterator[Or
         yield replace(table, cases=tuple(cases))
 
 
-_SOURCES: Mapping[str, str] = {
-    "expression": "the exact solution, an expression of the configuration",
-    "unknown": "a reference that is not stated",
-}
-
-
 def details(table: OrderTable, names: Mapping[str, MethodName]) -> Iterator[Block]:
     """Heading, equation, grids of errors and orders, remarks."""
     yield Heading(level=2, words=table.experiment)
@@ -223,7 +218,7 @@ def setting(tables: Sequence[OrderTable]) -> Words:
         Equation(table.equation) if table.equation else "not stated",
         f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
         f"{NORMS[table.norm]}, against ",
-        Rough(f"{_reference(table.reference)}{_floor(floors)}"),
+        Rough(f"{reference_in_words(table.reference)}{_floor(floors)}"),
         ".",
     )
 
@@ -234,14 +229,6 @@ def _floor(floors: Sequence[float]) -> str:
         return ""
     ends = dict.fromkeys(f"{end:.0e}" for end in (min(found), max(found)))
     return f"; floor {' to '.join(ends)}"
-
-
-def _reference(source: str) -> str:
-    if source.startswith("refined run"):
-        return f"a {source}"
-    if source.startswith("N = "):
-        return source
-    return _SOURCES.get(source, f"the exact solution, {source}")
 
 
 def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
