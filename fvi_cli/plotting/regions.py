@@ -36,35 +36,35 @@ _LEVEL_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A
 _LEVEL_LABELS = ("not decided", "stable", "0.1 to 1 %", "1 to 10 %", "10 % to a factor e", "faster")
 
 
+@journal_style()
 def region_figure(maps: Sequence[StabilityMap]) -> Figure:
     """A panel for every method, those of one family in a row, with the stable share of it."""
     lines = _lines(maps)
     columns = max(len(line) for line in lines)
     labels = method_labels([one.method for one in maps])
     padded = [one for line in lines for one in (*line, *[None] * (columns - len(line)))]
-    with journal_style():
-        figure = new_figure(0.45 + (_HEIGHT + 0.17) * len(lines))
-        grid, _ = panel_grid(figure, len(padded), columns, sharex=True, sharey=True)
-        for axes, one in zip(figure.axes, padded, strict=True):
-            if one is None:
-                axes.set_axis_off()
-                continue
-            _draw(axes, one)
-            title = labels[one.method.case].replace(", ", "\n", 1)
-            axes.set_title(title, fontsize=small(), pad=2.5)
-        for column in grid:
-            lowest = [axes for axes in column if axes.axison][-1]
-            lowest.tick_params(labelbottom=True)
-            lowest.set_xlabel("$h^2 k / m$")
-        figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=label_size())
-        undecided = any((one.level < 0).any() for one in maps)
-        handles = [
-            Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
-            for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
-        ]
-        order = fraction_in_words(maps[0].order)
-        title = rf"damping of order $\gamma = {order}$: growth per step, and share that is stable"
-        legend_of(figure, handles, title=title)
+    figure = new_figure(0.45 + (_HEIGHT + 0.17) * len(lines))
+    grid, _ = panel_grid(figure, len(padded), columns, sharex=True, sharey=True)
+    for axes, one in zip(figure.axes, padded, strict=True):
+        if one is None:
+            axes.set_axis_off()
+            continue
+        _draw(axes, one)
+        title = labels[one.method.case].replace(", ", "\n", 1)
+        axes.set_title(title, fontsize=small(), pad=2.5)
+    for column in grid:
+        lowest = [axes for axes in column if axes.axison][-1]
+        lowest.tick_params(labelbottom=True)
+        lowest.set_xlabel("$h^2 k / m$")
+    figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=label_size())
+    undecided = any((one.level < 0).any() for one in maps)
+    handles = [
+        Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
+        for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
+    ]
+    order = fraction_in_words(maps[0].order)
+    title = rf"damping of order $\gamma = {order}$: growth per step, and share that is stable"
+    legend_of(figure, handles, title=title)
     return figure
 
 

@@ -73,6 +73,7 @@ def _labels(names: Sequence[str]) -> list[str]:
     return [n if len(names) <= MOST_NAMED or k in ends else f"_{n}" for k, n in enumerate(names)]
 
 
+@journal_style()
 def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     """Frequency against decay rate above, damping ratio against frequency below.
 
@@ -87,36 +88,35 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     highest = max(one.max() for one in hertz)
     extent = max(1e-3 * highest, *(np.abs(one).max() for one in real))
     units, is_one = tables[0].units, len(tables) == 1
-    with journal_style():
-        figure = new_figure(4.2)
-        plane, ratios = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
-        labels = _labels([table.member or table.name for table in tables])
-        for index, (colour, label) in enumerate(zip(_colours(len(tables)), labels, strict=True)):
-            marker = MARKERS[index % len(MARKERS)] if len(tables) <= len(COLOURS) else "o"
-            dots = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 3.5}
-            plane.plot(real[index], hertz[index], label="_modes" if is_one else label, **dots)
-            ratios.plot(hertz[index], ratio[index], label=f"_{label}", **dots)
-            ratios.vlines(hertz[index], 0.0, ratio[index], color=colour, linewidth=0.8)
-        plane.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
-        ratios.axhline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
-        plane.set_ylim(0.0, 1.08 * highest)
-        ends = [min(one.min() for one in real), max(one.max() for one in real)]
-        plane.set_xlim(
-            min(1.12 * ends[0], -0.06 * extent) - 0.06 * extent, max(1.12 * ends[1], 0.06 * extent)
-        )
-        for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
-            text = plane.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 2))
-            text.set(fontsize=small() - 1, color=INK, ha="right")
-            text.anncoords = "offset points"
-        plane.set_xlabel(with_unit(r"$\mathrm{Re}\, s$", units, "rate"))
-        plane.set_ylabel(with_unit(r"frequency $\mathrm{Im}\, s / 2\pi$", units, "frequency"))
-        ratios.set_xlim(0.0, 1.05 * highest)
-        least, largest = min(one.min() for one in ratio), max(one.max() for one in ratio)
-        ratios.set_ylim(min(1.15 * least, 0.0), max(1.15 * largest, 1e-6))
-        ratios.set_xlabel(with_unit("frequency", units, "frequency"))
-        ratios.set_ylabel("damping ratio (%)")
-        figure.align_ylabels([plane, ratios])
-        legend_of(figure, plane.get_legend_handles_labels()[0])
+    figure = new_figure(4.2)
+    plane, ratios = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
+    labels = _labels([table.member or table.name for table in tables])
+    for index, (colour, label) in enumerate(zip(_colours(len(tables)), labels, strict=True)):
+        marker = MARKERS[index % len(MARKERS)] if len(tables) <= len(COLOURS) else "o"
+        dots = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 3.5}
+        plane.plot(real[index], hertz[index], label="_modes" if is_one else label, **dots)
+        ratios.plot(hertz[index], ratio[index], label=f"_{label}", **dots)
+        ratios.vlines(hertz[index], 0.0, ratio[index], color=colour, linewidth=0.8)
+    plane.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
+    ratios.axhline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
+    plane.set_ylim(0.0, 1.08 * highest)
+    ends = [min(one.min() for one in real), max(one.max() for one in real)]
+    plane.set_xlim(
+        min(1.12 * ends[0], -0.06 * extent) - 0.06 * extent, max(1.12 * ends[1], 0.06 * extent)
+    )
+    for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
+        text = plane.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 2))
+        text.set(fontsize=small() - 1, color=INK, ha="right")
+        text.anncoords = "offset points"
+    plane.set_xlabel(with_unit(r"$\mathrm{Re}\, s$", units, "rate"))
+    plane.set_ylabel(with_unit(r"frequency $\mathrm{Im}\, s / 2\pi$", units, "frequency"))
+    ratios.set_xlim(0.0, 1.05 * highest)
+    least, largest = min(one.min() for one in ratio), max(one.max() for one in ratio)
+    ratios.set_ylim(min(1.15 * least, 0.0), max(1.15 * largest, 1e-6))
+    ratios.set_xlabel(with_unit("frequency", units, "frequency"))
+    ratios.set_ylabel("damping ratio (%)")
+    figure.align_ylabels([plane, ratios])
+    legend_of(figure, plane.get_legend_handles_labels()[0])
     return figure
 
 

@@ -64,6 +64,7 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
     return figures
 
 
+@journal_style()
 def step_figure(table: StabilityTable) -> Figure:
     """Stable steps of every method, and below how fast the others grow.
 
@@ -74,44 +75,43 @@ def step_figure(table: StabilityTable) -> Figure:
     by_case = {case: [row for row in table.rows if row.run.method.case == case] for case in styles}
     steps = sorted({row.run.step_size for row in table.rows})
     low, high = steps[0] / 1.6, steps[-1] * 1.6
-    with journal_style():
-        figure = new_figure(2.3 + 0.15 * len(styles))
-        bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.15 * len(styles), 1.7))
-        for place, rows in enumerate(by_case.values()):
-            _bar(bars, place, rows, low, high)
-        labels = [style.label for style in styles.values()]
-        bars.set_yticks(range(len(labels)), labels)
-        bars.tick_params(axis="y", length=0)
-        bars.set_ylim(len(labels) - 0.4, -0.6)
-        growth.set_yscale("log")
-        for place, (case, rows) in enumerate(by_case.items()):
-            if _growth_line(growth, styles[case], rows):
-                _mark_row(bars, place, styles[case])
-        growth.set_ylabel("growth per step $\\log(1/|z|)$")
-        if not any(row.prediction.growth_per_step > 0 for row in table.rows):
-            growth.set_ylim(1e-3, 1.0)
-            growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
-        growth.set_xscale("log")
-        growth.set_xlim(low, high)
-        growth.xaxis.set_minor_formatter(NullFormatter())
-        growth.set_xlabel("step size $h$")
-        few_decades(growth.yaxis, 6)
-        figure.align_ylabels([growth])
-        time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
-        fillings = {
-            STABLE_COLOUR: "stable",
-            SLOW_COLOUR: f"unstable, not yet at {time}",
-            UNSTABLE_COLOUR: f"unstable before {time}",
-        }
-        if any(row.verdict == "unknown" for row in table.rows):
-            fillings[UNKNOWN_COLOUR] = "not predicted"
-        marks = [
-            Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
-            Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
-            Line2D([], [], label="growth in that run", **_GROWTH),
-        ]
-        entries = [*_patches(fillings), *_observed_entries(table, marks)]
-        legend_of(figure, entries, above=False)
+    figure = new_figure(2.3 + 0.15 * len(styles))
+    bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.15 * len(styles), 1.7))
+    for place, rows in enumerate(by_case.values()):
+        _bar(bars, place, rows, low, high)
+    labels = [style.label for style in styles.values()]
+    bars.set_yticks(range(len(labels)), labels)
+    bars.tick_params(axis="y", length=0)
+    bars.set_ylim(len(labels) - 0.4, -0.6)
+    growth.set_yscale("log")
+    for place, (case, rows) in enumerate(by_case.items()):
+        if _growth_line(growth, styles[case], rows):
+            _mark_row(bars, place, styles[case])
+    growth.set_ylabel("growth per step $\\log(1/|z|)$")
+    if not any(row.prediction.growth_per_step > 0 for row in table.rows):
+        growth.set_ylim(1e-3, 1.0)
+        growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
+    growth.set_xscale("log")
+    growth.set_xlim(low, high)
+    growth.xaxis.set_minor_formatter(NullFormatter())
+    growth.set_xlabel("step size $h$")
+    few_decades(growth.yaxis, 6)
+    figure.align_ylabels([growth])
+    time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
+    fillings = {
+        STABLE_COLOUR: "stable",
+        SLOW_COLOUR: f"unstable, not yet at {time}",
+        UNSTABLE_COLOUR: f"unstable before {time}",
+    }
+    if any(row.verdict == "unknown" for row in table.rows):
+        fillings[UNKNOWN_COLOUR] = "not predicted"
+    marks = [
+        Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
+        Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
+        Line2D([], [], label="growth in that run", **_GROWTH),
+    ]
+    entries = [*_patches(fillings), *_observed_entries(table, marks)]
+    legend_of(figure, entries, above=False)
     return figure
 
 
@@ -209,6 +209,7 @@ def _observed_entries(table: StabilityTable, seen: Sequence[Line2D]) -> list[Lin
     return [*(seen if is_observed else ()), *([differs] if table.disagreements else ())]
 
 
+@journal_style()
 def parameter_figure(table: StabilityTable) -> Figure:
     """Verdicts over one parameter and the step, or over two parameters, a panel per method."""
     experiment = table.experiment
@@ -230,21 +231,20 @@ def parameter_figure(table: StabilityTable) -> Figure:
     limit = Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below")
     found = {_kind(row) for row in table.rows}
     fillings = {colour: kind for kind, colour in _COLOURS.items() if kind in found}
-    with journal_style():
-        figure = new_figure(0.9 + height * rows_of_panels)
-        grid, used = panel_grid(figure, len(shown), columns, sharex=True, sharey=True)
-        for axes, (title, rows) in zip(used, shown, strict=True):
-            _verdict_panel(axes, keys, rows)
-            axes.set_title(title)
-        for axes in grid[0]:
-            label_axis(axes.yaxis, up, 0.8 * height)
-        for column in grid:
-            label_axis(column[-1].xaxis, key_label(keys[0], experiment.units), 2.6 / columns)
-        some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
-        words = some if len(panels) > len(shown) else ""
-        entries = [*_patches(fillings), *([limit] if len(keys) == 1 else ())]
-        entries += _observed_entries(table, [seen])
-        legend_of(figure, entries, title=words)
+    figure = new_figure(0.9 + height * rows_of_panels)
+    grid, used = panel_grid(figure, len(shown), columns, sharex=True, sharey=True)
+    for axes, (title, rows) in zip(used, shown, strict=True):
+        _verdict_panel(axes, keys, rows)
+        axes.set_title(title)
+    for axes in grid[0]:
+        label_axis(axes.yaxis, up, 0.8 * height)
+    for column in grid:
+        label_axis(column[-1].xaxis, key_label(keys[0], experiment.units), 2.6 / columns)
+    some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
+    words = some if len(panels) > len(shown) else ""
+    entries = [*_patches(fillings), *([limit] if len(keys) == 1 else ())]
+    entries += _observed_entries(table, [seen])
+    legend_of(figure, entries, title=words)
     return figure
 
 

@@ -275,7 +275,9 @@ def legend_of(
         title=head or None,
         title_fontsize=small(),
     )
-    legend.get_title().set(multialignment="center", linespacing=_LINES if "\n" in head else 1.2)
+    legend.get_title().set_multialignment("center")
+    if "\n" in head:
+        legend.get_title().set_linespacing(_LINES)
 
 
 def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:
