@@ -69,8 +69,7 @@ def over_time(
     ordinates are sizes. `shared`: all panels have the same abscissas.
     """
     panels = merge_alike(panels)
-    heights = [panel.height for panel in panels[::columns]]
-    shares: dict[str, Any] = {"sharex": shared, "sharey": columns > 1, "height_ratios": heights}
+    shares = {"sharex": shared, "sharey": columns > 1}
     figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
     for axes, panel in zip(used, panels, strict=True):
         _limit_over_time(axes, panel)
@@ -150,8 +149,9 @@ def _drawn(
     **options: Any,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with the curves, words and legend of all panels, and these."""
-    figure = new_figure(sum(panel.height for panel in panels[::columns]) + 0.5)
-    grid, used = panel_grid(figure, len(panels), columns, **options)
+    heights = [panel.height for panel in panels[::columns]]
+    figure = new_figure(sum(heights) + 0.5)
+    grid, used = panel_grid(figure, len(panels), columns, height_ratios=heights, **options)
     numbers = [curve.by for panel in panels for curve in panel.curves]
     colours = colours_of(numbers) if bar else None
     for axes, panel in zip(used, panels, strict=True):
