@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -76,7 +75,7 @@ _OF_MEMBERS: dict[str, Draw] = {
 _LEAST_LADDER = 3
 
 
-def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[str, Figure]:
+def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
     """Figures that the experiments of one configuration call for, by file name without suffix.
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
@@ -84,16 +83,14 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     ``quantities``, as far as there are an energy, something to measure errors against, and
     quantities. Of a sweep there are ``convergence``, ``trajectory``, ``quantities``, ``section``
     and ``spectrum``, in figures of their own. Experiments of kind ``fractional-derivative`` share
-    one saturation figure. With the `name` of the configuration all convergence panels stand in one
-    figure ``<name>-convergence``; without it every experiment has its own.
+    one saturation figure, and all ladders the figure ``<name>-convergence``.
     """
     figures: dict[str, Figure] = {}
     derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
     if derivatives:
-        title = (name or _common_name(derivatives)).removesuffix("-saturation")
-        title = title if title == "saturation" else f"{title}-saturation"
+        title = name if name.endswith("saturation") else f"{name}-saturation"
         figures[title] = saturation_figure(derivatives)
-    ladders: dict[str, list[Study]] = {}
+    ladders: list[Study] = []
     for experiment, finished in studies:
         if isinstance(experiment.problem, DerivativeProblem) or not finished:
             continue
@@ -106,8 +103,9 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
             if kind in draw:
                 figures[f"{experiment.name}-{kind}"] = draw[kind](experiment, finished)
             else:
-                ladders.setdefault(name or experiment.name, []).append((experiment, finished))
-    figures |= {f"{title}-convergence": convergence_figure(own) for title, own in ladders.items()}
+                ladders.append((experiment, finished))
+    if ladders:
+        figures[f"{name}-convergence"] = convergence_figure(ladders)
     return figures
 
 
@@ -236,11 +234,3 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
         reason = "a refined run is known on the mesh only, not at the times of output"
         obstacles.setdefault("error", reason)
     return obstacles
-
-
-def _common_name(studies: Sequence[Study]) -> str:
-    """The beginning that all names share, up to a ``-``."""
-    names = [experiment.name for experiment, _ in studies]
-    columns = zip(*(name.split("-") for name in names), strict=False)
-    common = itertools.takewhile(lambda column: len(set(column)) == 1, columns)
-    return "-".join(column[0] for column in common) or names[0]
