@@ -60,4 +60,7 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """A public name; the command line needs none of them, and is quick to begin without."""
-    return getattr(importlib.import_module("fvi_cli.api.names"), name)
+    names = importlib.import_module("fvi_cli.api.names")
+    if name == "__all__":
+        return [one for one in vars(names) if not one.startswith("_")]
+    return getattr(names, name)

@@ -1,186 +1,112 @@
-"""The public names, by where they come from."""
+"""The public names, each by where it comes from."""
 
-from __future__ import annotations
+from fvi_cli.api.derivatives import Gradient as Gradient
+from fvi_cli.api.derivatives import gradient as gradient
+from fvi_cli.config import LoadedConfig as LoadedConfig
+from fvi_cli.config import json_schema as json_schema
+from fvi_cli.config import method_named as method_named
+from fvi_cli.config import shipped_configs as _shipped_configs
+from fvi_cli.config import shipped_titles as shipped_titles
+from fvi_cli.config import starter_config as starter_config
+from fvi_cli.effects.damping import FractionalDamping as FractionalDamping
+from fvi_cli.effects.diagnostics_request import DiagnosticsRequest as DiagnosticsRequest
+from fvi_cli.effects.forcing import Forcing as Forcing
+from fvi_cli.effects.forcing import ForcingPiece as ForcingPiece
+from fvi_cli.effects.inertia import Inertia as Inertia
+from fvi_cli.effects.laws.cole_cole import fractional_maxwell as fractional_maxwell
+from fvi_cli.effects.laws.cole_cole import fractional_zener as fractional_zener
+from fvi_cli.effects.laws.law import Law as Law
+from fvi_cli.effects.laws.prony import prony as prony
+from fvi_cli.effects.laws.tempered import tempered as tempered
+from fvi_cli.effects.potential import ExpressionPotential as ExpressionPotential
+from fvi_cli.effects.potential import Potential as Potential
+from fvi_cli.effects.potential import QuadraticPotential as QuadraticPotential
+from fvi_cli.effects.sampled import SampledForce as SampledForce
+from fvi_cli.effects.scene import Scene as Scene
+from fvi_cli.effects.symmetry import Symmetry as Symmetry
+from fvi_cli.errors import ConfigError as ConfigError
+from fvi_cli.errors import FviError as FviError
+from fvi_cli.errors import RequestError as RequestError
+from fvi_cli.errors import StorageError as StorageError
+from fvi_cli.integrator.gradients.quantity import Quantity as Quantity
+from fvi_cli.integrator.gradients.quantity import acceleration_at as acceleration_at
+from fvi_cli.integrator.gradients.quantity import misfit as misfit
+from fvi_cli.integrator.gradients.quantity import position_at as position_at
+from fvi_cli.integrator.gradients.quantity import quantity_at as quantity_at
+from fvi_cli.integrator.gradients.quantity import smoothed_peak as smoothed_peak
+from fvi_cli.integrator.gradients.quantity import velocity_at as velocity_at
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps as AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh as Mesh
+from fvi_cli.integrator.meshes.mesh import graded_mesh as graded_mesh
+from fvi_cli.integrator.meshes.mesh import mesh_of as mesh_of
+from fvi_cli.integrator.meshes.mesh import uniform_mesh as uniform_mesh
+from fvi_cli.integrator.method import Baseline as Baseline
+from fvi_cli.integrator.method import Method as Method
+from fvi_cli.integrator.run.checkpoint import Checkpoint as Checkpoint
+from fvi_cli.integrator.stability.prediction import StabilityPrediction as StabilityPrediction
+from fvi_cli.integrator.trajectory import Assessment as Assessment
+from fvi_cli.integrator.trajectory import Trajectory as Trajectory
+from fvi_cli.render.results import as_text as as_text
+from fvi_cli.render.results import compare as compare
+from fvi_cli.render.results import figures as figures
+from fvi_cli.render.results import order_tables as order_tables
+from fvi_cli.render.results import quantities as quantities
+from fvi_cli.render.results import write as write
+from fvi_cli.runner.compute import recall as recall
+from fvi_cli.runner.compute import run as run
+from fvi_cli.runner.cost import cost as cost
+from fvi_cli.runner.fits.fit import fit as fit
+from fvi_cli.runner.forget import forget as forget
+from fvi_cli.runner.hard_cases import hard_cases as hard_cases
+from fvi_cli.runner.outcome import Outcome as Outcome
+from fvi_cli.runner.parts.merge import merge_files as merge_files
+from fvi_cli.runner.plan import PlannedRun as PlannedRun
+from fvi_cli.runner.plan import plan as plan
+from fvi_cli.runner.request import load as load
+from fvi_cli.runner.scenes import integrate as integrate
+from fvi_cli.runner.scenes import integrate_members as integrate_members
+from fvi_cli.runner.scenes import integrate_part as integrate_part
+from fvi_cli.runner.scenes import predict_stability as predict_stability
+from fvi_cli.runner.stability import stability as stability
+from fvi_cli.runner.vibration import modes as modes
+from fvi_cli.runner.vibration import response as response
+from fvi_cli.scenes.chains import chain as chain
+from fvi_cli.scenes.chains import frame as frame
+from fvi_cli.scenes.chains import string as string
+from fvi_cli.scenes.data import duffing as duffing
+from fvi_cli.scenes.data import kepler as kepler
+from fvi_cli.scenes.data import linear_oscillator as linear_oscillator
+from fvi_cli.scenes.data import pendulum as pendulum
+from fvi_cli.scenes.lagrangian import double_pendulum as double_pendulum
+from fvi_cli.scenes.lagrangian import lagrangian_scene as lagrangian_scene
+from fvi_cli.scenes.problem import Problem as Problem
+from fvi_cli.scenes.registry import build_problem as build_problem
+from fvi_cli.scenes.registry import sandwich_beam as sandwich_beam
+from fvi_cli.scenes.structures.structure import structure as structure
+from fvi_cli.storage import StoredConfiguration as StoredConfiguration
+from fvi_cli.storage import StoredFile as StoredFile
+from fvi_cli.storage import list_runs as _list_runs
+from fvi_cli.storage import read_configuration as _read_configuration
+from fvi_cli.storage.export import export_file as _export_file
+from fvi_cli.studies.cost import CostTable as CostTable
+from fvi_cli.studies.experiment import Experiment as Experiment
+from fvi_cli.studies.experiment import FinishedRun as FinishedRun
+from fvi_cli.studies.experiment import Run as Run
+from fvi_cli.studies.fits.result import FitResult as FitResult
+from fvi_cli.studies.hard_cases.case import HardCaseReport as HardCaseReport
+from fvi_cli.studies.order import OrderTable as OrderTable
+from fvi_cli.studies.order import order_table as order_table
+from fvi_cli.studies.stability_study import StabilityTable as StabilityTable
+from fvi_cli.studies.study import study as study
+from fvi_cli.studies.tolerance.search import solve as solve
+from fvi_cli.studies.vibration.modes import Mode as Mode
+from fvi_cli.studies.vibration.modes import ModeTable as ModeTable
+from fvi_cli.studies.vibration.response import ResponseTable as ResponseTable
 
-from fvi_cli.api.derivatives import Gradient, gradient
-from fvi_cli.config import (
-    LoadedConfig,
-    json_schema,
-    method_named,
-    shipped_titles,
-    starter_config,
-)
-from fvi_cli.config import shipped_configs as shipped_configurations
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
-from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.laws.prony import prony
-from fvi_cli.effects.laws.tempered import tempered
-from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
-from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.effects.scene import Scene
-from fvi_cli.effects.symmetry import Symmetry
-from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
-from fvi_cli.integrator.gradients.quantity import (
-    Quantity,
-    acceleration_at,
-    misfit,
-    position_at,
-    quantity_at,
-    smoothed_peak,
-    velocity_at,
-)
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_mesh
-from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.run.checkpoint import Checkpoint
-from fvi_cli.integrator.stability.prediction import StabilityPrediction
-from fvi_cli.integrator.trajectory import Assessment, Trajectory
-from fvi_cli.render.results import as_text, compare, figures, order_tables, quantities, write
-from fvi_cli.runner.compute import recall, run
-from fvi_cli.runner.cost import cost
-from fvi_cli.runner.fits.fit import fit
-from fvi_cli.runner.forget import forget
-from fvi_cli.runner.hard_cases import hard_cases
-from fvi_cli.runner.outcome import Outcome
-from fvi_cli.runner.parts.merge import merge_files
-from fvi_cli.runner.plan import PlannedRun, plan
-from fvi_cli.runner.request import load
-from fvi_cli.runner.scenes import integrate, integrate_members, integrate_part, predict_stability
-from fvi_cli.runner.stability import stability
-from fvi_cli.runner.vibration import modes, response
-from fvi_cli.scenes.chains import chain, frame, string
-from fvi_cli.scenes.data import duffing, kepler, linear_oscillator, pendulum
-from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
-from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.registry import build_problem, sandwich_beam
-from fvi_cli.scenes.structures.structure import structure
-from fvi_cli.storage import StoredConfiguration, StoredFile
-from fvi_cli.storage import list_runs as contents
-from fvi_cli.storage import read_configuration as configuration
-from fvi_cli.storage.export import export_file as export
-from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-from fvi_cli.studies.fits.result import FitResult
-from fvi_cli.studies.hard_cases.case import HardCaseReport
-from fvi_cli.studies.order import OrderTable, order_table
-from fvi_cli.studies.stability_study import StabilityTable
-from fvi_cli.studies.study import study
-from fvi_cli.studies.tolerance.search import solve
-from fvi_cli.studies.vibration.modes import Mode, ModeTable
-from fvi_cli.studies.vibration.response import ResponseTable
-
-# kinds under their own names
+# under their own names
+shipped_configurations = _shipped_configs
+contents = _list_runs
+configuration = _read_configuration
+export = _export_file
 bagley_torvik = damped_oscillator = linear_oscillator
 lagrangian = lagrangian_scene
-
-__all__ = [
-    "AdaptiveSteps",
-    "Assessment",
-    "Baseline",
-    "Checkpoint",
-    "ConfigError",
-    "CostTable",
-    "DiagnosticsRequest",
-    "Experiment",
-    "ExpressionPotential",
-    "FinishedRun",
-    "FitResult",
-    "Forcing",
-    "ForcingPiece",
-    "FractionalDamping",
-    "FviError",
-    "Gradient",
-    "HardCaseReport",
-    "Inertia",
-    "Law",
-    "LoadedConfig",
-    "Mesh",
-    "Method",
-    "Mode",
-    "ModeTable",
-    "OrderTable",
-    "Outcome",
-    "PlannedRun",
-    "Potential",
-    "Problem",
-    "QuadraticPotential",
-    "Quantity",
-    "RequestError",
-    "ResponseTable",
-    "Run",
-    "SampledForce",
-    "Scene",
-    "StabilityPrediction",
-    "StabilityTable",
-    "StorageError",
-    "StoredConfiguration",
-    "StoredFile",
-    "Symmetry",
-    "Trajectory",
-    "acceleration_at",
-    "as_text",
-    "bagley_torvik",
-    "build_problem",
-    "chain",
-    "compare",
-    "configuration",
-    "contents",
-    "cost",
-    "damped_oscillator",
-    "double_pendulum",
-    "duffing",
-    "export",
-    "figures",
-    "fit",
-    "forget",
-    "fractional_maxwell",
-    "fractional_zener",
-    "frame",
-    "graded_mesh",
-    "gradient",
-    "hard_cases",
-    "integrate",
-    "integrate_members",
-    "integrate_part",
-    "json_schema",
-    "kepler",
-    "lagrangian",
-    "lagrangian_scene",
-    "linear_oscillator",
-    "load",
-    "merge_files",
-    "mesh_of",
-    "method_named",
-    "misfit",
-    "modes",
-    "order_table",
-    "order_tables",
-    "pendulum",
-    "plan",
-    "position_at",
-    "predict_stability",
-    "prony",
-    "quantities",
-    "quantity_at",
-    "recall",
-    "response",
-    "run",
-    "sandwich_beam",
-    "shipped_configurations",
-    "shipped_titles",
-    "smoothed_peak",
-    "solve",
-    "stability",
-    "starter_config",
-    "string",
-    "structure",
-    "study",
-    "tempered",
-    "uniform_mesh",
-    "velocity_at",
-    "write",
-]

@@ -60,7 +60,9 @@ class _Options(TyperCommand):
             usual = "Arguments" if one.param_type_name == "argument" else "Options"
             title = getattr(one, "rich_help_panel", None) or usual
             if (record := one.get_help_record(ctx)) is not None:
-                sections.setdefault(title, []).append(record)
+                # without the type, which is one of Python
+                words, text = record[0].partition(" <")[0], record[1]
+                sections.setdefault(title, []).append((words, text))
         # what every command has stands before what few need
         for title in sorted(sections, key=["Arguments", "Options", CLUSTERS].index):
             with formatter.section(title):

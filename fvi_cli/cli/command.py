@@ -113,7 +113,8 @@ class Call:
 
     def options_of(self, called: Callable[..., object]) -> dict[str, Any]:
         """Those of the shared options that a call of the api has."""
-        return {name: getattr(self, name) for name in _parameters(called) if hasattr(self, name)}
+        names = inspect.signature(called).parameters
+        return {name: getattr(self, name) for name in names if hasattr(self, name)}
 
     def show_plans(self) -> int:
         """Print what would be done with every run."""
@@ -164,12 +165,12 @@ class Call:
         nothing else, unless the command was stopped. `tasks` are what would be computed where that
         is no runs.
         """
-        from fvi_cli.render.figures import pictures_as
+        from fvi_cli.render.figures import drawn_as
 
         if self.dry_run:
             return self.show_plans() if tasks is None else self.show_tasks(tasks)
         options |= self.options_of(compute)
-        with pictures_as(self.formats or (), self.style):
+        with drawn_as(self.formats or (), self.style):
             for request in self.requests:
                 results = compute(request, **options)
                 self.note(results)
@@ -196,11 +197,11 @@ class Call:
         from fvi_cli.render.results import compare, json_rows, show, write
 
         name = None if request is None else request.name
-        paths: list[Path] = []
+        formats, paths = self.formats or (), list[Path]()
         if self.check:
-            self.differences += compare(results, self.output, name=name)
+            self.differences += compare(results, self.output, name=name, formats=formats)
         elif is_kept:
-            paths = write(results, self.output, name=name, anew=self.fresh)
+            paths = write(results, self.output, name=name, anew=self.fresh, formats=formats)
             paths += also()
         self.files += paths
         if self.json:
@@ -213,10 +214,11 @@ class Call:
         """Write figures, or with ``--check`` find in what the stored ones differ."""
         from fvi_cli.render.figures import compare_figures, write_figures
 
+        formats = self.formats or ()
         if self.check:
-            self.differences += compare_figures(drawn, self.output)
+            self.differences += compare_figures(drawn, self.output, formats=formats)
             return
-        paths = write_figures(drawn, self.output, anew=self.fresh)
+        paths = write_figures(drawn, self.output, formats=formats, anew=self.fresh)
         self.files += paths
         if not self.json:
             print(*paths, sep="\n")
@@ -248,10 +250,6 @@ class Call:
         if self.failures:
             return RUN_FAILED
         return CHECK_FAILED if self.differences or self.violations else DONE
-
-
-def _parameters(called: Callable[..., object]) -> Sequence[str]:
-    return tuple(inspect.signature(called).parameters)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -86,7 +86,12 @@ def cost(
     return call.each(measure, show, report=lambda tables, request: tables)
 
 
-@command(*CONFIGURED, *DRAWN, "check")
+@command(
+    *CONFIGURED,
+    *DRAWN,
+    "check",
+    examples="fvi stability mine.yaml --over problem.stiffness=1:1e6:40:log",
+)
 def stability(
     call: Call,
     configs: Configs,
@@ -179,7 +184,7 @@ def hard_cases(
     return call.close()
 
 
-@command(*CONFIGURED, *DRAWN, "check")
+@command(*CONFIGURED, *DRAWN, "check", examples="fvi modes ten-storeys --count 4")
 def modes(
     call: Call,
     configs: Configs,
@@ -206,7 +211,12 @@ def modes(
     return call.each(compute_modes, tasks=tasks, count=count, near=near)
 
 
-@command(*CONFIGURED, *DRAWN, "check")
+@command(
+    *CONFIGURED,
+    *DRAWN,
+    "check",
+    examples="fvi response ten-storeys --over frequency=0.2:8:400 --force ground --at 'x10 - x9'",
+)
 def response(
     call: Call,
     configs: Configs,

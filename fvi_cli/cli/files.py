@@ -94,7 +94,11 @@ def forget(
     file: ResultFile,
     case: Annotated[
         str | None,
-        typer.Option("--case", help="Only runs of this method, such as bdf2 or gauss-s3-graded."),
+        typer.Option(
+            "--case",
+            metavar="CASE",
+            help="Only runs of this method, by its case in `fvi show` or how that begins, as bdf2.",
+        ),
     ] = None,
     others: Annotated[
         bool,

@@ -41,7 +41,7 @@ Check = Annotated[
 ]
 Formats = Annotated[
     list[str] | None,
-    typer.Option("--format", help="pdf, png or svg for figures; several times for several."),
+    typer.Option("--format", metavar="pdf|png|svg", help="Format of figures; repeatable."),
 ]
 Style = Annotated[
     Path | None,

@@ -79,11 +79,11 @@ def plot(call: Call, sources: UsualSources = None) -> int:
     return call.each(run, show, report=lambda outcomes, request: studies(outcomes))
 
 
-@command(*COMPUTED, "check")
+@command(*COMPUTED, "check", examples="fvi quantities three-designs")
 def quantities(call: Call, sources: Sources) -> int:
     """Make tables of quantities (peak, its time, RMS) and events of every run."""
-    from fvi_cli.render.results import observed_report
+    from fvi_cli.render.results import quantities as observed
     from fvi_cli.runner.compute import run
 
     call.gather(sources)
-    return call.each(run, report=lambda outcomes, request: observed_report(outcomes, request.name))
+    return call.each(run, report=lambda outcomes, request: observed(outcomes, name=request.name))

@@ -108,7 +108,7 @@ def _coincide(panel: Panel, first: int, second: int) -> bool:
 
 
 def join_labels(labels: Sequence[str]) -> str:
-    """``BDF2 and BDF3, degree 1`` for two names that share a part."""
+    """``BDF2 and BDF3, degree 1`` or ``BDF2, degrees 1 and 2`` for two names that share a part."""
     if len(labels) == 1:
         return labels[0]
     parts = [label.partition(", ")[::2] for label in labels]
@@ -122,4 +122,8 @@ def join_labels(labels: Sequence[str]) -> str:
 
     if len(tails) == 1:
         return ", ".join(filter(None, (listed(heads), tails[0])))
-    return f"{heads[0]}, {listed(tails)}" if len(heads) == 1 else "; ".join(labels)
+    if len(heads) > 1:
+        return "; ".join(labels)
+    degrees = [tail.removeprefix("degree ") for tail in tails]
+    are_degrees = all(degree.isdigit() for degree in degrees)
+    return f"{heads[0]}, {f'degrees {listed(degrees)}' if are_degrees else listed(tails)}"

@@ -91,21 +91,17 @@ def _line(axes: Axes, line: Line2D) -> dict[str, JsonValue]:
 def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:
     """Numbers to 3 significant digits, each its own or all of the largest; None if not finite."""
     numbers = np.asarray(values, dtype=float)
-    finite = np.isfinite(numbers)
-    largest = float(np.abs(numbers[finite]).max(initial=0.0))
-    result: list[float | None] = []
-    for value, is_finite in zip(numbers.tolist(), finite.tolist(), strict=True):
-        if not is_finite:
-            result.append(None)
-            continue
+    largest = float(np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0))
+
+    def one(value: float) -> float | None:
+        if not math.isfinite(value):
+            return None
         scale = abs(value) if logarithmic else largest
-        if scale == 0:
-            result.append(0.0)
-            continue
-        digits = SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(scale))
+        digits = SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(scale)) if scale else 0
         # adding zero makes a zero of either sign a plain one
-        result.append(round(value, digits) + 0.0)
-    return result
+        return round(value, digits) + 0.0
+
+    return [one(value) for value in numbers.tolist()]
 
 
 def compare_drawn(committed: JsonValue, fresh: JsonValue) -> list[str]:

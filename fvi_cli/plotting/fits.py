@@ -11,21 +11,22 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import over_time, plane
-from fvi_cli.plotting.style import COLOURS, GUIDE_COLOUR, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import with_unit
-from fvi_cli.reports.naming import key_in_words
+from fvi_cli.plotting.style import COLOURS, GUIDE_COLOUR, INK, LINE_STYLES, MARKERS
+from fvi_cli.reports.naming import key_label, with_ratio, with_unit
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
+from fvi_cli.studies.fits.settings import Series
 
 _PROFILE = Look(colour=COLOURS[0])
 _FITTED = Look(colour=COLOURS[0], marker="o", has_line=False, size=3.0)
 _LINEAR = Look(colour=GUIDE_COLOUR, dashes=(0, (4, 2)), width=0.7)
+_NOISE = Look(colour=INK, dashes=(0, (4, 2)), width=0.7)
 _END = Look(colour=COLOURS[1], dashes=(0, (1, 1)), width=0.9)
 _WIDE = 8.0
 """Frequencies that differ by this factor are drawn along a logarithm."""
 MOST_PANELS = 6
 """Measured columns that are drawn; the first of them."""
 MOST_PROFILES = 12
-_MEASURED = Look(colour=GUIDE_COLOUR, marker=".", has_line=False, size=3.0)
+_MEASURED = Look(colour=INK, marker=".", has_line=False, size=3.0)
 
 
 def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]:
@@ -37,7 +38,7 @@ def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]
         if models:
             found[own] = _motions(result, models)
         if result.best.is_converged:
-            found[f"{own}-profiles"] = _profiles(result.best)
+            found[f"{own}-profiles"] = _profiles(result.best, result.units)
     return found
 
 
@@ -60,28 +61,29 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
             dots = Look(colour=colour, has_line=False, marker=mark, is_filled=False, size=2.0)
             label = model.model.name or "fitted"
             upper.append(Curve(x=one.curve[0], y=one.curve[1], label=label, look=line))
-            residual = Curve(x=one.series.times, y=-one.residuals, label=f"_{label}", look=dots)
-            lower.append(residual)
+            lower.append(Curve(x=one.series.times, y=-one.residuals, label=f"_{label}", look=dots))
         deviation = result.best.series[index].deviation if result.best.series else 0.0
+        ends = series.times[[0, -1]]
+        for sign, name in ((1, "twice the noise"), (-1, "_minus twice the noise")):
+            limit = np.full(2, 2 * sign * deviation)
+            lower.append(Curve(x=ends, y=limit, label=name, look=_NOISE))
         amplitude = series.amplitude
-        what, of = ("time", "time") if amplitude is None else ("frequency", "frequency")
-        words = series.column if amplitude is None else f"{series.column} ({series.name})"
-        if amplitude is not None and series.column == amplitude.part:
-            words = f"{amplitude.part} part"
+        what = "time" if amplitude is None else "frequency"
+        label, residual = _words(series, units)
         panels += [
             Panel(
                 curves=upper,
-                y=with_unit(words, units, series.column, series.name),
+                y=label,
                 title=shown.data if several else "",
-                height=1.7,
+                height=1.5,
                 is_log=amplitude is not None and amplitude.part == "magnitude",
             ),
             Panel(
                 curves=lower,
-                y=with_unit("residual", units, series.column, series.name),
-                x=with_unit(what, units, of),
-                height=0.8,
-                levels=(-2 * deviation, 0.0, 2 * deviation),
+                y=residual,
+                x=with_unit(what, units, what),
+                height=1.0,
+                levels=(0.0,),
             ),
         ]
     drawn = [one.series for one in first[:MOST_PANELS]]
@@ -90,7 +92,23 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
     return over_time(panels, x="", logarithmic=is_wide, shared=len(drawn) == 1, title=more)
 
 
-def _profiles(model: ModelFit) -> Figure:
+def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
+    """Words beside the panels of a measured column and of its residuals."""
+    amplitude = series.amplitude
+    if amplitude is None:
+        usual = "velocity" if series.is_velocity else "length"
+        names = (series.column, series.name, *([] if series.formula else [usual]))
+        return with_unit(series.column, units, *names), with_unit("residual", units, *names)
+    words = f"{series.column} ({series.name})"
+    if series.column == amplitude.part:
+        words = f"{amplitude.part} part"
+    if amplitude.part == "phase":
+        return f"{words} (degrees)", "residual (degrees)"
+    of = ("length", "velocity", "acceleration")[amplitude.rate]
+    return with_ratio(words, units, of, "force"), with_ratio("residual", units, of, "force")
+
+
+def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
     """The signed root of the increase of chi-squared: a straight line where the model is linear."""
     drawn = model.estimates[:MOST_PROFILES]
     more = len(model.estimates) > MOST_PROFILES
@@ -98,7 +116,7 @@ def _profiles(model: ModelFit) -> Figure:
     panels = [
         Panel(
             curves=_profile(one),
-            x=key_in_words(one.name),
+            x=key_label(one.name, units),
             y=r"$\mathrm{sign}(\theta - \hat\theta)\,\sqrt{\Delta \chi^2}$",
             height=1.4,
             levels=(0.0,),

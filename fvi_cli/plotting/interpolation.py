@@ -24,6 +24,7 @@ _DEGREE = 2
 _HIGHEST = 1.45
 
 
+@journal_style()
 def interpolation_figure() -> Figure:
     """Draw how a Galerkin variational integrator of degree s = 2 sees a curve.
 
@@ -36,35 +37,30 @@ def interpolation_figure() -> Figure:
     control, tau = basis.control_points, np.linspace(0.0, 1.0, 101)
     # any values will do for a sketch; these make the kinks at the nodes visible
     main = _smooth(np.arange(_N_STEPS + 1.0)) + np.array([-0.07, 0.12, -0.1, 0.06])
-    with journal_style():
-        figure = new_figure(2.0)
-        axes = figure.subplots()
-        time = np.linspace(-0.12, _N_STEPS + 0.12, 301)
-        axes.plot(time, _smooth(time), color=GUIDE_COLOUR, linestyle=(0, (4, 2)), label="$x(t)$")
-        for step in range(_N_STEPS):
-            values = _smooth(step + control) + (0.1, -0.17, 0.2)[step]
-            values[0], values[-1] = main[step], main[step + 1]
-            at_points = values @ basis.values(nodes)
-            label = "$x_d(t)$, degree $s$" if step == 0 else "_piece"
-            piece = axes.plot(
-                step + tau, values @ basis.values(tau), color=COLOURS[0], label=label
-            )[0]
-            piece.set(linewidth=1.5, zorder=3)
-            for node, value in zip(nodes, at_points, strict=True):
-                drop = axes.plot([step + node] * 2, [0.0, value], color=COLOURS[2], label="_drop")[
-                    0
-                ]
-                drop.set(linewidth=0.6, linestyle=(0, (1, 1.5)), zorder=1.5)
-            label = "quadrature points" if step == 0 else "_points"
-            _mark(axes, step + nodes, at_points, "x", COLOURS[2], label)
-            label = "inner control points" if step == 0 else "_inner"
-            _mark(axes, step + control[1:-1], values[1:-1], "o", COLOURS[1], label, face="white")
-            if step == 1:
-                _name_points(axes, nodes, control, values)
-        label = "control points at nodes"
-        _mark(axes, np.arange(_N_STEPS + 1.0), main, "o", COLOURS[1], label, face=COLOURS[1])
-        _dress(axes)
-        legend_of(figure, axes.get_legend_handles_labels()[0])
+    figure = new_figure(2.0)
+    axes = figure.subplots()
+    time = np.linspace(-0.12, _N_STEPS + 0.12, 301)
+    axes.plot(time, _smooth(time), color=GUIDE_COLOUR, linestyle=(0, (4, 2)), label="$x(t)$")
+    for step in range(_N_STEPS):
+        values = _smooth(step + control) + (0.1, -0.17, 0.2)[step]
+        values[0], values[-1] = main[step], main[step + 1]
+        at_points = values @ basis.values(nodes)
+        label = "$x_d(t)$, degree $s$" if step == 0 else "_piece"
+        piece = axes.plot(step + tau, values @ basis.values(tau), color=COLOURS[0], label=label)[0]
+        piece.set(linewidth=1.5, zorder=3)
+        for node, value in zip(nodes, at_points, strict=True):
+            drop = axes.plot([step + node] * 2, [0.0, value], color=COLOURS[2], label="_drop")[0]
+            drop.set(linewidth=0.6, linestyle=(0, (1, 1.5)), zorder=1.5)
+        label = "quadrature points" if step == 0 else "_points"
+        _mark(axes, step + nodes, at_points, "x", COLOURS[2], label)
+        label = "inner control points" if step == 0 else "_inner"
+        _mark(axes, step + control[1:-1], values[1:-1], "o", COLOURS[1], label, face="white")
+        if step == 1:
+            _name_points(axes, nodes, control, values)
+    label = "control points at nodes"
+    _mark(axes, np.arange(_N_STEPS + 1.0), main, "o", COLOURS[1], label, face=COLOURS[1])
+    _dress(axes)
+    legend_of(figure, axes.get_legend_handles_labels()[0])
     return figure
 
 

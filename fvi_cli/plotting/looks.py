@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from matplotlib.colors import to_hex, to_rgb
+import numpy as np
+from matplotlib import colormaps, rcParams
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, LogNorm, Normalize, to_hex, to_rgb
 
 from fvi_cli.integrator.method import BASELINE_NAMES, PEER_NAMES, AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import describe_method, method_names
@@ -137,3 +140,17 @@ def common_features(methods: Sequence[AnyMethod]) -> str:
         return ""
     whose = ", ".join(dict.fromkeys(method.label for method in plain))
     return described.pop() if len(plain) == len(methods) else f"{whose}: {described.pop()}"
+
+
+def colours_of(numbers: Sequence[float]) -> ScalarMappable:
+    """Colours of numbers, by their logarithms where these are spaced evenly."""
+    low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
+    is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
+    # the lightest colours would fade on paper
+    colours = ListedColormap(colormaps[rcParams["image.cmap"]](np.linspace(0.0, 0.88, 256)))
+    return ScalarMappable((LogNorm if is_log else Normalize)(low, high), colours)
+
+
+def colour_of(colours: ScalarMappable, number: float) -> str:
+    """The colour of a number at a bar."""
+    return to_hex(tuple(np.atleast_2d(colours.to_rgba(np.array([number])))[0]))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,32 +10,33 @@ import numpy as np
 from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fvi_cli.plotting.curves import Curve, Panel, looks, merge_alike
-from fvi_cli.plotting.looks import EXACT, Look
+from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
 from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
     COLOURS,
     INK,
-    clear_factor,
-    colour_bar,
-    colour_of,
-    few_decades,
-    few_numbers,
     hatch_rounding,
     journal_style,
+    label_axis,
     label_size,
     legend_of,
-    logarithmic_ticks,
     new_figure,
     panel_grid,
-    short_numbers,
     small,
     wrap,
+)
+from fvi_cli.plotting.ticks import (
+    clear_factor,
+    few_decades,
+    few_numbers,
+    logarithmic_ticks,
+    short_numbers,
 )
 
 MOST_LINES = 6
@@ -49,6 +49,7 @@ _ROUND_OFF = 1e-9  # of the largest value
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
 
 
+@journal_style()
 def over_time(
     panels: Sequence[Panel],
     *,
@@ -68,26 +69,21 @@ def over_time(
     ordinates are sizes. `shared`: all panels have the same abscissas.
     """
     panels = merge_alike(panels)
-    heights = [panel.height for panel in panels[::columns]]
-    shares: dict[str, Any] = {"sharex": shared, "sharey": columns > 1, "height_ratios": heights}
-    with _drawing(panels, columns, 0.5, bar, **shares) as (figure, grid, used, colours):
-        for axes, panel in zip(used, panels, strict=True):
-            axes.set_yscale("log", nonpositive="mask") if panel.is_log else None
-            if logarithmic:
-                axes.set_xscale("log")
-            _draw_curves(axes, panel, colours)
-            _limit_over_time(axes, panel)
-            axes.set_xlim(*(span or _ends(panels if shared else [panel])))
-            if from_zero:
-                axes.set_ylim(bottom=0.0)
-            if logarithmic:
-                short_numbers(axes.xaxis)
-        _name_axes(figure, grid, used, panels, x)
-        figure.align_ylabels(used)
-        finish(figure, used, panels, colours, bar=bar, title=title)
+    shares = {"sharex": shared, "sharey": columns > 1}
+    figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
+    for axes, panel in zip(used, panels, strict=True):
+        _limit_over_time(axes, panel)
+        axes.set_xlim(*(span or _ends(panels if shared else [panel])))
+        if from_zero:
+            axes.set_ylim(bottom=0.0)
+        if logarithmic:
+            axes.set_xscale("log")
+            short_numbers(axes.xaxis)
+    figure.align_ylabels(used)
     return figure
 
 
+@journal_style()
 def ladders(
     panels: Sequence[Panel],
     *,
@@ -101,24 +97,23 @@ def ladders(
     """Draw log-log panels of errors, the values that were lost in a strip at the top.
 
     Errors below a floor that a curve reaches are hatched. Triangles show the slopes that theory
-    expects, or else those observed; what a source states is dashed. `shared`: all panels have the
-    same abscissas.
+    expects, or else those observed; what a source states is dashed. The legend stands `above`, or
+    below. `shared`: all panels have the same abscissas.
     """
-    with _drawing(panels, columns, 0.45, bar, sharex=shared) as (figure, grid, used, colours):
-        for axes, panel in zip(used, panels, strict=True):
-            axes.set(xscale="log", yscale="log")
-            _draw_curves(axes, panel, colours, nested=True)
-        _name_axes(figure, grid, used, panels, x)
-        finish(figure, used, panels, colours, bar=bar, title=title, above=above)
-        for axes, panel in zip(used, panels, strict=True):
-            limit_ladder(axes, panel.curves)
-        figure.draw_without_rendering()
-        for axes, panel in zip(used, panels, strict=True):
-            if panel.has_slopes and not panel.is_ensemble:
-                explain(axes, panel.curves)
+    figure, used = _drawn(
+        panels, x=x, columns=columns, bar=bar, title=title, above=above, nested=True, sharex=shared
+    )
+    for axes, panel in zip(used, panels, strict=True):
+        axes.set(xscale="log", yscale="log")
+        _limit_ladder(axes, panel.curves)
+    figure.draw_without_rendering()
+    for axes, panel in zip(used, panels, strict=True):
+        if panel.has_slopes and not panel.is_ensemble:
+            explain(axes, panel.curves)
     return figure
 
 
+@journal_style()
 def plane(
     panels: Sequence[Panel],
     *,
@@ -129,31 +124,58 @@ def plane(
     most_ticks: int = 0,
 ) -> Figure:
     """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
-    with _drawing(panels, columns, 0.5, bar) as (figure, grid, used, colours):
-        for axes, panel in zip(used, panels, strict=True):
-            _draw_curves(axes, panel, colours)
-            _widen(axes, panels)
-            if is_equal:
-                axes.set_aspect("equal", adjustable="datalim")
-            if most_ticks:
-                few_numbers(axes, most_ticks)
-        _name_axes(figure, grid, used, panels, "")
-        finish(figure, used, panels, colours, bar=bar, title=title)
-        figure.draw_without_rendering()
-        for axes in used:
-            clear_factor(axes.xaxis)
+    figure, used = _drawn(panels, columns=columns, bar=bar, title=title)
+    for axes in used:
+        _widen(axes, panels)
+        if is_equal:
+            axes.set_aspect("equal", adjustable="datalim")
+        if most_ticks:
+            few_numbers(axes, most_ticks)
+    figure.draw_without_rendering()
+    for axes in used:
+        clear_factor(axes.xaxis)
     return figure
 
 
-@contextmanager
-def _drawing(
-    panels: Sequence[Panel], columns: int, words: float, bar: str, **options: Any
-) -> Iterator[tuple[Figure, list[list[Axes]], list[Axes], ScalarMappable | None]]:
-    """A figure with the panels, inches for `words` around them, and the colours of a bar."""
-    with journal_style():
-        figure = new_figure(sum(panel.height for panel in panels[::columns]) + words)
-        grid, used = panel_grid(figure, len(panels), columns, **options)
-        yield figure, grid, used, _colours(panels) if bar else None
+def _drawn(
+    panels: Sequence[Panel],
+    *,
+    x: str = "",
+    columns: int,
+    bar: str,
+    title: str,
+    above: bool = True,
+    nested: bool = False,
+    **options: Any,
+) -> tuple[Figure, list[Axes]]:
+    """A figure with the curves, words and legend of all panels, and these."""
+    heights = [panel.height for panel in panels[::columns]]
+    figure = new_figure(sum(heights) + 0.5)
+    grid, used = panel_grid(figure, len(panels), columns, height_ratios=heights, **options)
+    numbers = [curve.by for panel in panels for curve in panel.curves]
+    colours = colours_of(numbers) if bar else None
+    for axes, panel in zip(used, panels, strict=True):
+        _draw_curves(axes, panel, colours, nested=nested)
+    _name_axes(figure, grid, used, panels, x)
+    entries = _legend_entries(panels, used)
+    if colours is not None:
+        shown = figure.colorbar(colours, ax=used, location="top", aspect=40, pad=0.02)
+        shown.set_label(wrap(bar, figure.get_figwidth() - 0.6))
+        shown.ax.set_gid("decoration")
+        if isinstance(colours.norm, LogNorm):
+            short_numbers(shown.ax.xaxis)
+        # lines are distinguished by their colours; marks and dashes of different kinds have names
+        entries = [
+            one
+            for one in entries
+            if isinstance(one, Line2D)
+            and (len(entries) <= MOST_LINES or one.get_linestyle() == "None")
+        ]
+        for one in entries:
+            one.set(color=INK, markerfacecolor=INK)
+        entries = entries if len(entries) > 1 else []
+    legend_of(figure, entries, title=title, above=above)
+    return figure, used
 
 
 def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
@@ -166,9 +188,7 @@ def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
             getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
 
 
-def _draw_curves(
-    axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool = False
-) -> None:
+def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool) -> None:
     """All curves of a panel; `nested`: with a mark at every point, larger below smaller ones."""
     curves = panel.curves
     if colours is None and panel.is_ensemble and len(curves) > MOST_LINES:
@@ -182,7 +202,7 @@ def _draw_curves(
                 curve.look or Look(colour="", width=0.6), colour=colour_of(colours, curve.by)
             )
             properties = look.properties()
-        every = max(1, curve.x.size // _FINE_POINTS)
+        every = max(1, curve.x.size // _FINE_POINTS) if look.has_line else 1
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
         stride = max(1, xs.size // _MARKS)
         shifted = (((2 * position + 1) * stride // 6) % stride, stride)
@@ -247,42 +267,7 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
     axes.plot(x, median, color="black", marker="o" if marked else "", label="median")
 
 
-def _colours(panels: Sequence[Panel]) -> ScalarMappable:
-    """Colours of the numbers of curves, by their logarithms where these are spaced evenly."""
-    numbers = [curve.by for panel in panels for curve in panel.curves]
-    low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
-    is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
-    return ScalarMappable((LogNorm if is_log else Normalize)(low, high))
-
-
-def finish(
-    figure: Figure,
-    axes: Sequence[Axes],
-    panels: Sequence[Panel],
-    colours: ScalarMappable | None = None,
-    *,
-    bar: str = "",
-    title: str = "",
-    above: bool = True,
-) -> None:
-    """The legend, or the bar that explains the colours."""
-    entries = legend_entries(panels, axes)
-    if colours is not None:
-        colour_bar(figure, axes, colours, bar)
-        # lines are distinguished by their colours; marks and dashes of different kinds have names
-        few = len(entries) <= MOST_LINES
-        marks = [
-            one
-            for one in entries
-            if isinstance(one, Line2D) and (few or one.get_linestyle() == "None")
-        ]
-        for one in marks:
-            one.set(color=INK, markerfacecolor=INK)
-        entries = [*marks] if len(marks) > 1 else []
-    legend_of(figure, entries, title=title, above=above)
-
-
-def legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
+def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
     """An entry for every name in the panels, none for a single curve that has no peak."""
     entries: dict[str, Line2D | Patch] = {}
     size, width = rcParams["lines.markersize"], rcParams["lines.linewidth"]
@@ -312,32 +297,27 @@ def _name_axes(
     x: str,
 ) -> None:
     """Words beside the panels, in lines that are no longer than these."""
-    columns, factor = (
-        len(grid),
-        figure.get_figheight() / (sum(p.height for p in panels[:: len(grid)])),
-    )
+    columns = len(grid)
+    factor = figure.get_figheight() / sum(panel.height for panel in panels[::columns])
     wide = (figure.get_figwidth() - 0.6) / columns
     for position, (axes, panel) in enumerate(zip(used, panels, strict=True)):
         if panel.title:
-            lines = [
-                wrap(line, wide - 0.1 if columns > 1 else wide, label_size())
-                for line in panel.title.split("\n")
-            ]
-            axes.set_title("\n".join(lines))
+            lines = panel.title.split("\n")
+            room = wide - 0.1 if columns > 1 else wide
+            axes.set_title("\n".join(wrap(line, room, label_size()) for line in lines))
         if panel.remark:
             axes.set_title(panel.remark, loc="right", fontsize=small(), pad=2.5)
         if position % columns == 0 or panel.y != panels[position - 1].y:
-            tall = 1.05 * panel.height * min(factor, 1.0)
-            axes.set_ylabel(wrap(panel.y, tall, label_size()))
+            label_axis(axes.yaxis, panel.y, 0.95 * panel.height * min(factor, 1.0))
         # a shorter column would keep a gap open for its words
         is_lowest = position + columns >= len(panels) and any(
             axes is column[-1] for column in grid if len(column) == len(grid[0])
         )
         if panel.x or is_lowest:
-            axes.set_xlabel(wrap(panel.x or x, wide - 0.25 * (columns > 1), label_size()))
+            label_axis(axes.xaxis, panel.x or x, wide - 0.25 * (columns > 1))
 
 
-def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
+def _limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
     """Fit limits and ticks of a log-log panel to all steps, and to the errors that there are."""
     steps = [h for curve in curves for h in curve.x.tolist()]
     errors = np.concatenate([curve.y for curve in curves])
@@ -365,6 +345,7 @@ def _limit_over_time(axes: Axes, panel: Panel) -> None:
     ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
     ranges = [values for values in ranges if values.size]
     if panel.is_log:
+        axes.set_yscale("log", nonpositive="mask")
         positive = [values[values > 0] for values in ranges if np.any(values > 0)]
         if not positive:
             # everything is exactly 0

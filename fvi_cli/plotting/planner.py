@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,6 +33,7 @@ from fvi_cli.plotting.motions.time_series import (
     error_figure,
     has_balance,
     has_momenta,
+    has_momentum,
     has_quantities,
     momenta_figure,
     observed_of,
@@ -75,7 +75,7 @@ _OF_MEMBERS: dict[str, Draw] = {
 _LEAST_LADDER = 3
 
 
-def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[str, Figure]:
+def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
     """Figures that the experiments of one configuration call for, by file name without suffix.
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
@@ -83,16 +83,14 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     ``quantities``, as far as there are an energy, something to measure errors against, and
     quantities. Of a sweep there are ``convergence``, ``trajectory``, ``quantities``, ``section``
     and ``spectrum``, in figures of their own. Experiments of kind ``fractional-derivative`` share
-    one saturation figure. With the `name` of the configuration all convergence panels stand in one
-    figure ``<name>-convergence``; without it every experiment has its own.
+    one saturation figure, and all ladders the figure ``<name>-convergence``.
     """
     figures: dict[str, Figure] = {}
     derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
     if derivatives:
-        title = (name or _common_name(derivatives)).removesuffix("-saturation")
-        title = title if title == "saturation" else f"{title}-saturation"
+        title = name if name.endswith("saturation") else f"{name}-saturation"
         figures[title] = saturation_figure(derivatives)
-    ladders = []
+    ladders: list[Study] = []
     for experiment, finished in studies:
         if isinstance(experiment.problem, DerivativeProblem) or not finished:
             continue
@@ -100,19 +98,14 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
             if isinstance(one, FigureSettings) and not obstacle(finished, one):
                 title = f"{experiment.name}-{one.file_name}"
                 figures[title] = settings_figure(experiment, finished, one)
+        draw = _OF_MEMBERS if experiment.members else _OVER_TIME
         for kind in figure_kinds(experiment, finished):
-            if experiment.members:
-                figures[f"{experiment.name}-{kind}"] = _OF_MEMBERS[kind](experiment, finished)
-                continue
-            if kind == "convergence":
-                ladders.append((experiment, finished))
+            if kind in draw:
+                figures[f"{experiment.name}-{kind}"] = draw[kind](experiment, finished)
             else:
-                figures[f"{experiment.name}-{kind}"] = _OVER_TIME[kind](experiment, finished)
-    if name is not None and ladders:
+                ladders.append((experiment, finished))
+    if ladders:
         figures[f"{name}-convergence"] = convergence_figure(ladders)
-    else:
-        for study in ladders:
-            figures[f"{study[0].name}-convergence"] = convergence_figure([study])
     return figures
 
 
@@ -123,12 +116,11 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
         if kind not in FIGURE_KINDS:
             raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
     obstacles = _obstacles(experiment, finished)
-    if experiment.figures:
-        pass
-    elif "convergence" not in obstacles and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
-        wanted = ("convergence",)
-    else:
+    if not experiment.figures:
+        is_ladder = len({item.run.n_steps for item in finished}) >= _LEAST_LADDER
         wanted = ("trajectory", "energy", "error", "quantities")
+        if is_ladder and "convergence" not in obstacles:
+            wanted = ("convergence",)
     return tuple(kind for kind in wanted if kind not in obstacles)
 
 
@@ -141,41 +133,71 @@ def left_out(studies: Sequence[Study]) -> list[str]:
     """One line for every figure that is named and cannot be drawn, with why, or is not complete."""
     lines = []
     for experiment, finished in studies:
-        if isinstance(experiment.problem, DerivativeProblem):
+        is_derivative = isinstance(experiment.problem, DerivativeProblem)
+        obstacles = _obstacles(experiment, finished)
+        if is_derivative:
             reason = "a fractional derivative has the figure of its orders only"
             obstacles = {kind: reason for kind in FIGURE_KINDS if kind != "convergence"}
-        else:
-            obstacles = _obstacles(experiment, finished)
+        missing = {kind: obstacles[kind] for kind in _words(experiment) if kind in obstacles}
+        for one in experiment.figures if finished else ():
+            if isinstance(one, FigureSettings) and (reason := obstacle(finished, one)):
+                missing[one.file_name] = reason
         lines += [
-            f"{experiment.name}: no {kind} figure, since {obstacles[kind]}"
-            for kind in _words(experiment)
-            if kind in obstacles
+            f"{experiment.name}: no {one} figure, since {why}" for one, why in missing.items()
         ]
-        lines += [
-            f"{experiment.name}: no {one.file_name} figure, since {why}"
-            for one in experiment.figures
-            if isinstance(one, FigureSettings) and finished and (why := obstacle(finished, one))
-        ]
-        if not isinstance(experiment.problem, DerivativeProblem) and finished:
+        if finished and not is_derivative:
             lines += _shortened(experiment, finished)
     return lines
+
+
+_OF_FIRST_METHOD = ("quantities", "section", "hysteresis", "spectrum")
+"""Figures of sweeps that show one method."""
 
 
 def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Iterator[str]:
     """One line for every figure that does not show everything that there is."""
     quantities = max(len(observed_of(item).quantities) for item in finished)
     coordinates = finished[0].trajectory.position.shape[1]
+    most = 1 if experiment.members else MOST_COMPONENTS
     counts = {
-        "quantities": (quantities, MOST_PANELS),
-        "trajectory": (coordinates, 1 if experiment.members else MOST_COMPONENTS),
-        "phase": (coordinates, MOST_COMPONENTS),
-        "section": (coordinates, 1 if experiment.members else MOST_COMPONENTS),
+        "quantities": (quantities, MOST_PANELS, "quantities"),
+        "hysteresis": (len(forces_of(experiment)), MOST_COMPONENTS, "forces"),
+        "trajectory": (coordinates, most, "coordinates"),
+        "phase": (coordinates, MOST_COMPONENTS, "coordinates"),
+        "section": (coordinates, most, "coordinates"),
     }
+    methods = len({item.run.method for item in finished})
     for kind in figure_kinds(experiment, finished):
-        count, most = counts.get(kind, (0, 0))
-        if count > most:
-            what = "quantities" if kind == "quantities" else "coordinates"
-            yield f"{experiment.name}: the {kind} figure shows {most} of {count} {what}"
+        start = f"{experiment.name}: the {kind} figure shows"
+        count, shown, what = counts.get(kind, (0, 0, ""))
+        if count > shown:
+            yield f"{start} {shown} of {count} {what}"
+        is_sweep = experiment.members and experiment.accuracy is None
+        if is_sweep and methods > 1 and kind in _OF_FIRST_METHOD:
+            yield f"{start} the first of {methods} methods"
+
+
+_NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
+    "energy": (has_momentum, "no method of the experiment has a momentum"),
+    "phase": (has_momentum, "no method of the experiment has a momentum"),
+    "balance": (has_balance, "it needs store: {diagnostics: [energy-balance]}"),
+    "momenta": (has_momenta, "it needs store: {diagnostics: [momentum-maps]}"),
+    "quantities": (has_quantities, "the experiment has no quantities"),
+    "hysteresis": (
+        lambda item: has_quantities(item) and bool(forces_of(item.run.experiment)),
+        "no quantity is the force of a damper; write quantities: {force: force_1}",
+    ),
+    "section": (has_events, "no event happened"),
+    "path": (
+        lambda item: item.trajectory.position.shape[1] > 1,
+        "the scene has one coordinate only",
+    ),
+    "waterfall": (
+        lambda item: item.run.problem.kind in WATERFALL_KINDS,
+        f"it is made for {', '.join(WATERFALL_KINDS)}",
+    ),
+}
+"""What some run must have that a kind of figure is drawn of, and the reason where none has."""
 
 
 def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:
@@ -191,44 +213,24 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
             obstacles["spectrum"] = "it is for oscillators of one degree of freedom"
     else:
         obstacles["spectrum"] = "it is drawn of a sweep over stiffness or mass"
-    compared = any(np.isfinite(item.error) for item in finished)
-    if not compared and all(item.status == "ok" for item in finished):
-        obstacles["convergence"] = f"no error is known: the reference is {finished[0].reference}"
+    unknown = f"no error is known: the reference is {finished[0].reference}"
+    is_compared = any(np.isfinite(item.error) for item in finished)
+    if not is_compared and all(item.status == "ok" for item in finished):
+        obstacles["convergence"] = unknown
     elif experiment.members and not any(np.isfinite(f.error) and f.error > 0 for f in finished):
         obstacles["convergence"] = "no member has an error, or one above 0"
     moving = [item for item in finished if item.trajectory.time.size > 1]
     if not moving:
         reason = f"every run failed at its start ({finished[-1].status})"
         return {**obstacles, **dict.fromkeys(_OVER_TIME, reason)}
-    if all(item.trajectory.energy is None for item in moving):
-        obstacles["energy"] = "no method of the experiment has a momentum"
-        obstacles["phase"] = obstacles["energy"]
-    if not any(has_balance(item) for item in moving):
-        obstacles["balance"] = "it needs store: {diagnostics: [energy-balance]}"
-    if not any(has_momenta(item) for item in moving):
-        obstacles["momenta"] = "it needs store: {diagnostics: [momentum-maps]}"
-    if not any(has_quantities(item) for item in moving):
-        obstacles["quantities"] = "the experiment has no quantities"
-    if not forces_of(experiment) or "quantities" in obstacles:
-        obstacles["hysteresis"] = (
-            "no quantity is the force of a damper; write quantities: {force: force_1}"
-        )
-    if not any(has_events(item) for item in moving):
-        obstacles["section"] = "no event happened"
-    if experiment.problem.exact is None and experiment.observations.times is not None:
-        obstacles["error"] = "a refined run is known on the mesh only, not at the times of output"
-    if moving[0].trajectory.position.shape[1] < 2:
-        obstacles["path"] = "the scene has one coordinate only"
-    if experiment.problem.kind not in WATERFALL_KINDS:
-        obstacles["waterfall"] = f"it is made for {', '.join(WATERFALL_KINDS)}"
-    if experiment.problem.exact is None and not compared:
-        obstacles["error"] = f"no error is known: the reference is {finished[0].reference}"
+    obstacles |= {
+        kind: reason
+        for kind, (is_there, reason) in _NEEDS.items()
+        if kind not in obstacles and not any(map(is_there, moving))
+    }
+    if experiment.problem.exact is None and not is_compared:
+        obstacles.setdefault("error", unknown)
+    elif experiment.problem.exact is None and experiment.observations.times is not None:
+        reason = "a refined run is known on the mesh only, not at the times of output"
+        obstacles.setdefault("error", reason)
     return obstacles
-
-
-def _common_name(studies: Sequence[Study]) -> str:
-    """The beginning that all names share, up to a ``-``."""
-    names = [experiment.name for experiment, _ in studies]
-    columns = zip(*(name.split("-") for name in names), strict=False)
-    common = itertools.takewhile(lambda column: len(set(column)) == 1, columns)
-    return "-".join(column[0] for column in common) or names[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, looks
@@ -32,47 +32,60 @@ GUIDE = "guide"
 
 _ROW_HEIGHT = 7.0  # points of one row in the strip of runs without an error
 _MOST_GUIDES = 5
-# points between a triangle and anything else: a marker's radius and some air, or less if it must
-_CLEARANCES = (5.0, 3.5, 2.5)
-_GAPS = (0.0, 0.02, 0.04, 0.07, 0.1)
-_RUNS = (0.24, 0.19, 0.15, 0.11, 0.08, 0.06)
+_LARGE, _SMALL = (0.24, 0.19, 0.15, 0.11), (0.08, 0.06)
+_FAR = (5.0, 10.0, 18.0, 25.0, 35.0, 50.0, 70.0)
+# runs of a triangle, of the panel's width; points between it and its curve; the least between it
+# and anything else, a marker's radius and some air; whether it stands beside small steps, or
+# anywhere in the panel where it would be missed
+_CHOICES = (
+    (_LARGE, (5.0, 8.0, 12.0), 5.0, True),
+    (_LARGE, (3.5, 2.5), 2.5, True),
+    (_LARGE, _FAR, 5.0, False),
+    (_SMALL, (5.0, 3.5, 2.5), 2.5, True),
+    (_LARGE + _SMALL, _FAR, 2.5, False),
+)
+_MARGIN = 2  # points beside the frame
 _HIGHEST_RISE = 0.4
 _SAME_SLOPE, _FAR_SLOPE = 0.4, 2.0
 # a triangle belongs to small steps: it stands beside this share of a curve, in decades of h
 _ASYMPTOTIC = 0.7
+# points all over a triangle, as shares of its corners, and all over a box
+_LATTICE = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8.0
+_BOX = np.stack(np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 4)), axis=-1).reshape(-1, 2)
 
 
 def explain(axes: Axes, curves: Sequence[Curve]) -> None:
     """Add to a panel whose layout has settled lost runs, the floor, and slope triangles."""
-    taken = np.concatenate([_draw_lost(axes, curves), *_draw_floor(axes, curves)])
-    ladders = [ladder for one in curves if (ladder := _Ladder.of(one)).x.size]
+    strip, floor = _draw_lost(axes, curves), _draw_floor(axes, curves)
+    ladders = [ladder for one in curves if (ladder := _Ladder.of(axes, one)).points.size]
     if ladders:
-        _draw_slopes(axes, ladders, _orders(ladders), taken)
+        _draw_slopes(axes, ladders, floor, strip)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Ladder:
-    """A curve without its gaps, steps increasing, as decimal logarithms."""
+    """A curve without its gaps, steps increasing."""
 
-    x: Array
-    y: Array
+    points: Array  # its places in the panel, in points of type, shape ``(n, 2)``
     above: NDArray[np.intp]  # indices above the floor
-    orders: Array
+    orders: Array  # what theory expects, nan where it says nothing
     stated: float
+    tilt: float  # of a line of order 1 in the panel
     is_broken: bool  # whether a run without an error lies between the smallest that have one
 
     @classmethod
-    def of(cls, curve: Curve) -> _Ladder:
+    def of(cls, axes: Axes, curve: Curve) -> _Ladder:
         rising = np.argsort(curve.x)
-        y = curve.y[rising]
-        drawn = np.flatnonzero(y > 0)
-        order = np.broadcast_to(np.asarray(curve.order, dtype=float), curve.x.shape)[rising]
+        drawn = np.flatnonzero(curve.y[rising] > 0)
+        x, y = curve.x[rising][drawn], curve.y[rising][drawn]
+        corner = axes.get_window_extent().p0
+        width, height = _size(axes) / np.ptp(np.log10([axes.get_xlim(), axes.get_ylim()]), axis=1)
         return cls(
-            x=np.log10(curve.x[rising][drawn]),
-            y=np.log10(y[drawn]),
-            above=np.flatnonzero(y[drawn] > curve.floor),
-            orders=order[drawn],
+            points=(axes.transData.transform(np.stack([x, y], axis=1)) - corner) * _per_dot(axes),
+            above=np.flatnonzero(y > curve.floor),
+            orders=np.full_like(curve.x, curve.order)[rising][drawn],
             stated=curve.stated,
+            tilt=height / width,
             is_broken=bool(np.any(np.diff(drawn[:3]) > 1)),
         )
 
@@ -83,19 +96,20 @@ class _Ladder:
 
     @property
     def slope(self) -> float:
-        """Slope of the last three points above the floor on the side of small steps."""
+        """Order of the last three points above the floor on the side of small steps."""
         last = self.above[:3]
         if last.size < 2 or self.is_broken:
             return math.nan
-        return float(np.polyfit(self.x[last], self.y[last], 1)[0])
+        x, y = self.points[last].T
+        return float(np.polyfit(x, y, 1)[0]) / self.tilt
 
     def span(self, order: float) -> tuple[float, float]:
-        """Smallest and largest step of the points above the floor that may have that order."""
+        """First and last place across the panel beside which a triangle of that order stands."""
         there = self.above
         if self.order == order:
             there = there[self.orders[there] == order]
-        steps = self.x[there] if there.size else self.x
-        return float(steps[0]), float(steps[0] + _ASYMPTOTIC * (steps[-1] - steps[0]))
+        across = self.points[there, 0] if there.size else self.points[:, 0]
+        return float(across[0]), float(across[0] + _ASYMPTOTIC * (across[-1] - across[0]))
 
 
 def _orders(ladders: Sequence[_Ladder]) -> list[float]:
@@ -106,53 +120,43 @@ def _orders(ladders: Sequence[_Ladder]) -> list[float]:
     return sorted(expected or observed)[:_MOST_GUIDES]
 
 
-def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> Array:
-    """Hollow marks in a strip at the top, one row for every status and curve."""
+def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> float:
+    """Hollow marks beside their word in a strip at the top; returns where the strip begins."""
     groups: dict[str, list[tuple[Curve, Look, list[float]]]] = {}
     shown = looks(curves, marked=True)
     for one, look in zip(curves, shown, strict=True):
         for word in dict.fromkeys(word for _, word in one.lost):
-            steps = [h for h, other in one.lost if other == word]
+            steps = [step for step, other in one.lost if other == word]
             groups.setdefault(word, []).append((one, look, steps))
-    if not groups:
-        return np.zeros((0, 2))
-    points, width = _size(axes)[1], _size(axes)[0]
-    x0, x1 = np.log10(axes.get_xlim())
+    width, height = _size(axes)
     # hollow marks, unless that already distinguishes two methods
-    is_hollow = all(look.is_filled for look in shown)
+    face = {"markerfacecolor": "none"} if all(look.is_filled for look in shown) else {}
     across = blended_transform_factory(axes.transData, axes.transAxes)
-    top = 1.0
+    low, high = np.log10(axes.get_xlim())
+    row, level = _ROW_HEIGHT / height, 1.0
     for status, members in groups.items():
-        places = [(np.log10(h) - x0) / (x1 - x0) for _, _, steps in members for h in steps]
-        room = 72 * text_width(status) / width + 0.06
-        is_right, is_left = 1 - max(places) > room, min(places) > room
+        places = (np.log10([s for *_, steps in members for s in steps]) - low) / (high - low)
+        is_right = 1.0 - places.max() > places.min()
+        room = 1.0 - places.max() if is_right else places.min()
         # where the word has no room beside the marks it has a row of its own
-        n_rows = len(members) + (not (is_right or is_left))
-        bottom = top - (max(n_rows * _ROW_HEIGHT, small()) + 4) / points
-        row = (top - bottom - 4 / points) / n_rows
-        first = top - 2 / points - row * (n_rows - len(members))
-        for number, (one, look, steps) in enumerate(members):
-            properties = look.properties()
-            properties["linestyle"] = "none"
-            properties["markeredgecolor"], properties["markeredgewidth"] = look.colour, 0.8
-            if is_hollow:
-                properties["markerfacecolor"] = "none"
-            level = [first - (number + 0.5) * row] * len(steps)
-            label = f"_{one.label}: {status}"
-            line = axes.plot(steps, level, transform=across, label=label, **properties)[0]
-            line.set(gid="failure", zorder=4)
-        if is_right or is_left:
-            at, side = (0.97, "right") if is_right else (0.03, "left")
-            note(axes, at, 0.5 * (top + bottom), status, ha=side)
-        else:
-            note(axes, 0.5, top - 2 / points - row / 2, status, va="center_baseline")
+        rows = len(members) + (room < 72 * text_width(status) / width + 0.06)
+        bottom = level - max(rows * row, small() / height) - 0.6 * row
+        middle = (level + bottom) / 2 if rows == len(members) else level - 0.8 * row
+        note(axes, 0.97 if is_right else 0.03, middle, status, ha="right" if is_right else "left")
+        for number, (one, look, steps) in enumerate(members, start=1):
+            at = [bottom + (len(members) - number + 0.8) * row] * len(steps)
+            line = axes.plot(steps, at, transform=across, **look.properties())[0]
+            line.set(label=f"_{one.label}: {status}", gid="failure", zorder=4, linestyle="none")
+            line.set(markeredgecolor=look.colour, markeredgewidth=0.8, **face)
         edge = axes.plot([0, 1], [bottom, bottom], transform=axes.transAxes, **DECORATION)[0]
         edge.set(color=GUIDE_COLOUR, linewidth=0.5, label="_edge")
-        top = bottom
-    make_room(axes, 1 - top)
-    strip = Rectangle((0, top), 1, 1 - top, transform=axes.transAxes, facecolor="#f0f0f0", zorder=0)
-    axes.add_patch(strip)
-    return _inside(0.0, top, 1.0, 1.0)
+        level = bottom
+    if groups:
+        make_room(axes, 1 - level)
+        strip = Rectangle((0, level), 1, 1 - level, transform=axes.transAxes, zorder=0)
+        strip.set_facecolor("#f0f0f0")
+        axes.add_patch(strip)
+    return level
 
 
 def make_room(axes: Axes, share: float) -> None:
@@ -165,158 +169,139 @@ def make_room(axes: Axes, share: float) -> None:
         set_locator(FixedLocator(ticks))
 
 
-def _draw_floor(axes: Axes, curves: Sequence[Curve]) -> list[Array]:
-    """Hatched region below the floor, where a curve reaches it."""
+def _draw_floor(axes: Axes, curves: Sequence[Curve]) -> float:
+    """Hatched region below the floor, where a curve reaches it; returns its share of the panel."""
     level = max((one.floor for one in curves if np.any(one.y < one.floor)), default=0.0)
     if not level:
-        return []
+        return 0.0
     low, high = axes.get_ylim()
     hatch_rounding(axes, low, level)
-    top = float(np.log(level / low) / np.log(high / low))
-    return [_inside(0.0, 0.0, 1.0, top), _inside(0.65, 0.0, 1.0, 0.12)]
-
-
-def _inside(left: float, bottom: float, right: float, top: float) -> Array:
-    """Points all over a box, shape ``(n, 2)``."""
-    u, v = np.meshgrid(np.linspace(left, right, 40), np.linspace(bottom, top, 20))
-    return np.stack([u.ravel(), v.ravel()], axis=1)
+    return max(float(np.log(level / low) / np.log(high / low)), 0.12)
 
 
 def _size(axes: Axes) -> Array:
     """Width and height of a panel in points."""
     extent = axes.get_window_extent()
-    return np.array([extent.width, extent.height]) * 72.0 / axes.figure.dpi
+    return np.array([extent.width, extent.height]) * _per_dot(axes)
 
 
-def _draw_slopes(
-    axes: Axes, curves: Sequence[_Ladder], orders: Sequence[float], taken: Array
-) -> None:
+def _per_dot(axes: Axes) -> float:
+    """Points of type in a dot."""
+    return 72.0 / axes.figure.dpi
+
+
+def _draw_slopes(axes: Axes, ladders: Sequence[_Ladder], floor: float, strip: float) -> None:
     """One triangle for every order, beside a curve of its slope; dashed for what is stated.
 
     Where all such curves are hemmed in it is left out, unless it would be the only one or is
-    stated: that one may stand anywhere. Places are fractions of the panel; `taken` are points.
+    stated: that one may stand far from them.
     """
-    limits = np.log10([axes.get_xlim(), axes.get_ylim()])
-    start, spread = limits[:, 0], np.ptp(limits, axis=1)
-    size, tilt = _size(axes), spread[0] / spread[1]
-    scaled = [(np.stack([c.x, c.y], axis=1) - start) / spread for c in curves]
-    for points in scaled:
-        fine = np.linspace(points[0, 0], points[-1, 0], 200)
-        line = np.stack([fine, np.interp(fine, *points.T)], axis=1)
-        taken = np.concatenate([taken, points, line])
-    stated = {c.stated for c in curves if math.isfinite(c.stated)}.difference(orders)
-    drawn = 0
-    for order in (*orders, *sorted(stated)):
+    width, height = (int(length) for length in _size(axes))
+    taken = np.zeros((height, width), dtype=bool)  # a cell for every square point of the panel
+    taken[: round(floor * height)] = taken[round(strip * height) :] = True
+    for one in ladders:
+        fine = np.linspace(one.points[0, 0], one.points[-1, 0], 2 * width)
+        _take(taken, np.stack([fine, np.interp(fine, *one.points.T)], axis=1))
+        _take(taken, one.points)
+    expected = _orders(ladders)
+    stated = {one.stated for one in ladders if math.isfinite(one.stated)}.difference(expected)
+    is_drawn = False
+    for order in (*expected, *sorted(stated)):
         is_stated = order in stated
         label = f"stated {order:g}" if is_stated else f"order {fraction_in_words(order)}"
-        box = np.array([72 * text_width(label), small()]) / size
-        own = [k for k, c in enumerate(curves) if is_stated and c.stated == order]
-        targets = []
-        for k in own if is_stated else _nearest(curves, order):
-            ends = (np.array(curves[k].span(order)) - start[0]) / spread[0]
-            targets.append((scaled[k], *ends.tolist()))
-        for clearance in _CLEARANCES:
-            pad = clearance / size
-            candidates = _candidates(order * tilt, targets, float(pad[1]))
-            if not targets or is_stated or (drawn == 0 and order == orders[-1]):
-                candidates = chain(candidates, _anywhere(order * tilt))
-            chosen = next((t for t in candidates if t.is_free(box, taken, pad)), None)
-            if chosen is not None:
-                low, high = chosen.label(box, pad)
-                ends = (chosen.left, chosen.low, chosen.right, chosen.high)
-                taken = np.concatenate([taken, _inside(*ends), _inside(*low, *high)])
-                corners = 10 ** (start + spread * np.array(chosen.corners()))
-                _draw_triangle(axes, corners, label, chosen.below, is_stated=is_stated)
-                drawn += 1
-                break
+        box = np.array([72 * text_width(label), small()])
+        near = [one for one in ladders if is_stated and one.stated == order]
+        near = near or _nearest(ladders, order)
+        is_needed = is_stated or not near or (order == expected[-1] and not is_drawn)
+        room: Array = distance_transform_edt(~taken)
+        places = (
+            triangle
+            for runs, distances, clearance, is_close in _CHOICES
+            if is_needed or is_close
+            for run in runs
+            if order * ladders[0].tilt * run * width < _HIGHEST_RISE * height
+            for distance in distances
+            for one in near or ladders
+            for triangle in _triangles(
+                one, order, run * width, distance, one.span(order) if is_close else (0, width)
+            )
+            if _is_free(triangle, box, room, clearance)
+        )
+        if (triangle := next(places, None)) is not None:
+            is_drawn = True
+            _take(taken, _all_over(triangle, box))
+            _draw_triangle(axes, triangle, label, is_stated=is_stated)
 
 
-def _nearest(curves: Sequence[_Ladder], order: float) -> list[int]:
-    """Curves that are expected to have that slope, or else nearly have it, the best first."""
-    distances = [abs(curve.slope - order) for curve in curves]
+def _take(taken: NDArray[np.bool_], points: Array) -> None:
+    """Mark the cells of some points."""
+    column, row = points.astype(int).T
+    taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)] = True
+
+
+def _nearest(ladders: Sequence[_Ladder], order: float) -> list[_Ladder]:
+    """Ladders that are expected to have that slope, or else nearly have it, the best first."""
     # a curve that blows up shows no order, whatever is expected of it
-    near = [k for k, c in enumerate(curves) if c.order == order and distances[k] < _FAR_SLOPE]
-    near = near or [k for k, distance in enumerate(distances) if distance < _SAME_SLOPE]
-    return sorted(near, key=distances.__getitem__)
+    own = [one for one in ladders if one.order == order and abs(one.slope - order) < _FAR_SLOPE]
+    alike = [one for one in ladders if abs(one.slope - order) < _SAME_SLOPE]
+    return sorted(own or alike, key=lambda one: abs(one.slope - order))
 
 
-@dataclass(frozen=True)
-class _Triangle:
-    """In fractions of a panel: from (left, low) up to (right, high), with a corner on a side."""
+def _triangles(
+    one: _Ladder, order: float, run: float, distance: float, span: tuple[float, float]
+) -> Iterator[Array]:
+    """Corners of triangles at a distance from a ladder, those at small steps first.
 
-    left: float
-    right: float
-    low: float
-    high: float
-    below: bool
-
-    def corners(self) -> list[tuple[float, float]]:
-        corner = (self.right, self.low) if self.below else (self.left, self.high)
-        return [(self.left, self.low), corner, (self.right, self.high)]
-
-    def label(self, size: Array, pad: Array) -> tuple[Array, Array]:
-        """Lower left and upper right of the label on the outer side of the flat leg."""
-        left, tall = 0.5 * (self.left + self.right - size[0]), size[1] + 0.3 * pad[1]
-        low = np.array([left, self.low - tall if self.below else self.high])
-        return low, low + np.array([size[0], tall])
-
-    def is_free(self, size: Array, taken: Array, pad: Array) -> bool:
-        """Whether it lies in the panel, and nothing that is taken comes nearer than `pad`."""
-        low, high = self.label(size, pad)
-        ends = np.array([*low, *high, self.left, self.low, self.right, self.high])
-        if ends.min() < 0.02 or ends.max() > 0.98:
-            return False
-        if ((taken > low - pad) & (taken < high + pad)).all(axis=1).any():
-            return False
-        u, v = taken.T
-        share = np.clip((u - self.left) / (self.right - self.left), 0, 1)
-        edge = self.low + share * (self.high - self.low)
-        floor, ceiling = (self.low, edge) if self.below else (edge, self.high)
-        across = (u > self.left - pad[0]) & (u < self.right + pad[0])
-        return not (across & (v > floor - pad[1]) & (v < ceiling + pad[1])).any()
+    Shape ``(3, 2)``: from the lower to the upper end by the right angle, which lies below the
+    hypotenuse, or above it.
+    """
+    slope = order * one.tilt
+    if run > span[1] - span[0]:
+        return
+    for left in np.linspace(span[0], span[1] - run, 25):
+        along = left + np.linspace(0.0, run, 20)
+        offset = np.interp(along, *one.points.T) - slope * (along - left)
+        for low, right_angle in (
+            (offset.min() - 1.05 * distance, (run, 0.0)),
+            (offset.max() + 1.05 * distance, (0.0, slope * run)),
+        ):
+            yield np.array([left, low]) + np.array([(0, 0), right_angle, (run, slope * run)])
 
 
-def _candidates(
-    tilt: float, targets: Sequence[tuple[Array, float, float]], clearance: float
-) -> Iterator[_Triangle]:
-    """Triangles of slope `tilt` whose hypotenuse keeps its distance: large and close ones first."""
-    for run in (run for run in _RUNS if tilt * run < _HIGHEST_RISE):
-        for gap in _GAPS:
-            for points, first, last in targets:
-                if run > last - first and run > _RUNS[-1]:
-                    continue
-                for left in np.linspace(first, max(first, last - run), 25):
-                    along = np.linspace(left, left + run, 20)
-                    offset = np.interp(along, *points.T) - tilt * (along - left)
-                    for below in (True, False):
-                        away = gap + 1.05 * clearance
-                        low = float(offset.min() - away if below else offset.max() + away)
-                        yield _Triangle(left, left + run, low, low + tilt * run, below)
+def _is_free(corners: Array, box: Array, room: Array, clearance: float) -> bool:
+    """Whether a triangle with its label lies in the panel and keeps its distance from the rest."""
+    column, row = _all_over(corners, box).astype(int).T
+    height, width = (size - _MARGIN for size in room.shape)
+    if min(column.min(), row.min()) < _MARGIN or column.max() >= width or row.max() >= height:
+        return False
+    return bool(room[row, column].min() >= clearance)
 
 
-def _anywhere(tilt: float) -> Iterator[_Triangle]:
-    """Triangles of slope `tilt` all over the panel."""
-    for run in (run for run in _RUNS if tilt * run < _HIGHEST_RISE):
-        for low in np.linspace(0.03, 0.97 - tilt * run, 15):
-            for left in np.linspace(0.03, 0.97 - run, 25):
-                for below in (True, False):
-                    yield _Triangle(left, left + run, low, low + tilt * run, below)
+def _all_over(corners: Array, box: Array) -> Array:
+    """Points all over a triangle and the box of its label, outside of the flat leg."""
+    start, right_angle, end = corners
+    lowest = start[1] - box[1] - 1.5 if right_angle[1] == start[1] else end[1]
+    label = np.array([0.5 * (start[0] + end[0] - box[0]), lowest]) + _BOX * box
+    return np.concatenate([_LATTICE @ corners, label])
 
 
-def _draw_triangle(axes: Axes, corners: Array, label: str, below: bool, *, is_stated: bool) -> None:
-    side = axes.plot(*corners[[0, 2]].T, label=f"_{label}", gid=GUIDE)[0]
+def _draw_triangle(axes: Axes, corners: Array, label: str, *, is_stated: bool) -> None:
+    places = corners / _per_dot(axes) + axes.get_window_extent().p0
+    start, right_angle, end = axes.transData.inverted().transform(places)
+    is_below = corners[0, 1] == corners[1, 1]
+    side = axes.plot(*zip(start, end, strict=True), label=f"_{label}", gid=GUIDE)[0]
     side.set(linewidth=0.8, linestyle=(0, (3, 1.5)) if is_stated else "-")
-    legs = axes.plot(*corners.T, label="_legs", gid="decoration")[0]
+    legs = axes.plot(*zip(start, right_angle, end, strict=True), label="_legs", gid="decoration")[0]
     legs.set(linewidth=0.5)
     for line in (side, legs):
         line.set(color=GUIDE_COLOUR, zorder=1.5)
     axes.annotate(
         label,
-        xy=(float(np.sqrt(corners[0, 0] * corners[2, 0])), corners[0 if below else 2, 1]),
-        xytext=(0, -1.5 if below else 1.5),
+        xy=(math.sqrt(start[0] * end[0]), right_angle[1]),
+        xytext=(0, -1.5 if is_below else 1.5),
         textcoords="offset points",
         ha="center",
-        va="top" if below else "bottom",
+        va="top" if is_below else "bottom",
         fontsize=small(),
         color=GUIDE_COLOUR,
     )

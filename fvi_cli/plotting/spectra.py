@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
-from fvi_cli.plotting.panels import over_time
+from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import (
     COLOURS,
     GUIDE_COLOUR,
@@ -22,20 +20,18 @@ from fvi_cli.plotting.style import (
     LINE_STYLES,
     MARKERS,
     journal_style,
-    legend_of,
-    new_figure,
     small,
 )
-from fvi_cli.plotting.words import typeset_sum, with_unit
-from fvi_cli.studies.vibration.modes import Mode, ModeTable
+from fvi_cli.plotting.words import swept_number, typeset_sum
+from fvi_cli.reports.kinds.vibration import magnitude_label
+from fvi_cli.reports.naming import key_label, with_unit
+from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.response import GROUND, ResponseTable
 
 Table = TypeVar("Table", ModeTable, ResponseTable)
 
 MOST_NUMBERED = 12
 """Modes that are numbered in a figure."""
-MOST_NAMED = 12
-"""Members of a sweep that are named in a figure."""
 
 
 def mode_figures(name: str, tables: Sequence[ModeTable]) -> dict[str, Figure]:
@@ -58,111 +54,124 @@ def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]
     return groups if len(groups) > 1 else {name: list(tables)}
 
 
-def _colours(count: int) -> list[str]:
-    """One for each member: distinct ones of a few, a range of many."""
-    if count <= len(COLOURS):
-        return list(COLOURS[:count])
-    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.9, count))]
+def _numbers(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[list[float], str]:
+    """What colours say of many members, and its name: the swept number, or which member it is."""
+    if len(tables) <= MOST_LINES:
+        return [math.nan] * len(tables), ""
+    swept = [number for one in tables if (number := swept_number(one.of_member)) is not None]
+    member = tables[0].of_member
+    if member is None or len(swept) < len(tables):
+        return list(map(float, range(1, len(tables) + 1))), "member"
+    return swept, key_label(next(iter(member.unnamed)), tables[0].units)
 
 
-def _labels(names: Sequence[str]) -> list[str]:
-    """Entries of a legend; of many members only the first and the last."""
-    ends = (0, len(names) - 1)
-    return [n if len(names) <= MOST_NAMED or k in ends else f"_{n}" for k, n in enumerate(names)]
-
-
+@journal_style()
 def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     """Frequency against decay rate above, damping ratio against frequency below.
 
-    Modes that grow lie to the right of the axis, and below it.
+    Modes that grow lie to the right of the axis, and below it. Of more than 6 members the swept
+    number has the colours of a bar.
     """
-
-    def of(get: Callable[[Mode], float]) -> list[Array]:
-        return [np.array([get(mode) for mode in table.modes]) for table in tables]
-
-    hertz, real = of(lambda mode: mode.hertz), of(lambda mode: -mode.decay_rate)
-    ratio = of(lambda mode: 100.0 * mode.damping_ratio)
-    highest = max(one.max() for one in hertz)
-    extent = max(1e-3 * highest, *(np.abs(one).max() for one in real))
     units, is_one = tables[0].units, len(tables) == 1
-    with journal_style():
-        figure = new_figure(4.2)
-        plane, ratios = figure.subplots(2, 1, height_ratios=(1.5, 1.0))
-        labels = _labels([table.member or table.name for table in tables])
-        for index, (colour, label) in enumerate(zip(_colours(len(tables)), labels, strict=True)):
-            marker = MARKERS[index % len(MARKERS)] if len(tables) <= len(COLOURS) else "o"
-            dots = {"linestyle": "none", "marker": marker, "color": colour, "markersize": 3.5}
-            plane.plot(real[index], hertz[index], label="_modes" if is_one else label, **dots)
-            ratios.plot(hertz[index], ratio[index], label=f"_{label}", **dots)
-            ratios.vlines(hertz[index], 0.0, ratio[index], color=colour, linewidth=0.8)
-        plane.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
-        ratios.axhline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
-        plane.set_ylim(0.0, 1.08 * highest)
-        ends = [min(one.min() for one in real), max(one.max() for one in real)]
-        plane.set_xlim(
-            min(1.12 * ends[0], -0.06 * extent) - 0.06 * extent, max(1.12 * ends[1], 0.06 * extent)
-        )
-        for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
-            text = plane.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 2))
-            text.set(fontsize=small() - 1, color=INK, ha="right")
-            text.anncoords = "offset points"
-        plane.set_xlabel(with_unit(r"$\mathrm{Re}\, s$", units, "rate"))
-        plane.set_ylabel(with_unit(r"frequency $\mathrm{Im}\, s / 2\pi$", units, "frequency"))
-        ratios.set_xlim(0.0, 1.05 * highest)
-        least, largest = min(one.min() for one in ratio), max(one.max() for one in ratio)
-        ratios.set_ylim(min(1.15 * least, 0.0), max(1.15 * largest, 1e-6))
-        ratios.set_xlabel(with_unit("frequency", units, "frequency"))
-        ratios.set_ylabel("damping ratio (%)")
-        figure.align_ylabels([plane, ratios])
-        legend_of(figure, plane.get_legend_handles_labels()[0])
+    numbers, bar = _numbers(tables)
+    upper, lower = [], []
+    for place, (table, by) in enumerate(zip(tables, numbers, strict=True)):
+        colour = COLOURS[place % len(COLOURS)]
+        marker = "o" if bar else MARKERS[place]
+        dots = Look(colour=colour, marker=marker, has_line=False, size=3.5)
+        label = "_modes" if is_one or bar else table.member or table.name
+        hertz = np.array([mode.hertz for mode in table.modes])
+        rate = np.array([-mode.decay_rate for mode in table.modes])
+        ratio = 100.0 * np.array([mode.damping_ratio for mode in table.modes])
+        upper.append(Curve(x=rate, y=hertz, label=label, by=by, look=dots))
+        stems = np.stack([0.0 * ratio, ratio, np.full(ratio.size, np.nan)], axis=1).ravel()
+        stem = Look(colour=colour, width=0.8)
+        lower.append(Curve(x=np.repeat(hertz, 3), y=stems, label="_stems", by=by, look=stem))
+        lower.append(Curve(x=hertz, y=ratio, label=f"_{label}", by=by, look=dots))
+    frequency = r"frequency $\mathrm{Im}\, s / 2\pi$"
+    figure = plane(
+        [
+            Panel(
+                curves=upper,
+                x=with_unit(r"$\mathrm{Re}\, s$", units, "rate"),
+                y=with_unit(frequency, units, "frequency"),
+                height=2.3,
+            ),
+            Panel(
+                curves=lower,
+                x=with_unit("frequency", units, "frequency"),
+                y="damping ratio (%)",
+                height=1.6,
+                levels=(0.0,),
+            ),
+        ],
+        bar=bar,
+    )
+    above, below = figure.axes[:2]
+    for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
+        text = above.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 2))
+        text.set(fontsize=small() - 1, color=INK, ha="right")
+        text.anncoords = "offset points"
+    above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
+    rates = np.concatenate([curve.x for curve in upper])
+    highest = max(curve.y.max() for curve in upper)
+    wide = 0.06 * max(1e-3 * highest, np.abs(rates).max())
+    above.set_xlim(min(1.12 * rates.min(), -wide) - wide, max(1.12 * rates.max(), wide))
+    above.set_ylim(0.0, 1.08 * highest)
+    below.set_xlim(0.0, 1.05 * highest)
+    ratios = np.concatenate([curve.y for curve in lower])
+    below.set_ylim(min(1.15 * np.nanmin(ratios), 0.0), max(1.15 * np.nanmax(ratios), 1e-6))
+    figure.align_ylabels([above, below])
     return figure
 
 
 def response_figure(tables: Sequence[ResponseTable]) -> Figure:
-    """Magnitude with half-power widths of its peaks above, phase below."""
-    first, count = tables[0], len(tables[0].outputs)
-    curves = [(table, index) for table in tables for index in range(count)]
-    names = [typeset_sum(table.outputs[index]) for table, index in curves]
-    if len(tables) > 1:
-        members = [table.member for table, _ in curves]
-        names = (
-            members if count == 1 else [f"{a}, {b}" for a, b in zip(names, members, strict=True)]
-        )
-    labels = _labels(names) if len(tables) > 1 else names
-    colours = _colours(len(tables) if len(tables) > 1 else count)
+    """Magnitude with half-power widths of its peaks above, phase below.
+
+    Of more than 6 members the swept number has the colours of a bar.
+    """
+    first, is_one = tables[0], len(tables) == 1
+    numbers, bar = _numbers(tables)
     upper, lower, widths = [], [], []
-    for number, (table, index) in enumerate(curves):
-        look = Look(
-            colour=colours[number // count if len(tables) > 1 else index % len(colours)],
-            dashes=LINE_STYLES[index % len(LINE_STYLES)],
-        )
-        size, phase = table.magnitude[:, index], table.phase[:, index]
-        upper.append(Curve(x=table.hertz, y=size, label=labels[number], look=look))
-        lower.append(Curve(x=table.hertz, y=phase, label=labels[number], look=look))
-        own = [peak for peak in table.peaks if peak.at == table.outputs[index]]
-        widths += [(peak, look.colour) for peak in own]
+    for place, (table, by) in enumerate(zip(tables, numbers, strict=True)):
+        for index, output in enumerate(table.outputs):
+            look = Look(
+                colour=COLOURS[(index if is_one else place) % len(COLOURS)],
+                dashes=LINE_STYLES[index % len(LINE_STYLES)],
+                width=0.8 if bar else None,
+            )
+            words = [typeset_sum(output)] if is_one or len(table.outputs) > 1 else []
+            words += [] if is_one or bar else [table.member]
+            label = ", ".join(words) or "_members"
+            size, phase = table.magnitude[:, index], table.phase[:, index]
+            upper.append(Curve(x=table.hertz, y=size, label=label, by=by, look=look))
+            lower.append(Curve(x=table.hertz, y=phase, label=label, by=by, look=look))
+            mark = Look(colour=look.colour, marker="|", size=4.0)
+            widths += [
+                Curve(
+                    x=np.array([peak.low, peak.high]),
+                    y=np.full(2, peak.magnitude / math.sqrt(2.0)),
+                    label="_half power",
+                    by=by,
+                    look=mark,
+                )
+                for peak in table.peaks
+                if peak.at == output and np.isfinite(peak.high - peak.low)
+            ]
     steps = np.diff(first.hertz)
     what = "ground acceleration" if first.load.split(" ")[0] == GROUND else typeset_sum(first.load)
-    units = {**first.units}
-    if what.startswith("ground") and {"length", "acceleration"} <= units.keys():
-        units["response"] = f"{units['length']} per {units['acceleration']}"
-    magnitude = with_unit("magnitude", units, "response")
     figure = over_time(
         [
-            Panel(curves=upper, y=magnitude, is_log=True, height=2.3),
+            Panel(curves=[*upper, *widths], y=magnitude_label(first), is_log=True, height=2.3),
             Panel(curves=lower, y="phase (degrees)", height=1.4),
         ],
         x=with_unit("frequency", first.units, "frequency"),
+        span=(float(first.hertz[0]), float(first.hertz[-1])),
         logarithmic=bool(steps[-1] > 2.0 * steps[0]),
         title=f"load: {what}",
+        # with several outputs the load stands above their legend
+        bar=f"{bar}; load: {what}" if bar and len(first.outputs) == 1 else bar,
     )
-    with journal_style():
-        for peak, colour in widths:
-            if not np.isfinite(peak.high - peak.low):
-                continue
-            level = peak.magnitude / np.sqrt(2.0)
-            line = figure.axes[0].plot([peak.low, peak.high], [level, level], "|-", color=colour)[0]
-            line.set(markersize=4, label="_half power")
-        step = 90.0 * max(max(1, round(float(np.ptp(one.phase)) / 450.0)) for one in tables)
-        figure.axes[1].yaxis.set_major_locator(MultipleLocator(step))
+    step = 90.0 * max(max(1, round(float(np.ptp(one.phase)) / 450.0)) for one in tables)
+    figure.axes[1].yaxis.set_major_locator(MultipleLocator(step))
     return figure

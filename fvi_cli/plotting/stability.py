@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import NullFormatter, NullLocator
+from matplotlib.ticker import NullFormatter
 
-from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.looks import MethodLook, method_labels, method_looks
+from fvi_cli.plotting.looks import MethodLook, method_looks
+from fvi_cli.plotting.regions import region_figure
 from fvi_cli.plotting.style import (
     COLOURS,
     DECORATION,
     GUIDE_COLOUR,
     INK,
-    few_decades,
     journal_style,
+    label_axis,
     legend_of,
     new_figure,
-    note,
     panel_grid,
-    small,
 )
-from fvi_cli.plotting.words import fraction_in_words
-from fvi_cli.reports.naming import key_in_words
+from fvi_cli.plotting.ticks import few_decades
+from fvi_cli.reports.naming import key_label
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 STABLE_COLOUR = "#A8D3EE"
@@ -67,6 +64,7 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
     return figures
 
 
+@journal_style()
 def step_figure(table: StabilityTable) -> Figure:
     """Stable steps of every method, and below how fast the others grow.
 
@@ -77,30 +75,43 @@ def step_figure(table: StabilityTable) -> Figure:
     by_case = {case: [row for row in table.rows if row.run.method.case == case] for case in styles}
     steps = sorted({row.run.step_size for row in table.rows})
     low, high = steps[0] / 1.6, steps[-1] * 1.6
-    with journal_style():
-        figure = new_figure(2.3 + 0.15 * len(styles))
-        bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.15 * len(styles), 1.7))
-        for place, rows in enumerate(by_case.values()):
-            _bar(bars, place, rows, low, high)
-        labels = [style.label for style in styles.values()]
-        bars.set_yticks(range(len(labels)), labels)
-        bars.tick_params(axis="y", length=0)
-        bars.set_ylim(len(labels) - 0.4, -0.6)
-        growth.set_yscale("log")
-        for place, (case, rows) in enumerate(by_case.items()):
-            if _growth_line(growth, styles[case], rows):
-                _mark_row(bars, place, styles[case])
-        growth.set_ylabel("growth per step $\\log(1/|z|)$")
-        if not any(row.prediction.growth_per_step > 0 for row in table.rows):
-            growth.set_ylim(1e-3, 1.0)
-            growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
-        growth.set_xscale("log")
-        growth.set_xlim(low, high)
-        growth.xaxis.set_minor_formatter(NullFormatter())
-        growth.set_xlabel("step size $h$")
-        few_decades(growth.yaxis, 6)
-        figure.align_ylabels([growth])
-        legend_of(figure, _step_entries(table), above=False)
+    figure = new_figure(2.3 + 0.15 * len(styles))
+    bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.15 * len(styles), 1.7))
+    for place, rows in enumerate(by_case.values()):
+        _bar(bars, place, rows, low, high)
+    labels = [style.label for style in styles.values()]
+    bars.set_yticks(range(len(labels)), labels)
+    bars.tick_params(axis="y", length=0)
+    bars.set_ylim(len(labels) - 0.4, -0.6)
+    growth.set_yscale("log")
+    for place, (case, rows) in enumerate(by_case.items()):
+        if _growth_line(growth, styles[case], rows):
+            _mark_row(bars, place, styles[case])
+    growth.set_ylabel("growth per step $\\log(1/|z|)$")
+    if not any(row.prediction.growth_per_step > 0 for row in table.rows):
+        growth.set_ylim(1e-3, 1.0)
+        growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
+    growth.set_xscale("log")
+    growth.set_xlim(low, high)
+    growth.xaxis.set_minor_formatter(NullFormatter())
+    growth.set_xlabel("step size $h$")
+    few_decades(growth.yaxis, 6)
+    figure.align_ylabels([growth])
+    time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
+    fillings = {
+        STABLE_COLOUR: "stable",
+        SLOW_COLOUR: f"unstable, not yet at {time}",
+        UNSTABLE_COLOUR: f"unstable before {time}",
+    }
+    if any(row.verdict == "unknown" for row in table.rows):
+        fillings[UNKNOWN_COLOUR] = "not predicted"
+    marks = [
+        Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
+        Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
+        Line2D([], [], label="growth in that run", **_GROWTH),
+    ]
+    entries = [*_patches(fillings), *_observed_entries(table, marks)]
+    legend_of(figure, entries, above=False)
     return figure
 
 
@@ -141,6 +152,7 @@ _MARKS = {
     "unstable": _mark("x", INK, INK, 5.0),
     "unknown": _mark("|", GUIDE_COLOUR, "none", 4.0),
 }
+_GROWTH = _mark("x", INK, INK, 2.5)
 _DIFFERENCE = _mark("s", COLOURS[1], "none", 9.0, 1.4)
 _SMALL_DIFFERENCE = _mark("s", COLOURS[1], "none", 5.0, 1.4)
 
@@ -164,7 +176,7 @@ def _growth_line(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
     axes.plot(x, y, label=style.label, **replace(style.look, size=6.0).properties())
     seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
     points = np.array(seen).reshape(-1, 2).T
-    axes.plot(*points, "x", color=INK, markersize=2.5, label="_observed", zorder=4)
+    axes.plot(*points, label="_observed", zorder=4, **_GROWTH)
     return bool(grown)
 
 
@@ -182,31 +194,22 @@ def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
     )
 
 
-def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
-    time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
-    names = {
-        STABLE_COLOUR: "stable",
-        SLOW_COLOUR: f"unstable, not yet at {time}",
-        UNSTABLE_COLOUR: f"unstable before {time}",
-    }
-    if any(row.verdict == "unknown" for row in table.rows):
-        names[UNKNOWN_COLOUR] = "not predicted"
-    entries = [Patch(facecolor=colour, label=name) for colour, name in names.items()]
-    entries[2].set(edgecolor="white", hatch=_HATCHES[UNSTABLE_COLOUR])
-    words = ("stable", "unstable")
-    seen = [Line2D([], [], label=f"{word} in a long run", **_MARKS[word]) for word in words]
-    return [*entries, *_observed_entries(table, seen)]
+def _patches(fillings: Mapping[str, str]) -> list[Patch | Line2D]:
+    """What colours mean."""
+    return [
+        Patch(facecolor=colour, label=words, edgecolor="white", hatch=_HATCHES.get(colour, ""))
+        for colour, words in fillings.items()
+    ]
 
 
 def _observed_entries(table: StabilityTable, seen: Sequence[Line2D]) -> list[Line2D]:
     """What was observed, as far as anything was."""
-    observed = any(row.observation is not None for row in table.rows)
-    differs = (
-        [Line2D([], [], label="not as predicted", **_DIFFERENCE)] if table.disagreements else []
-    )
-    return [*(seen if observed else ()), *differs]
+    is_observed = any(row.observation is not None for row in table.rows)
+    differs = Line2D([], [], label="not as predicted", **_DIFFERENCE)
+    return [*(seen if is_observed else ()), *([differs] if table.disagreements else ())]
 
 
+@journal_style()
 def parameter_figure(table: StabilityTable) -> Figure:
     """Verdicts over one parameter and the step, or over two parameters, a panel per method."""
     experiment = table.experiment
@@ -221,19 +224,27 @@ def parameter_figure(table: StabilityTable) -> Figure:
             panels.append((style.label if not n else f"{style.label}, $N={n}$", rows))
     shown = panels[:MOST_PANELS]
     columns = min(2, len(shown))
-    with journal_style():
-        figure = new_figure(0.9 + 1.6 * -(-len(shown) // columns))
-        grid, used = panel_grid(figure, len(shown), columns, sharex=True, sharey=True)
-        for axes, (title, rows) in zip(used, shown, strict=True):
-            _verdict_panel(axes, keys, rows)
-            axes.set_title(title)
-        for axes in grid[0]:
-            axes.set_ylabel(key_in_words(keys[1]) if len(keys) > 1 else "step size $h$")
-        for column in grid:
-            column[-1].set_xlabel(key_in_words(keys[0]))
-        some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
-        words = some if len(panels) > len(shown) else ""
-        legend_of(figure, _parameter_entries(table, len(keys)), title=words)
+    rows_of_panels = -(-len(shown) // columns)
+    height = min(1.6, 6.6 / rows_of_panels)
+    up = "step size $h$" if len(keys) == 1 else key_label(keys[1], experiment.units)
+    seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
+    limit = Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below")
+    found = {_kind(row) for row in table.rows}
+    fillings = {colour: kind for kind, colour in _COLOURS.items() if kind in found}
+    figure = new_figure(0.9 + height * rows_of_panels)
+    grid, used = panel_grid(figure, len(shown), columns, sharex=True, sharey=True)
+    for axes, (title, rows) in zip(used, shown, strict=True):
+        _verdict_panel(axes, keys, rows)
+        axes.set_title(title)
+    for axes in grid[0]:
+        label_axis(axes.yaxis, up, 0.8 * height)
+    for column in grid:
+        label_axis(column[-1].xaxis, key_label(keys[0], experiment.units), 2.6 / columns)
+    some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
+    words = some if len(panels) > len(shown) else ""
+    entries = [*_patches(fillings), *([limit] if len(keys) == 1 else ())]
+    entries += _observed_entries(table, [seen])
+    legend_of(figure, entries, title=words)
     return figure
 
 
@@ -310,88 +321,3 @@ def _edges(values: Sequence[float]) -> tuple[Array, str]:
     middle = 0.5 * (scaled[1:] + scaled[:-1])
     edges = np.concatenate([[2 * scaled[0] - middle[0]], middle, [2 * scaled[-1] - middle[-1]]])
     return (np.exp(edges), "log") if is_log else (edges, "linear")
-
-
-def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2D]:
-    entries: list[Patch | Line2D] = [
-        Patch(facecolor=colour, label=kind)
-        for kind, colour in _COLOURS.items()
-        if any(_kind(row) == kind for row in table.rows)
-    ]
-    if number == 1:
-        entries.append(Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below"))
-    seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
-    return [*entries, *_observed_entries(table, [seen])]
-
-
-MOST_COLUMNS = 3
-_HEIGHT = 0.68  # inches of a panel
-
-# undecided, stable, and the growth of the worst mode per step from slow to fast
-# on grey paper too: stable is the darkest
-_LEVEL_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A4")
-_LEVEL_LABELS = ("not decided", "stable", "0.1 to 1 %", "1 to 10 %", "10 % to a factor e", "faster")
-
-
-def region_figure(maps: Sequence[StabilityMap]) -> Figure:
-    """A panel for every method, those of one family in a row, with the stable share of it."""
-    lines = _lines(maps)
-    columns = max(len(line) for line in lines)
-    labels = method_labels([one.method for one in maps])
-    padded = [one for line in lines for one in (*line, *[None] * (columns - len(line)))]
-    with journal_style():
-        figure = new_figure(0.45 + (_HEIGHT + 0.17) * len(lines))
-        grid, _ = panel_grid(figure, len(padded), columns, sharex=True, sharey=True)
-        for axes, one in zip(figure.axes, padded, strict=True):
-            if one is None:
-                axes.set_axis_off()
-                continue
-            _draw(axes, one)
-            title = labels[one.method.case].replace(", ", "\n", 1)
-            axes.set_title(title, fontsize=small(), pad=2.5)
-        for column in grid:
-            lowest = [axes for axes in column if axes.axison][-1]
-            lowest.tick_params(labelbottom=True)
-            lowest.set_xlabel("$h^2 k / m$")
-        figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$")
-        undecided = any((one.level < 0).any() for one in maps)
-        handles = [
-            Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
-            for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
-        ]
-        order = fraction_in_words(maps[0].order)
-        legend_of(figure, handles, title=rf"damping of order $\gamma = {order}$: growth per step")
-    return figure
-
-
-def _lines(maps: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
-    """Methods of one family and degree in a row; long rows are cut."""
-    families: dict[object, list[StabilityMap]] = {}
-    for one in maps:
-        method = one.method
-        key: object = "baseline"
-        if isinstance(method, Method):
-            key = "runge-kutta" if method.is_runge_kutta else (method.sampling, method.degree)
-        families.setdefault(key, []).append(one)
-    return [
-        family[begin : begin + MOST_COLUMNS]
-        for family in families.values()
-        for begin in range(0, len(family), MOST_COLUMNS)
-    ]
-
-
-def _draw(axes: Axes, one: StabilityMap) -> None:
-    """The plane with the share of it that is stable."""
-    plane = (one.stiffness, one.damping)
-    norm = BoundaryNorm(np.arange(-1.5, len(GROWTH_LEVELS) + 1.0), len(_LEVEL_COLOURS))
-    cells = axes.pcolormesh(*plane, one.level, cmap=ListedColormap(_LEVEL_COLOURS), norm=norm)
-    cells.set_rasterized(True)
-    axes.set(xscale="log", yscale="log")
-    if 0 < one.share_stable < 1 and min(one.level.shape) > 1:
-        stable = (one.level == 0).astype(float)
-        axes.contour(*plane, stable, levels=[0.5], colors=[INK], linewidths=0.8)
-    share = f"{100 * one.share_stable:.0f} % stable"
-    note(axes, 0.05, 0.93, share, ha="left", va="top", paper={"alpha": 0.8, "pad": 1.0})
-    for axis in (axes.xaxis, axes.yaxis):
-        few_decades(axis, 4)
-        axis.set_minor_locator(NullLocator())

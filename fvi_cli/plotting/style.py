@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import itertools
 import logging
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,23 +15,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import RendererAgg
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, fontManager
-from matplotlib.ticker import (
-    FixedLocator,
-    FuncFormatter,
-    LogLocator,
-    MaxNLocator,
-    NullFormatter,
-    NullLocator,
-)
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -72,6 +60,7 @@ _NOT_LOOKS: tuple[str, ...] = (
 )
 _NOT_LOOKS += ("webagg", "savefig.directory", "savefig.format")
 _FEW_ROWS = 3  # of a legend; of more the samples of lines are short
+_LINES = 1.05  # distance of lines, which are high in the sheet's font
 _DOTS = 100.0  # per inch: words are broad where there are few
 _FAMILIES = ("serif", "sans-serif", "cursive", "fantasy", "monospace")
 _OWN: ContextVar[Mapping[RcKeyType, object]] = ContextVar(
@@ -224,8 +213,8 @@ def text_width(words: str, size: float = 0.0) -> float:
 def wrap(words: str, width: float, size: float = 0.0) -> str:
     """The same words in lines of at most so many inches, as far as single words allow."""
     lines = [""]
-    # a formula is one word
-    for word in re.findall(r"(?:\$[^$]*\$|[^\s$])+", words):
+    # a formula is one word, and so is a unit
+    for word in re.findall(r"(?:\$[^$]*\$|\([^()$]*\)|[^\s$])+", words):
         longer = f"{lines[-1]} {word}".strip()
         if lines[-1] and text_width(longer, size) > width:
             lines.append(word)
@@ -237,6 +226,13 @@ def wrap(words: str, width: float, size: float = 0.0) -> str:
 def label_size() -> float:
     """Points of the words beside axes."""
     return float(FontProperties(size=mpl.rcParams["axes.labelsize"]).get_size_in_points())
+
+
+def label_axis(axis: Axis, words: str, width: float) -> None:
+    """Write words beside an axis, in lines of at most so many inches."""
+    label = axis.set_label_text(wrap(words, width, label_size()))
+    if "\n" in label.get_text():
+        label.set_linespacing(_LINES)
 
 
 def legend_of(
@@ -277,8 +273,11 @@ def legend_of(
         handlelength=length,
         columnspacing=gap,
         title=head or None,
+        title_fontsize=small(),
     )
     legend.get_title().set_multialignment("center")
+    if "\n" in head:
+        legend.get_title().set_linespacing(_LINES)
 
 
 def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:
@@ -286,26 +285,6 @@ def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:
     size, more = divmod(len(widths), count)
     ends = [k * size + min(k, more) for k in range(count + 1)]
     return [widths[a:b] for a, b in itertools.pairwise(ends)]
-
-
-def colour_bar(
-    figure: Figure,
-    axes: Sequence[Axes],
-    colours: ScalarMappable,
-    words: str,
-    location: Literal["top", "bottom"] = "top",
-) -> None:
-    """A bar with numbers above or below all panels, for what colours say."""
-    bar = figure.colorbar(colours, ax=list(axes), location=location, aspect=40, pad=0.02)
-    bar.set_label(wrap(words, figure.get_figwidth() - 0.6))
-    bar.ax.set_gid("decoration")
-    if colours.norm.vmax and colours.norm.vmin and type(colours.norm).__name__ == "LogNorm":
-        short_numbers(bar.ax.xaxis)
-
-
-def colour_of(colours: ScalarMappable, value: float) -> str:
-    """The colour of a number at a bar."""
-    return to_hex(tuple(np.atleast_2d(colours.to_rgba(np.array([value])))[0]))
 
 
 def note(
@@ -330,63 +309,3 @@ def hatch_rounding(axes: Axes, low: float, level: float) -> None:
     area = axes.axhspan(low, level, facecolor="none", edgecolor="#b0b0b0", hatch="/////")
     area.set(linewidth=0, zorder=0.5)
     note(axes, 0.97, 0.03, "round-off", ha="right", va="bottom", paper={"pad": 1.0})
-
-
-def few_decades(axis: Axis, number: int) -> None:
-    """At most so many ticks with numbers on a logarithmic axis, none between decades."""
-    axis.set_major_locator(LogLocator(numticks=number))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def few_numbers(axes: Axes, most: int) -> None:
-    """At most so many ticks on the first axis, numbers from 1e-4 to 1e6 in full."""
-    axes.ticklabel_format(axis="x", scilimits=(-4, 6))
-    axes.xaxis.set_major_locator(MaxNLocator(most))
-
-
-def clear_factor(axis: Axis) -> None:
-    """Move the factor of the numbers into the label where it would stand on that."""
-    factor, label = axis.get_offset_text(), axis.label
-    power = re.search(r"10\^\{.*?\}", factor.get_text())
-    if power and factor.get_window_extent().overlaps(label.get_window_extent()):
-        words, _, unit = label.get_text().partition(" (")
-        axis.set_label_text(f"{words} (${power[0]}$" + (f" {unit}" if unit else ")"))
-        factor.set_visible(False)
-
-
-def short_numbers(axis: Axis) -> None:
-    """Plain numbers on a logarithmic axis, at 1, 2 and 5 where there are few decades."""
-    low, high = sorted(axis.get_view_interval())
-    subs = (1.0, 2.0, 5.0) if low > 0 and high / low < 200 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _short(value)))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _short(value: float) -> str:
-    mantissa, _, exponent = f"{value:.3g}".partition("e")
-    return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa
-
-
-def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
-    """Set ticks of a log-log panel that stay apart, for any number of decades."""
-    low, high = axes.get_xlim()
-    decades = [k for k in range(-30, 31) if low <= 10.0**k <= high]
-    if len(decades) < 2:
-        wide = axes.get_window_extent().width / axes.figure.dpi / math.log(high / low)
-        shown: list[float] = []
-        for size in sorted(set(step_sizes)):
-            room = 0.15 + text_width(f"{size:.3g}")
-            if not shown or wide * math.log(size / shown[-1]) > room:
-                shown.append(size)
-        axes.xaxis.set_major_locator(FixedLocator(shown))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-        axes.xaxis.set_minor_locator(NullLocator())
-    else:
-        few_decades(axes.xaxis, 5)
-    bottom, top = axes.get_ylim()
-    if top / bottom > 1e2:
-        tall = axes.get_window_extent().height / axes.figure.dpi
-        few_decades(axes.yaxis, max(4, min(8, math.floor(5 * tall))))
-        if top / bottom > 1e8:
-            axes.yaxis.set_minor_locator(NullLocator())

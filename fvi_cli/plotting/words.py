@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
-from fvi_cli.reports.naming import key_in_words
+from fvi_cli.reports.naming import key_in_words, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
@@ -47,22 +47,6 @@ def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...
     """Names of the coordinates; of what has none ``x``."""
     problem = experiment.problem
     return (problem.coordinates if isinstance(problem, Problem) else ()) or ("x",) * dimension
-
-
-def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
-    """A label with the unit of the first of some names that has one.
-
-    Where a length and a time have one, velocity, acceleration, rate and frequency follow.
-    """
-    known = {**units}
-    if "time" in known:
-        known.setdefault("rate", f"1/{known['time']}")
-        known.setdefault("frequency", "Hz" if known["time"] == "s" else f"1/{known['time']}")
-    if {"length", "time"} <= known.keys():
-        known.setdefault("velocity", f"{known['length']}/{known['time']}")
-        known.setdefault("acceleration", f"{known['length']}/{known['time']}²")
-    unit = next((known[name] for name in names if name in known), "")
-    return f"{label} ({unit})" if unit else label
 
 
 def in_formula(value: float, digits: int = 8) -> str:

@@ -40,7 +40,7 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
     for index, (name, tables) in enumerate(measured_tables.items()):
         blocks.append(Heading(level=2, words=name))
         # how to read the numbers is explained once
-        blocks += cost_summary(tables, level=3)[min(index, 1) :]
+        blocks += list(cost_summary(tables, level=3))[min(index, 1) :]
     # a picture is no block of a report: it is put below the heading of its configuration
     text = to_markdown(blocks)
     for name, tables in measured_tables.items():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,17 +14,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_FORMATS: ContextVar[Sequence[str]] = ContextVar("formats of pictures", default=())
-
-
 @contextmanager
-def pictures_as(formats: Sequence[str], style: Path | None) -> Iterator[None]:
-    """Within this context pictures are written in these formats, by this style file.
+def drawn_as(formats: Sequence[str], style: Path | None) -> Iterator[None]:
+    """Within this context figures follow a style file; formats are checked before it begins.
 
     Raises
     ------
     RequestError
-        For another format, or a style file that cannot be followed.
+        For a format that is unknown, or a style file that cannot be followed.
     """
     if formats or style:
         # a slow import, which other requests need not wait for
@@ -39,8 +35,6 @@ def pictures_as(formats: Sequence[str], style: Path | None) -> Iterator[None]:
                 styled.enter_context(plotting.style_file(style))
             except ValueError as error:
                 raise RequestError(f"--style: {error}") from None
-        token = _FORMATS.set(tuple(formats))
-        styled.callback(_FORMATS.reset, token)
         yield
 
 
@@ -53,20 +47,20 @@ def write_figures(
 ) -> list[Path]:
     """Bring figures under ``figures/`` in `output` up to date; returns the paths.
 
-    Where the files show what the figure shows (:func:`compare_figures`) they are left as they are,
-    and only pictures that are missing are drawn, unless it is wanted `anew`.
+    Pictures are in these `formats`, or PDF and PNG. Where the files show what the figure shows
+    they are left as they are, and only pictures that are missing are drawn, unless it is wanted
+    `anew`.
     """
     if not figures:
         return []
     # a slow import, which tables need not wait for
     from fvi_cli.plotting import USUAL_FORMS, save_figure
 
-    wanted_forms = formats or _FORMATS.get()
-    forms = list(dict.fromkeys((*wanted_forms, "json") if wanted_forms else USUAL_FORMS))
+    forms = list(dict.fromkeys((*formats, "json") if formats else USUAL_FORMS))
     paths: list[Path] = []
     for name, figure in figures.items():
         files = {form: output / "figures" / f"{name}.{form}" for form in forms}
-        agrees = not anew and not compare_figures({name: figure}, output, formats=())
+        agrees = not anew and not _differences(files["json"], figure)
         wanted = [form for form, path in files.items() if not (agrees and path.is_file())]
         save_figure(figure, output / "figures", name, wanted)
         paths += files.values()
@@ -74,31 +68,30 @@ def write_figures(
 
 
 def compare_figures(
-    figures: Mapping[str, Figure], output: Path, *, formats: Sequence[str] | None = None
+    figures: Mapping[str, Figure], output: Path, *, formats: Sequence[str] = ()
 ) -> list[str]:
     """One line for everything that the stored figures show differently.
 
-    Pictures in `formats` must be there: by default those of :func:`pictures_as`, or else PNG, which
-    documents show.
+    Pictures in `formats` must be there: by default PNG, which documents show.
     """
-    if not figures:
-        return []
-    from fvi_cli.plotting import compare_drawn, drawn_text
-
-    if formats is None:
-        formats = _FORMATS.get() or ("png",)
-    differences = []
+    lines = []
     for name, figure in figures.items():
         path = output / "figures" / f"{name}.json"
-        files = (path, *(path.with_suffix(f".{kind}") for kind in formats))
-        differences += [f"{other}: missing" for other in files if not other.is_file()]
-        if not path.is_file():
-            continue
-        try:
-            stored = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
-            differences.append(f"{path}: cannot be read")
-            continue
-        fresh = json.loads(drawn_text(figure))
-        differences += [f"{path}: {line}" for line in compare_drawn(stored, fresh)]
-    return differences
+        pictures = [path.with_suffix(f".{kind}") for kind in formats or ("png",)]
+        lines += [f"{one}: missing" for one in pictures if not one.is_file()]
+        lines += _differences(path, figure)
+    return lines
+
+
+def _differences(path: Path, figure: Figure) -> list[str]:
+    """One line for everything that the figure and what is stored of it show differently."""
+    from fvi_cli.plotting import compare_drawn, drawn_text
+
+    if not path.is_file():
+        return [f"{path}: missing"]
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return [f"{path}: cannot be read"]
+    fresh = json.loads(drawn_text(figure))
+    return [f"{path}: {line}" for line in compare_drawn(stored, fresh)]

@@ -34,22 +34,8 @@ def plans_as_json(plans: Sequence[PlannedRun]) -> str:
 def contents_as_json(stored: StoredFile) -> str:
     """Where a result file comes from, and every run in it."""
     runs = [
-        {
-            "experiment": run.experiment,
-            "case": run.case,
-            "n_steps": run.n_steps,
-            "step_size": run.step_size,
-            "norm": run.norm,
-            "error": run.error,
-            "status": run.status,
-            "predicted": run.predicted,
-            "complete": True,
-            "created": run.created,
-            "identity": run.identity,
-            "members": run.members,
-            "swept": run.swept,
-            **_observed(run.observed),
-        }
+        {name: value for name, value in asdict(run).items() if name != "observed"}
+        | {"complete": True, **_observed(run.observed)}
         for run in stored.runs
     ]
     return document({"provenance": dict(stored.provenance), "runs": runs})

@@ -20,14 +20,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
     """One line for every run: what would be done with it, why, which effects it has, what it takes.
 
     Members of a sweep with which the same would be done share a line, which has the effects of the
-    first of them and what each takes.
-
-    Parameters
-    ----------
-    plans
-        What would be done.
-    in_full
-        Add the machinery of every run below, the same one once.
+    first of them and what each takes. `in_full`: the machinery of every run stands below.
     """
     header = ("experiment", "method", "n_steps", "step_size", "action", "predicted", "effects")
     rows = [(*header, "operations", "memory", "time", "reason")]

@@ -50,38 +50,23 @@ Found: TypeAlias = Sequence[Any]
 
 @dataclass(frozen=True, kw_only=True)
 class ResultKind:
-    """A kind of result, and what is made of results of it.
+    """A kind of result, and what is made of results of it."""
 
-    Parameters
-    ----------
-    report, figures
-        Of a name and the results; None where there are none.
-    text
-        What a terminal shows in place of the summary of the report.
-    failures, violations
-        A line for each unexpected failure, and for each claim that does not hold.
-    words
-        What the failures are.
-    folder
-        Of the tables.
-    is_written, is_compared
-        Whether files are kept of it, and are the same on every run.
-    further
-        Writes further files: given their beginning and the results.
-    key, values
-        Of a JSON document that says more than the report: its key, and what it holds of a result.
-    """
-
+    # of a name and the results; None where there are none
     report: Callable[[str, Found], Report] | None = None
     figures: Callable[[str, Found], Mapping[str, Figure]] | None = None
+    # what a terminal shows in place of the summary of the report
     text: Callable[[Found], str] | None = None
+    # a line for each unexpected failure, and for each claim that does not hold
     failures: Callable[[Found], list[str]] = lambda found: []
     violations: Callable[[Found], list[str]] = lambda found: []
     words: str = "runs failed unexpectedly"
     folder: str = "tables"
-    is_written: bool = True
-    is_compared: bool = True
+    is_written: bool = True  # whether files are kept of it
+    is_compared: bool = True  # whether these are the same on every run
+    # writes further files: given their beginning and the results
     further: Callable[[Path, Found], list[Path]] = lambda beginning, found: []
+    # of a JSON document that says more than the report: its key, and what it holds of a result
     key: str = ""
     values: Callable[[Any], list[object]] = lambda one: []
 
@@ -178,15 +163,9 @@ def result_kind(results: Results) -> tuple[ResultKind, Found]:
 
 
 def as_text(results: Results, *, name: str | None = None) -> str:
-    """What a terminal shows of `results`.
+    """What a terminal shows of `results`: of one kind, or the contents of a result file.
 
-    Parameters
-    ----------
-    results
-        Outcomes of runs, tables of orders, stability, cost, modes or responses, fits, plans (one
-        of these, or a list of one kind), a report, or the contents of a result file.
-    name
-        Name of the whole in the heading; default that of the only experiment.
+    Their `name` is by default that of the only experiment.
 
     Raises
     ------
@@ -225,12 +204,7 @@ def json_rows(results: Results, name: str | None = None) -> dict[str, list[objec
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
     """Figures of outcomes, fits, or tables that have some, by name; none is written.
 
-    Parameters
-    ----------
-    results
-        One or several outcomes or fits, or tables of stability, cost, modes or responses.
-    name
-        Their names begin with it; default the name of the only experiment.
+    Their names begin with `name`, by default that of the only experiment.
 
     Raises
     ------
@@ -251,24 +225,14 @@ def write(
     *,
     name: str | None = None,
     anew: bool = False,
+    formats: Sequence[str] = (),
 ) -> list[Path]:
-    """Write tables and figures as the commands do; returns the paths.
-
-    Tables and figures that agree with what is stored leave it as it is.
+    """Write tables and figures as the commands do, into folders of `output`; returns the paths.
 
     Of outcomes: the tables of ``fvi convergence`` and the figures of ``fvi plot``. Of everything
-    else: what its command writes, of modes also their shapes, ``<name>-modes.h5``.
-
-    Parameters
-    ----------
-    results
-        What is written.
-    output
-        Folder; tables go to ``tables/`` in it, figures to ``figures/``.
-    name
-        Files begin with it; default the name of the only experiment.
-    anew
-        Write whatever is stored.
+    else: what its command writes, of modes also their shapes, ``<name>-modes.h5``. Files begin with
+    `name`, by default that of the only experiment. Those that agree with what is stored are left as
+    they are, unless all are wanted `anew`. Pictures are PDF and PNG, or in these `formats`.
 
     Raises
     ------
@@ -283,33 +247,33 @@ def write(
     folder, title = Path(output), name or _only_name(found)
     drawn = kind.figures(title, found) if kind.figures else {}
     paths = reports.write(folder / kind.folder, report_on(results, title), anew=anew)
-    paths += write_figures(drawn, folder, anew=anew)
+    paths += write_figures(drawn, folder, formats=formats, anew=anew)
     return paths + kind.further(folder / title, found)
 
 
-def compare(results: Results, output: Path | str, *, name: str | None = None) -> list[str]:
+def compare(
+    results: Results,
+    output: Path | str,
+    *,
+    name: str | None = None,
+    formats: Sequence[str] = (),
+) -> list[str]:
     """One line for everything in which stored tables and figures differ, as ``--check`` reports.
 
-    Parameters
-    ----------
-    results
-        What :func:`write` would write. Costs are never the same twice.
-    output, name
-        As for :func:`write`.
+    They are what :func:`write` would write; pictures in `formats`, by default PNG, must be there.
 
     Raises
     ------
     RequestError
-        If there is more than one experiment and no name, or for tables of cost and plans.
+        If there is more than one experiment and no name, or for costs and plans.
     """
     kind, found = result_kind(results)
     if not kind.is_compared:
         raise RequestError("costs and plans cannot be compared: times differ from run to run")
     folder, title = Path(output), name or _only_name(found)
+    drawn = kind.figures(title, found) if kind.figures else {}
     differences = reports.compare(folder / kind.folder, report_on(results, title))
-    if kind.figures is None:
-        return differences
-    return differences + compare_figures(kind.figures(title, found), folder)
+    return differences + compare_figures(drawn, folder, formats=formats)
 
 
 def _only_name(found: Found) -> str:
@@ -339,23 +303,6 @@ def order_tables(outcomes: Outcome | Sequence[Outcome]) -> list[OrderTable]:
     return [table for one in listed for table in tables_of_orders(one.experiment, one.finished)]
 
 
-def observed_report(outcomes: Sequence[Outcome], name: str) -> Report:
-    """The report of ``fvi quantities``: quantities and events of every run.
-
-    Raises
-    ------
-    RequestError
-        Where none are asked for.
-    """
-    finished = [one for outcome in outcomes for one in outcome.finished]
-    if not any(one.trajectory.observed is not None for one in finished):
-        raise RequestError(
-            f"{name}: no quantities, events or impacts are asked for; give for example "
-            "quantities: {top: ax}"
-        )
-    return quantities_report(name, finished)
-
-
 def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None) -> Report:
     """Quantities and events of all runs, and a table of designs, as ``fvi quantities`` has them.
 
@@ -367,7 +314,14 @@ def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None
         Where none are asked for, or a name is needed.
     """
     listed = [outcomes] if isinstance(outcomes, Outcome) else list(outcomes)
-    return observed_report(listed, name or _only_name(listed))
+    title = name or _only_name(listed)
+    finished = [one for outcome in listed for one in outcome.finished]
+    if not any(one.trajectory.observed is not None for one in finished):
+        raise RequestError(
+            f"{title}: no quantities, events or impacts are asked for; give for example "
+            "quantities: {top: ax}"
+        )
+    return quantities_report(title, finished)
 
 
 def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:

@@ -8,19 +8,19 @@ import statistics
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
-from fvi_cli.integrator.method_names import MethodName, method_names
+from fvi_cli.config import method_named
+from fvi_cli.integrator.method_names import MethodName, method_name, method_names
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.quantities import EXTENT_COLUMNS, design_blocks, design_sheet
-from fvi_cli.reports.table import Column, grid_of
+from fvi_cli.reports.table import About, Column, grid_of
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Entry, StoredFile
-from fvi_cli.storage.records.fields import ObservedSummary, summary_of
+from fvi_cli.storage.records.fields import summary_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words
 
@@ -38,12 +38,7 @@ def _as_text(grid: Grid) -> str:
 def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> str:
     """One line for every finished run; of a sweep one for each method and number of steps.
 
-    Parameters
-    ----------
-    outcomes
-        What became of the experiments.
-    every_member
-        Give every member of a sweep a line as well.
+    `every_member` of a sweep may have a line as well.
     """
     rows = [("experiment", "method", "n_steps", "step_size", "error", "status", "expected")]
     summed_up = []
@@ -105,39 +100,24 @@ def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> l
 
 def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
     """Quantities and events of every run that stands alone."""
-    found = []
-    for outcome in outcomes:
-        labels = _labels(outcome)
-        found += [
-            _ObservedRun(
-                experiment=outcome.experiment.name,
-                method=labels[one.run.method.case].label,
-                n_steps=one.run.n_steps,
-                error=one.error,
-                observed=summary_of(one.trajectory.observed),
-            )
-            for one in outcome.finished
-            if one.run.member is None
-        ]
-    return _quantities_as_text(found, "method")
+    return _quantities_as_text(
+        About(
+            experiment=outcome.experiment.name,
+            method=labels[one.run.method.case].label,
+            n_steps=one.run.n_steps,
+            error=one.error,
+            observed=summary_of(one.trajectory.observed),
+        )
+        for outcome in outcomes
+        for labels in (_labels(outcome),)
+        for one in outcome.finished
+        if one.run.member is None
+    )
 
 
 def _labels(outcome: Outcome) -> dict[str, MethodName]:
     """What people call the methods of an experiment, by their cases."""
     return method_names([one.run.method for one in outcome.finished])
-
-
-@dataclass(frozen=True, kw_only=True)
-class _ObservedRun:
-    """A run by its words, and what was observed of it; then one of these things."""
-
-    experiment: str
-    method: str
-    n_steps: int
-    error: float
-    observed: ObservedSummary
-    name: str = ""
-    found: Any = None
 
 
 _EVENT_COLUMNS = (
@@ -151,16 +131,16 @@ _EVENT_COLUMNS = (
 )
 
 
-def _quantities_as_text(runs: Sequence[_ObservedRun], method: str) -> list[str]:
-    """A table of the quantities and one of the events; `method` is the heading of that column."""
-    titles = {"experiment": "experiment", "method": method, "n_steps": "n_steps"}
-    named = [Column(name, title=title) for name, title in titles.items()]
+def _quantities_as_text(runs: Iterable[About]) -> list[str]:
+    """A table of the quantities and one of the events of runs with what was `observed` of them."""
+    found = list(runs)
+    named = [Column(name, title=name) for name in ("experiment", "method", "n_steps")]
     texts = []
     for what, columns in (("extents", EXTENT_COLUMNS), ("counts", _EVENT_COLUMNS)):
         items = [
-            replace(run, name=name, found=found)
-            for run in runs
-            for name, found in getattr(run.observed, what).items()
+            About(**vars(run), name=name, found=seen)
+            for run in found
+            for name, seen in getattr(run.observed, what).items()
         ]
         is_known = any(math.isfinite(one.error) for one in items)
         shown = [one for one in columns if one.name != "error" or is_known]
@@ -194,47 +174,51 @@ def _members_as_text(outcome: Outcome) -> str:
     return columns_of_words(rows)
 
 
+_STORED_COLUMNS = (
+    Column("experiment", title="experiment"),
+    Column("method", title="method", get=lambda run: _method(run.case)),
+    Column("n_steps", title="n_steps"),
+    Column("step_size", title="step_size", form=".6g"),
+    Column("norm", title="norm"),
+    Column("error", title="error", form=".3e"),
+    Column("status", title="status"),
+    Column("case", title="case"),
+    Column("variant", title="with"),
+)
+
+
+def _method(case: str) -> str:
+    """What people call a method of this name in files, as far as the name says which it is."""
+    try:
+        return method_name(method_named(case))
+    except ValueError:
+        return case
+
+
 def contents_as_text(stored: StoredFile) -> str:
     """Where a result file comes from, and one line for every run in it."""
     lines = [f"{name}: {value}" for name, value in stored.provenance.items()]
-    rows: list[tuple[str, ...]] = [
-        ("experiment", "case", "n_steps", "step_size", "norm", "error", "status", "with")
-    ]
-    rows += [
-        (
-            run.experiment,
-            run.case,
-            str(run.n_steps),
-            f"{run.step_size:.6g}",
-            run.norm,
-            f"{run.error:.3e}",
-            run.status,
-            run.variant,
-        )
-        for run in stored.runs
-    ]
-    if not any(run.variant for run in stored.runs):
-        rows = [row[:-1] for row in rows]
-    text = "\n".join([*lines, "", columns_of_words(rows)])
-    swept = dict.fromkeys(
-        f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
-        if run.members > 1
-        else f"{run.experiment} {run.case} n_steps = {run.n_steps}: the member with {run.swept}"
-        for run in stored.runs
-        if run.members
-    )
-    observed = [
-        _ObservedRun(
+    is_varied = any(run.variant for run in stored.runs)
+    grid = grid_of([c for c in _STORED_COLUMNS if is_varied or c.name != "variant"], stored.runs)
+    tables = _quantities_as_text(
+        About(
             experiment=run.experiment,
-            method=run.case,
+            method=_method(run.case),
             n_steps=run.n_steps,
             error=run.error,
             observed=run.observed,
         )
         for run in stored.runs
-    ]
-    tables = [line for table in _quantities_as_text(observed, "case") for line in ("", table)]
-    return "\n".join([text, *tables, *(["", *swept] if swept else [])])
+    )
+    swept = dict.fromkeys(
+        f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
+        if run.members > 1
+        else f"{run.experiment} {_method(run.case)}, n_steps = {run.n_steps}: the member with "
+        f"{run.swept}"
+        for run in stored.runs
+        if run.members
+    )
+    return "\n\n".join(filter(None, ("\n".join(lines), _as_text(grid), *tables, "\n".join(swept))))
 
 
 def titles_as_text(titles: Mapping[str, str]) -> str:

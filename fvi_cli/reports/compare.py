@@ -6,13 +6,13 @@ import json
 import logging
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
 from fvi_cli.reports.document import Block, blank
-from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within
 from fvi_cli.reports.writers import FORMS, csv_name, rendered
 from fvi_cli.reports.writers.data import FORMAT, as_value, as_word, csv_columns, read_csv
 from fvi_cli.storage.atomic import explain_os_error, replace_file
@@ -59,8 +59,23 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
     That is the one on the stored rows, where these agree with the fresh ones.
     """
     found: Differences = {}
-    expected = _expected(directory, report, found)
-    is_same = expected is not None and not any(found.values())
+    stored: dict[str, dict[Key, Row]] = {}
+    paths = {one.name: directory / csv_name(report, one) for one in report.sheets if one.is_file}
+    for sheet in report.sheets:
+        if sheet.is_file and (text := _read(paths[sheet.name], found)) is not None:
+            found[paths[sheet.name]], stored[sheet.name] = _csv(text, sheet)
+    try:
+        expected = report.on([_laid_over(one, stored) for one in report.sheets])
+    except LookupError:
+        expected = None  # rows are missing
+    except ValueError as error:
+        found[next(iter(paths.values()))].append(str(error))
+        expected = None
+    for place, sheet in enumerate(report.sheets):
+        if rows := stored.get(sheet.name):
+            own = None if expected is None else expected.sheets[place]
+            found[paths[sheet.name]] += _differences(rows, sheet, own, report)
+    is_same = not any(found.values())
     for ending, write in FORMS.items():
         path = directory / f"{report.name}{ending}"
         text = _read(path, found, is_needed=ending == ".md")
@@ -73,37 +88,12 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
     return found, expected if expected is not None and is_same else report
 
 
-def _expected(directory: Path, report: Report, found: Differences) -> Report | None:
-    """The report on the stored rows; None where some are missing."""
-    stored: dict[str, list[Row] | None] = {}
-    paths = {one.name: directory / csv_name(report, one) for one in report.sheets if one.is_file}
-    for sheet in report.sheets:
-        if sheet.is_file and (text := _read(paths[sheet.name], found)) is not None:
-            found[paths[sheet.name]], stored[sheet.name] = _csv(
-                text, sheet, is_partial=report.is_partial
-            )
-    if any(stored.get(name) is None for name in paths):
-        return None
-    try:
-        expected = report.on(
-            [
-                replace(one, rows=_laid_over(one, rows)) if (rows := stored.get(one.name)) else one
-                for one in report.sheets
-            ]
-        )
-    except ValueError as error:
-        found[next(iter(paths.values()))].append(str(error))
-        return None
-    for sheet in expected.sheets:
-        if rows := stored.get(sheet.name):
-            lines = found[paths[sheet.name]]
-            lines += _own(rows, sheet, lines)
-    return expected
-
-
-def _laid_over(sheet: Sheet, rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Stored rows, with what only the JSON form has from the fresh ones."""
-    return tuple({**fresh, **row} for fresh, row in zip(sheet.rows, rows, strict=True))
+def _laid_over(sheet: Sheet, stored: Mapping[str, Mapping[Key, Row]]) -> Sheet:
+    """The sheet with stored rows, with what only the JSON form has from the fresh ones."""
+    if not sheet.is_file:
+        return sheet
+    rows, fresh = stored[sheet.name], _fresh(sheet)
+    return replace(sheet, rows=tuple({**row, **rows[key]} for key, row in fresh.items()))
 
 
 def _read(path: Path, found: Differences, *, is_needed: bool = True) -> str | None:
@@ -122,33 +112,45 @@ def _first_lines(path: Path, lines: Sequence[str]) -> list[str]:
     return [f"{path}: {line}" for line in (*lines[:MOST_LINES], *more)]
 
 
-def _csv(text: str, sheet: Sheet, *, is_partial: bool) -> tuple[list[str], list[Row] | None]:
-    """What differs, and the stored rows in the order of the fresh ones, if all are there."""
+def _fresh(sheet: Sheet) -> dict[Key, Row]:
+    """The rows of a sheet by what identifies them."""
+    return {_key(row, sheet): row for row in sheet.rows}
+
+
+def _key(row: Row, sheet: Sheet) -> Key:
+    return tuple(as_word(row[one.name], one) for one in sheet.columns if one.name in sheet.keys)
+
+
+def _stored(rows: Iterable[Row], sheet: Sheet) -> dict[Key, Row]:
+    """Rows of a file by what identifies them, their values of the kinds of the fresh ones."""
+    fresh, columns = _fresh(sheet), {column.name: column for column in sheet.columns}
+
+    def value(found: Value, column: Column, like: Value) -> Value:
+        if found is None and isinstance(like, float):
+            return math.nan  # JSON has none
+        word = as_word(found, column)
+        return None if like is None and word == column.missing else as_value(word, like)
+
+    return {
+        key: {name: value(one, columns[name], like.get(name)) for name, one in row.items()}
+        for row in rows
+        for key in (_key(row, sheet),)
+        for like in (fresh.get(key, {}),)
+    }
+
+
+def _csv(text: str, sheet: Sheet) -> tuple[list[str], dict[Key, Row]]:
+    """What is wrong with a file, and the rows in it."""
     names, lines = read_csv(text)
-    columns = csv_columns(sheet)
-    if names != [column.name for column in columns]:
-        return [f"its columns are not {','.join(column.name for column in columns)}"], None
+    columns = [column.name for column in csv_columns(sheet)]
+    if names != columns:
+        return [f"its columns are not {','.join(columns)}"], {}
     wrong = [line for line in lines if len(line) != len(columns)]
     if wrong:
-        return [f"{len(line)} fields in {line}" for line in wrong], None
-    fresh = {
-        tuple(as_word(row[c.name], c) for c in columns if c.name in sheet.keys): row
-        for row in sheet.rows
-    }
-    stored: dict[Key, Row] = {}
-    for line in lines:
-        key = tuple(w for w, c in zip(line, columns, strict=True) if c.name in sheet.keys)
-        like = fresh.get(key, {})
-        stored[key] = {
-            c.name: None if w == c.missing and known is None else as_value(w, known)
-            for w, c, known in zip(line, columns, (like.get(c.name) for c in columns), strict=True)
-        }
-    twice = len(lines) - len(stored)
-    messages = [f"{twice} rows are given twice"] if twice else []
-    if is_partial:
-        stored = {key: stored[key] for key in fresh if key in stored}
-    messages += _rows(stored, fresh, sheet)
-    return messages, [stored[key] for key in fresh] if fresh.keys() <= stored.keys() else None
+        return [f"{len(line)} fields in {line}" for line in wrong], {}
+    rows = _stored((dict(zip(columns, line, strict=True)) for line in lines), sheet)
+    twice = len(lines) - len(rows)
+    return [f"{twice} rows are given twice"] if twice else [], rows
 
 
 def _json(text: str, report: Report) -> list[str]:
@@ -156,44 +158,41 @@ def _json(text: str, report: Report) -> list[str]:
         content = json.loads(text)
         if content["format"] != FORMAT:
             return [f"format: {content['format']!r} is not {FORMAT}"]
-        lines: list[str] = []
-        for sheet in report.sheets:
-            columns = [c for c in sheet.columns if c.name in sheet.keys]
-            fresh = {tuple(as_word(row[c.name], c) for c in columns): row for row in sheet.rows}
-            stored = {}
-            for row in content["sheets"][sheet.name]["rows"]:
-                key = tuple(as_word(row[c.name], c) for c in columns)
-                stored[key] = {n: _number(v, fresh.get(key, {}).get(n)) for n, v in row.items()}
-            if report.is_partial:
-                stored = {key: stored[key] for key in fresh if key in stored}
-            lines += _rows(stored, fresh, sheet)
+        return [
+            line
+            for sheet in report.sheets
+            for rows in (_stored(content["sheets"][sheet.name]["rows"], sheet),)
+            for line in _differences(rows, sheet, None, report)
+        ]
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         return [f"cannot be read: {type(error).__name__}: {error}"]
-    return lines
 
 
-def _number(value: Value, like: Value) -> Value:
-    if not isinstance(like, float) or isinstance(value, bool):
-        return value
-    return math.nan if value is None else as_value(str(value), like)
-
-
-def _rows(stored: Mapping[Key, Row], fresh: Mapping[Key, Row], sheet: Sheet) -> Iterator[str]:
-    keys = [column.name for column in sheet.columns if column.name in sheet.keys]
+def _differences(
+    stored: Mapping[Key, Row], sheet: Sheet, own: Sheet | None, report: Report
+) -> Iterator[str]:
+    """Numbers that are not the fresh ones, or do not follow from those of their `own` sheet."""
+    names = [column.name for column in sheet.columns if column.name in sheet.keys]
+    fresh = _fresh(sheet)
+    if report.is_partial:
+        stored = {key: stored[key] for key in fresh if key in stored}
     yield from (
-        f"{_place(keys, key)}: stored, but not computed now" for key in stored if key not in fresh
+        f"{_place(names, key)}: stored, but not computed now" for key in stored if key not in fresh
     )
-    yield from (f"{_place(keys, key)}: not stored" for key in fresh if key not in stored)
-    for key, row in fresh.items():
-        old = stored.get(key)
-        if old is not None:
-            free = sheet.below_floor(old, row)
-            for column in sheet.columns:
-                name = column.name
-                if name not in old or name in free or column.compared is None:
-                    continue
-                if not _agree(old[name], row[name], column.compared):
-                    yield f"{_place(keys, key)}: {name}: {old[name]!r} is stored, now {row[name]!r}"
+    yield from (f"{_place(names, key)}: not stored" for key in fresh if key not in stored)
+    for place, (key, row) in enumerate(fresh.items()):
+        old = stored.get(key, {})
+        free = sheet.below_floor(old, row) if old else ()
+        for column in (column for column in sheet.columns if column.name in old):
+            found, now, within = old[column.name], row[column.name], column.compared
+            given = own.rows[place][column.name] if own is not None and column.follows else found
+            if within and column.name not in free and not _agree(found, now, within):
+                words = f"is stored, now {now!r}"
+            elif not _agree(found, given, FOLLOWS):
+                words = f"is stored; its own rows give {given!r}"
+            else:
+                continue
+            yield f"{_place(names, key)}: {column.name}: {found!r} {words}"
     if stored.keys() == fresh.keys() and list(stored) != list(fresh):
         yield "its rows are in another order"
 
@@ -210,22 +209,6 @@ def _agree(one: Value, other: Value, within: Within) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         return within.holds(one, other)
     return type(one) is type(other) and one == other
-
-
-def _own(rows: Sequence[Row], expected: Sheet, messages: Sequence[str]) -> list[str]:
-    """Numbers that do not follow from those beside them, unless they are reported already."""
-    lines = []
-    keys = [column.name for column in expected.columns if column.name in expected.keys]
-    for stored, row in zip(rows, expected.rows, strict=True):
-        for column in csv_columns(expected):
-            one, other = stored[column.name], row[column.name]
-            if column.follows and not _agree(one, other, FOLLOWS):
-                columns = {c.name: c for c in expected.columns}
-                place = _place(keys, tuple(as_word(row[k], columns[k]) for k in keys))
-                start = f"{place}: {column.name}: {one!r} is stored"
-                if not any(line.startswith(start) for line in messages):
-                    lines.append(f"{start}; its own rows give {other!r}")
-    return lines
 
 
 def _words(found: str, expected: Report, write: Callable[[Sequence[Block]], str]) -> Iterator[str]:

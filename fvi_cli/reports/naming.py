@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -29,7 +30,7 @@ _KEYS: Mapping[str, str] = {
 }
 
 
-_SINGULAR = {"masses": "mass", "stiffnesses": "stiffness"}
+_SINGULAR = {"masses": "mass", "modulus": "modulus", "stiffnesses": "stiffness"}
 _PARTS = {
     "relaxed": "relaxed modulus",
     "unrelaxed": "unrelaxed modulus",
@@ -58,6 +59,61 @@ def key_in_words(key: str) -> str:
         the = "" if words[-1:].isdigit() else "the "
         words = f"{name} of {the}{words}" if words else name
     return words
+
+
+def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
+    """The units that are given, and those that follow from time, length and force."""
+    time, length, force = (units.get(name, "") for name in ("time", "length", "force"))
+    found: dict[str, str] = {}
+    if time:
+        found |= {"rate": f"1/{time}", "frequency": "Hz" if time == "s" else f"1/{time}"}
+    if length and time:
+        found |= {"velocity": f"{length}/{time}", "acceleration": f"{length}/{time}²"}
+    if length and force:
+        found |= {"stiffness": f"{force}/{length}", "energy": f"{force} {length}"}
+    if length and force and time:
+        found["momentum"] = f"{force} {time}"
+        found["coefficient"] = rf"{force} {time}$^\gamma$/{length}"
+    return found | {**units}
+
+
+def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
+    """A label with the unit of the first of some names that has one."""
+    known = all_units(units)
+    unit = next((known[name] for name in names if name in known), "")
+    return f"{label} ({unit})" if unit else label
+
+
+def with_ratio(label: str, units: Mapping[str, str], above: str, below: str) -> str:
+    """A label with the unit of a response, such as metres per newton."""
+    known = all_units(units)
+    has_unit = {above, below} <= known.keys()
+    return f"{label} ({known[above]} per {known[below]})" if has_unit else label
+
+
+_LIKE = dict.fromkeys(("relaxed", "unrelaxed", "modulus", "moduli"), "stiffness") | {
+    "times": "time"
+}
+
+
+def key_label(key: str, units: Mapping[str, str]) -> str:
+    """What an entry of the configuration is called beside an axis, with its unit."""
+    path, _, motion = key.partition("@")  # as of a parameter that each motion has for itself
+    last = [part for part in path.split(".") if not part.isdigit()][-1]
+    label = with_unit(key_in_words(path), units, last, _LIKE.get(last, last))
+    return f"{label}, {motion}" if motion else label
+
+
+def columns_with_units(
+    columns: Sequence[Column], units: Mapping[str, str], **kinds: str
+) -> tuple[Column, ...]:
+    """The columns; some have behind their titles the unit of what they are, a length or a time."""
+    return tuple(
+        replace(one, title=with_unit(one.title, units, kinds[one.name]))
+        if one.name in kinds and one.title
+        else one
+        for one in columns
+    )
 
 
 DESIGN = "design"

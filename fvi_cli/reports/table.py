@@ -102,10 +102,11 @@ def rows_of(columns: Iterable[Column], items: Iterable[object]) -> tuple[Row, ..
 
 
 def grid_of(columns: Sequence[Column], items: Iterable[object], **layout: Any) -> Grid:
-    """A grid for people: a line about every item."""
+    """A grid for people of the columns with a title: a line about every item."""
+    shown = [one for one in columns if one.title]
     return Grid(
-        header=tuple(one.title for one in columns),
-        rows=tuple(tuple(one.show(one.of(item)) for one in columns) for item in items),
+        header=tuple(one.title for one in shown),
+        rows=tuple(tuple(one.show(one.of(item)) for one in shown) for item in items),
         **layout,
     )
 

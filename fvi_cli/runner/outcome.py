@@ -52,7 +52,8 @@ class Outcome:
         """The first figure as an HTML element; empty without a figure."""
         from fvi_cli.plotting import figures_for
 
-        for figure in figures_for([(self.experiment, self.finished)]).values():
+        study = (self.experiment, self.finished)
+        for figure in figures_for([study], name=self.experiment.name).values():
             file = io.BytesIO()
             figure.savefig(file, format="png", dpi=DOTS_PER_INCH)
             picture = base64.b64encode(file.getvalue()).decode()
@@ -79,7 +80,7 @@ class Outcome:
         if figure is not None:
             experiment = replace(experiment, figures=(one_figure(figure, experiment),))
         study = (experiment, self.finished)
-        for drawn in figures_for([study]).values():
+        for drawn in figures_for([study], name=experiment.name).values():
             return drawn
         raise RequestError(*(left_out([study]) or [f"{experiment.name}: no figure to draw"]))
 

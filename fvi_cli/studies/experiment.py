@@ -45,7 +45,7 @@ FIGURE_KINDS = (
     "spectrum",
 )
 """What ``Experiment.figures`` may name."""
-UNITS = ("time", "length", "velocity", "acceleration", "momentum", "energy")
+UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
 """What has a unit beside coordinates and quantities."""
 NEEDS_LADDER = (
     "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"

@@ -7,6 +7,7 @@ import fvi_cli as fvi
 from fvi_cli.plotting import left_out
 from fvi_cli.plotting.style import new_figure, panel_grid
 from fvi_cli.plotting.words import in_formula
+from fvi_cli.reports.naming import key_label
 
 CONFIG = {
     "name": "seen",
@@ -146,8 +147,9 @@ def test_units_are_labels_and_belong_to_something():
     assert one.run.specification() == other.run.specification()
     drawn = {name: figure.axes[0] for name, figure in fvi.figures(named).items()}
     assert drawn["seen-trajectory"].get_ylabel() == "position $x(t)$ (mm)"
-    assert drawn["seen-energy"].get_ylabel() == "energy $H(x, p)$"
+    assert drawn["seen-energy"].get_ylabel() == "energy $H(x, p)$ (N mm)"
     assert drawn["seen-phase"].get_xlabel() == "position $x$ (mm)"
+    assert drawn["seen-phase"].get_ylabel() == "momentum $p$ (N ms)"
     with pytest.raises(fvi.RequestError, match=r"units.forse: .* did you mean 'force'\?"):
         fvi.load({**MEMBERS, "units": {"forse": "N"}})
 
@@ -192,3 +194,20 @@ def test_every_member_of_a_sweep_for_a_tolerance_is_drawn(coefficients):
         for axes in figure.axes:
             labels = [str(line.get_label()) for line in axes.lines]
             assert [one for one in labels if one[0] != "_"] == [f"{c:g}" for c in coefficients]
+
+
+@pytest.mark.parametrize(
+    ("key", "label"),
+    [
+        ("problem.stiffness", "stiffness (N/m)"),
+        ("problem.damping.0.moduli.1", "modulus 2 of the damping (N/m)"),
+        ("problem.damping.0.times.0", "relaxation time 1 of the damping (s)"),
+        ("problem.law.relaxed@slow", "relaxed modulus of the law (N/m), slow"),
+        ("problem.damping.0.coefficient", r"coefficient of the damping (N s$^\gamma$/m)"),
+        ("problem.damping.0.order", "order of the damping"),
+    ],
+)
+def test_entries_of_a_configuration_have_the_unit_that_follows(key, label):
+    units = {"time": "s", "length": "m", "force": "N"}
+    assert key_label(key, units) == label
+    assert " (" not in key_label(key, {})

@@ -725,7 +725,18 @@ KNOWN_COMMANDS = {
     *("input", "usepackage", "setlength", "parindent", "tabcolsep", "raggedright", "begin", "end"),
     *("section", "subsection", "footnotesize", "item", "texttt", "par", "smallskip", "medskip"),
     *("toprule", "midrule", "bottomrule", "endhead", "endfoot", "endlastfoot", "multicolumn"),
-    *("arraybackslash", "allowbreak", "cdot", "sum", "mu", "gamma", "sin", "backslash", "sim"),
+    *(
+        "arraybackslash",
+        "allowbreak",
+        "textsuperscript",
+        "cdot",
+        "sum",
+        "mu",
+        "gamma",
+        "sin",
+        "backslash",
+        "sim",
+    ),
 }
 
 

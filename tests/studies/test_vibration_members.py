@@ -9,7 +9,7 @@ import pytest
 from command_line import configuration, fvi
 
 import fvi_cli as fvi_api
-from fvi_cli.plotting.spectra import spectrum_figure
+from fvi_cli.plotting.spectra import response_figure, spectrum_figure
 
 MASSES = "mass: [[1, 0], [0, 1]], stiffness: [[2, -1], [-1, 2]]"
 
@@ -92,6 +92,22 @@ def test_growing_modes_are_seen_in_the_figure(coefficients, tmp_path):
     for mode in modes:
         assert left < mode.frequency.real < right
         assert low < 100 * mode.damping_ratio < high
+
+
+def test_many_members_have_the_colours_of_what_is_swept(tmp_path):
+    path = tmp_path / "many.yaml"
+    swept = "\nsweep: {problem.damping.0.coefficient: {from: 0.05, to: 0.4, number: 8}}\n"
+    path.write_text(configuration(problem(0.2), name="many", steps="16") + swept)
+    modes = fvi_api.modes(path)
+    responses = fvi_api.response(path, over="frequency=0.1:0.4:31", force=["x1"], at=["x2"])
+    for figure in (spectrum_figure(modes), response_figure(responses)):
+        *panels, bar = figure.axes
+        assert bar.get_xlabel().startswith("coefficient of the damping")
+        assert bar.get_xlim() == pytest.approx((0.05, 0.4))
+        shown = [line.get_color() for line in panels[0].lines if line.get_gid() != "decoration"]
+        assert len(set(shown)) == 8
+    # the control: a few have names
+    assert len(spectrum_figure(modes[:3]).axes) == 2
 
 
 def test_tables_have_the_names_of_designs(tmp_path):

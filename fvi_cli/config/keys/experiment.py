@@ -149,8 +149,8 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         default=None,
     )
     units: Units = key(
-        "Units on the axes of figures: of time, length, velocity, acceleration, momentum, energy, "
-        "of coordinates and of quantities. They are labels; no number is converted.",
+        "Units on the axes of figures: of time, length, velocity, acceleration, force, momentum, "
+        "energy, of coordinates and of quantities. They are labels; no number is converted.",
         default=None,
     )
     stability: StabilitySettings = key(

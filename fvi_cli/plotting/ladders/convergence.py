@@ -20,8 +20,8 @@ from fvi_cli.plotting.words import (
     member_label,
     swept_keys_in_words,
     swept_number,
-    with_unit,
 )
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.scenes.registry import kind_title
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -62,13 +62,25 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     panels = [
         Panel(
             title=title,
-            y=with_unit(f"error {NORM_LABELS[experiment.norm]}", experiment.units, "length"),
+            y=_error_label(experiment),
             curves=error_curves(finished, own),
             height=height,
         )
         for title, (experiment, finished), own in parts
     ]
-    return ladders(panels, columns=columns, title=common_features(methods))
+    units = studies[0][0].units
+    return ladders(
+        panels,
+        x=with_unit("step size $h$", units, "time"),
+        columns=columns,
+        title=common_features(methods),
+    )
+
+
+def _error_label(experiment: Experiment) -> str:
+    """Words beside errors; a mean over time has a unit that no one gives."""
+    names = () if experiment.norm == "l2" else ("length",)
+    return with_unit(f"error {NORM_LABELS[experiment.norm]}", experiment.units, *names)
 
 
 def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook]) -> list[Curve]:
@@ -166,7 +178,7 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
     panels = [
         Panel(
             title=names[method.case].label,
-            y=with_unit(f"error {NORM_LABELS[experiment.norm]}", experiment.units, "length"),
+            y=_error_label(experiment),
             is_ensemble=True,
             height=2.1 if len(by_method) == 1 else 1.8,
             curves=[
@@ -182,6 +194,7 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
     ]
     return ladders(
         panels,
+        x=with_unit("step size $h$", experiment.units, "time"),
         columns=min(2, len(panels)),
         above=False,
         title=members_title(experiment),

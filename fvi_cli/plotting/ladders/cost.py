@@ -17,15 +17,8 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look, MethodLook, method_looks
 from fvi_cli.plotting.panels import ladders
 from fvi_cli.plotting.slopes import make_room
-from fvi_cli.plotting.style import (
-    DECORATION,
-    INK,
-    few_decades,
-    journal_style,
-    note,
-    short_numbers,
-    text_width,
-)
+from fvi_cli.plotting.style import DECORATION, INK, journal_style, label_size, note, text_width
+from fvi_cli.plotting.ticks import few_decades, short_numbers
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.writers.equations import to_mathematics
@@ -89,7 +82,7 @@ def cost_figure(table: CostTable) -> Figure:
         shared=True,
     )
     with journal_style():
-        figure.suptitle(_title(table))
+        figure.suptitle(_title(table), fontsize=label_size())
         figure.set_figheight(figure.get_figheight() + 0.55)
         times = figure.axes[0]
         errors = np.concatenate([curve.x for panel in panels for curve in panel.curves])

@@ -17,15 +17,14 @@ from fvi_cli.plotting.motions.section import section_figure
 from fvi_cli.plotting.motions.time_series import observed_of
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import coordinates_of, typeset_name, with_unit
-from fvi_cli.reports.naming import DESIGN, key_in_words
+from fvi_cli.plotting.words import coordinates_of, typeset_name
+from fvi_cli.reports.naming import DESIGN, key_in_words, key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member, value_in_words
 
 _WORDS = {"peak": "peak of {}", "rms": "RMS of {}", "least": "least {}", "greatest": "greatest {}"}
-_DOTS_OF_A_CURVE = 2000
 _DECADES = 30.0
 """Swept numbers that span more stand on a logarithmic axis."""
 
@@ -93,7 +92,7 @@ def against_figure(
     runs = [one for one in finest_of_members(finished) if one.run.member is not None]
     series, names, bar = _series(runs, key)
     which, quantity = settings.extent
-    x = with_unit(key_in_words(key), experiment.units, key.rpartition(".")[2])
+    x = key_label(key, experiment.units)
     if which:
         label = _WORDS[which].format(quantity.replace("_", " "))
         panel = Panel(
@@ -112,7 +111,7 @@ def against_figure(
             bar=bar,
         )
     at, words = _place(experiment, settings)
-    curves = [curve for one in series for curve in _dots(one, key, at, settings, len(series), bar)]
+    curves = [_dots(one, key, at, settings, len(series), bar) for one in series]
     return plane([Panel(curves=curves, x=x, y=words, height=2.8)], title=names, bar=bar)
 
 
@@ -201,8 +200,8 @@ def _dots(
     settings: FigureSettings,
     count: int,
     bar: str,
-) -> list[Curve]:
-    """The places of one series, in curves that are drawn point by point."""
+) -> Curve:
+    """The places of one series."""
     xs: list[Array] = []
     ys: list[Array] = []
     for run in events_of(one.members, settings.plot, settings.after):
@@ -217,17 +216,7 @@ def _dots(
         has_line=False,
         size=1.6 if x.size > 500 else 3.0,
     )
-    parts = range(0, max(x.size, 1), _DOTS_OF_A_CURVE)
-    return [
-        Curve(
-            x=x[k : k + _DOTS_OF_A_CURVE],
-            y=y[k : k + _DOTS_OF_A_CURVE],
-            label=one.label,
-            by=one.number,
-            look=look,
-        )
-        for k in parts
-    ]
+    return Curve(x=x, y=y, label=one.label, by=one.number, look=look)
 
 
 OF_PERIOD = ("problem.mass", "problem.stiffness")
@@ -254,10 +243,10 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
         for label, (at, most) in points.items()
     ]
     units = experiment.units
-    acceleration = r"pseudo-acceleration $\omega^2 \max |x|$"
+    acceleration = r"pseudo-acceleration $\omega^2 \max\, |x|$"
     return over_time(
         [
-            Panel(curves=upper, y=with_unit(r"displacement $\max |x|$", units, "length")),
+            Panel(curves=upper, y=with_unit(r"displacement $\max\, |x|$", units, "length")),
             Panel(curves=lower, y=with_unit(acceleration, units, "acceleration")),
         ],
         x=with_unit("period without damping", units, "time"),

@@ -26,10 +26,12 @@ from fvi_cli.plotting.style import (
     GUIDE_COLOUR,
     INK,
     journal_style,
+    label_axis,
     new_figure,
     note,
 )
-from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name, with_unit
+from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
@@ -124,6 +126,7 @@ def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
     return curves
 
 
+@journal_style()
 def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the most accurate run of a chain, a frame or a string as lines one above the other.
 
@@ -132,24 +135,24 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
     """
     kind = experiment.problem.kind
     best = most_accurate(select_runs(finished))
-    with journal_style():
-        if kind == "string":
-            figure = new_figure(3.6)
-            _draw_shapes(figure.subplots(), experiment, best)
-            return figure
-        ground = _ground_acceleration(experiment, best.trajectory.time)
-        figure = new_figure(3.6 if ground is None else 4.4)
-        what = "mass" if kind == "chain" else "storey"
-        if ground is None:
-            axes = last = figure.subplots()
-        else:
-            axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
-            last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
-            last.set_ylabel(with_unit("ground\n$a(t)$", experiment.units, "acceleration"))
-            figure.align_ylabels([axes, last])
-        _draw_masses(axes, experiment, best, what)
-        last.set_xlabel(time_label(experiment, [best]))
-        last.set_xlim(0.0, experiment.problem.final_time)
+    if kind == "string":
+        figure = new_figure(3.6)
+        _draw_shapes(figure.subplots(), experiment, best)
+        return figure
+    ground = _ground_acceleration(experiment, best.trajectory.time)
+    figure = new_figure(3.6 if ground is None else 4.4)
+    what = "mass" if kind == "chain" else "storey"
+    if ground is None:
+        axes = last = figure.subplots()
+    else:
+        axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
+        last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
+        words = with_unit("ground $a(t)$", experiment.units, "acceleration")
+        label_axis(last.yaxis, words, 0.7)
+        figure.align_ylabels([axes, last])
+    _draw_masses(axes, experiment, best, what)
+    last.set_xlabel(time_label(experiment, [best]))
+    last.set_xlim(0.0, experiment.problem.final_time)
     return figure
 
 

@@ -27,8 +27,8 @@ from fvi_cli.plotting.words import (
     swept_keys_in_words,
     swept_number,
     typeset_name,
-    with_unit,
 )
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.loops import deformation_against, forces_of
 
@@ -157,12 +157,11 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             elif not experiment.members:
                 curve = replace(curve, look=Look(colour=COLOURS[0], width=0.9))
             curves.append(curve)
-        force = f"force {typeset_name(name)}" if name != "force" else name
         panels.append(
             Panel(
                 curves=curves,
                 x=with_unit("deformation", experiment.units, "length"),
-                y=with_unit(force, experiment.units, name),
+                y=with_unit(name.replace("_", " "), experiment.units, name, "force"),
                 height=2.4,
             )
         )

@@ -17,15 +17,11 @@ from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_t
 from fvi_cli.plotting.looks import EXACT, Look, method_looks
 from fvi_cli.plotting.panels import MOST_LINES, over_time
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES
-from fvi_cli.plotting.words import (
-    coordinates_of,
-    in_formula,
-    time_label,
-    typeset_name,
-    with_unit,
-)
+from fvi_cli.plotting.words import coordinates_of, in_formula, time_label, typeset_name
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.studies.loops import forces_of
 from fvi_cli.studies.reference import reference_of
 
 _FINE_POINTS = 2001
@@ -112,6 +108,7 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
         shown = select_runs(finished, has_quantities)
         peaked = shown[-1:]
     names = list(observed_of(shown[0]).quantities)
+    forces = forces_of(experiment)
     panels = []
     for name in names[:MOST_PANELS]:
         columns = [observed_of(item).quantities[name] for item in shown]
@@ -128,7 +125,12 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             curves[place] = replace(curves[place], peaks=[peak])
         panels.append(
             Panel(
-                y=with_unit(name.replace("_", " "), experiment.units, name),
+                y=with_unit(
+                    name.replace("_", " "),
+                    experiment.units,
+                    name,
+                    "force" if name in forces else name,
+                ),
                 curves=curves,
                 remark=remark,
                 height=1.15 if len(names) <= 3 else 0.9,
@@ -289,14 +291,12 @@ def has_momentum(item: FinishedRun) -> bool:
 
 def has_balance(item: FinishedRun) -> bool:
     """Whether a run was stored with its energy balance."""
-    found = item.trajectory.diagnostics
-    return found is not None and found.energy_defect is not None
+    return _diagnostics(item).energy_defect is not None
 
 
 def has_momenta(item: FinishedRun) -> bool:
     """Whether a run was stored with momentum maps."""
-    found = item.trajectory.diagnostics
-    return found is not None and bool(found.map_names)
+    return bool(_diagnostics(item).map_names)
 
 
 def has_quantities(item: FinishedRun) -> bool:

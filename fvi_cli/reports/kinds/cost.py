@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from fvi_cli.integrator.baselines.peers import PEER_LIMITS
-from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
+from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Equation, Heading, Paragraph
+from fvi_cli.reports.kinds.order_summary import NORMS, reference_in_words
 from fvi_cli.reports.naming import number
 from fvi_cli.reports.table import About, Column, Report, Sheet, Sheets, Words, grid_of, within
 from fvi_cli.studies.cost import CostTable
@@ -215,87 +216,62 @@ def _names(table: CostTable) -> dict[str, MethodName]:
     return method_names([case.method for case in table.cases])
 
 
-def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> list[Block]:
+def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> Iterator[Block]:
     """Seconds to accuracies, the price of a digit, and who is cheapest, of every experiment."""
-    blocks: list[Block] = [
-        Paragraph(
-            words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
-            "repeats, one run after the other in one process. The order is that between the "
-            "two finest rows above the floor; the time exponent (seconds against N) and the factor "
-            "that one more digit costs belong to the four finest. The cheapest method stays so "
-            "until another is quicker by a tenth. A dash says that an accuracy was not reached; a "
-            "number in brackets with it is extrapolated, not measured. Seconds and bytes are those "
-            "of one machine."
-        )
-    ]
-    if any(_is_peer(case.method) for table in tables for case in table.cases):
-        blocks.append(Paragraph(words=f"Limits of the peers: {PEER_LIMITS}."))
+    yield Paragraph(
+        words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
+        "repeats, one run after the other in one process. The order is that between the "
+        "two finest rows above the floor; the time exponent (seconds against N) and the factor "
+        "that one more digit costs belong to the four finest. The cheapest method stays so "
+        "until another is quicker by a tenth. A dash says that an accuracy was not reached; a "
+        "number in brackets with it is extrapolated, not measured. Seconds and bytes are those "
+        "of one machine."
+    )
+    methods = [case.method for table in tables for case in table.cases]
+    if any(isinstance(one, Baseline) and one.name in PEER_NAMES for one in methods):
+        yield Paragraph(words=f"Limits of the peers: {PEER_LIMITS}.")
     for table in tables:
-        blocks += _summary(table, level)
-    return blocks
+        yield Heading(level=level, words=table.experiment)
+        yield from _prices(table)
 
 
-def _is_peer(method: AnyMethod) -> bool:
-    return isinstance(method, Baseline) and method.name in PEER_NAMES
-
-
-def _summary(table: CostTable, level: int) -> list[Block]:
+def _prices(table: CostTable) -> Iterator[Block]:
     names, curves = _names(table), cost_curves(table)
     bands = cheapest_bands(curves)
+    yield Paragraph(
+        words=(
+            Equation(table.equation or "an equation that is not stated"),
+            f"; T = {table.final_time:g}. Errors in the {NORMS[table.norm]}, against "
+            f"{reference_in_words(table.reference)}.",
+        )
+    )
     cheapest = [cheapest_at(bands, accuracy) for accuracy in ACCURACIES]
     last = tuple("-" if curve is None else curve_name(curve, names) for curve in cheapest)
-    return [
-        Heading(level=level, words=table.experiment),
-        Paragraph(
-            words=(
-                Equation(table.equation or "an equation that is not stated"),
-                f"; T = {table.final_time:g}. Errors: norm {table.norm}, against "
-                f"{table.reference}.",
-            )
-        ),
-        grid_of(_price_columns(), _curves(table), summary_rows=(("cheapest", "", "", "", *last),)),
-        *_exact_methods(curves, names),
-        *_tolerance_blocks(table),
-        Paragraph(words="Cheapest by accuracy:"),
-        Bullets(
-            items=tuple(
-                f"{band.coarse:.1e} to {band.fine:.1e}: {curve_name(band.curve, names)}, "
-                f"{band.least_seconds:.2g} s to {band.most_seconds:.2g} s"
-                for band in bands
-            )
-            or ("no method reached 1",)
-        ),
-    ]
-
-
-def _tolerance_blocks(table: CostTable) -> list[Block]:
-    """What accuracies took that were asked for by tolerance."""
-    if not table.by_tolerance:
-        return []
-    return [
-        Paragraph(
+    yield grid_of(_price_columns(), _curves(table), summary_rows=(("cheapest", "", "", "", *last),))
+    if exact := [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]:
+        yield Paragraph(
+            words=f"{', '.join(exact)}: only round-off at every N. That is a property of "
+            "this solution, not of others; these methods are left out below."
+        )
+    if table.by_tolerance:
+        yield Paragraph(
             words=(
                 "Runs with a tolerance (",
                 CodeSpan("accuracy: {tolerance: ...}"),
                 "), search included, beside the quickest run on equal steps to the same error, "
                 "which is not known beforehand:",
             )
-        ),
-        grid_of([one for one in TOLERANCE_COLUMNS if one.title], _tolerances(table)),
-    ]
-
-
-def _exact_methods(curves: Sequence[CostCurve], names: Mapping[str, MethodName]) -> list[Block]:
-    """What is to be said of methods that this problem happens to suit."""
-    exact = [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]
-    if not exact:
-        return []
-    return [
-        Paragraph(
-            words=f"{', '.join(exact)}: only round-off at every N. That is a property of "
-            "this solution, not of others; these methods are left out below."
         )
-    ]
+        yield grid_of(TOLERANCE_COLUMNS, _tolerances(table))
+    yield Paragraph(words="Cheapest by accuracy:")
+    yield Bullets(
+        items=tuple(
+            f"{band.coarse:.1e} to {band.fine:.1e}: {curve_name(band.curve, names)}, "
+            f"{band.least_seconds:.2g} s to {band.most_seconds:.2g} s"
+            for band in bands
+        )
+        or ("no method reached 1",)
+    )
 
 
 def _price_columns() -> list[Column]:
@@ -315,20 +291,19 @@ def _reached(curve: CostCurve, accuracy: float) -> str:
     return "-" if math.isnan(guess) else f"- ({guess:.1g})"
 
 
-def _details(table: CostTable) -> list[Block]:
+def _details(table: CostTable) -> Iterator[Block]:
     names = _names(table)
-    blocks: list[Block] = [
-        Heading(level=2, words=f"{table.experiment}: every run"),
-        grid_of([one for one in RUN_COLUMNS if one.title], _runs(table), key_columns=2),
-        Paragraph(
-            words="The spread is the interquartile range of the stepping times over their median. "
-            "The peak is traced in a run of its own."
-        ),
-    ]
+    yield Heading(level=2, words=f"{table.experiment}: every run")
+    yield grid_of(RUN_COLUMNS, _runs(table), key_columns=2)
+    yield Paragraph(
+        words="The spread is the interquartile range of the stepping times over their median. "
+        "The peak is traced in a run of its own."
+    )
     failures = tuple(
         f"{names[case.method.case].label}, N = {row.n_steps}: {row.status}, {row.message}"
         for case in table.cases
         for row in case.rows
         if row.message
     )
-    return [*blocks, Bullets(items=failures)] if failures else blocks
+    if failures:
+        yield Bullets(items=failures)

@@ -20,7 +20,7 @@ from fvi_cli.reports.table import (
     with_stored,
     within,
 )
-from fvi_cli.studies.fits.result import FitResult, ModelFit
+from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
 """How close a fit comes to another one of the same data."""
@@ -128,10 +128,10 @@ CORRELATION_COLUMNS = (
 )
 ESTIMATES = (
     Column("name", title="parameter"),
-    Column("value", title="estimate", form=".8g"),
-    Column("standard_error", title="standard error", form=lambda value: f"{value:.2g}"),
-    Column("low", title="95 % from", get=lambda one: _end(one.low, one.reached[0], "<", one.value)),
-    Column("high", title="to", get=lambda one: _end(one.high, one.reached[1], ">", one.value)),
+    Column("value", title="estimate", get=lambda one: _digits(one.value, one.standard_error)),
+    Column("standard_error", title="standard error", form=lambda error: _digits(error, error)),
+    Column("low", title="95 % from", get=lambda one: _end(one, one.low, one.reached[0], "<")),
+    Column("high", title="to", get=lambda one: _end(one, one.high, one.reached[1], ">")),
 )
 
 
@@ -188,8 +188,7 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
         yield Heading(level=2, words=(CodeSpan(result.name),))
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
-            shown = [one for one in MODEL_COLUMNS if one.title]
-            yield grid_of(shown, (About(result=result, model=one) for one in models))
+            yield grid_of(MODEL_COLUMNS, (About(result=result, model=one) for one in models))
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
@@ -232,13 +231,23 @@ def _noise(model: ModelFit) -> Iterator[Piece]:
         f". If the residuals are noise, their correlations have probability {model.whiteness:.2g}."
     )
     if model.steps:
-        yield f" Runs of {model.steps} steps err by {model.discretisation:.0e} of the residuals."
+        share = model.discretisation
+        words = "less than 1e-12" if share < 1e-12 else f"{share:.0e}"
+        yield f" Runs of {model.steps} steps err by {words} of the residuals."
 
 
-def _end(value: float, reached: float, sign: str, estimate: float) -> str:
+def _digits(value: float, error: float) -> str:
+    """A number to two digits of its standard error; all are in the CSV form."""
+    decimals = 1 - math.floor(math.log10(error)) if 0 < error < math.inf else 99
+    if decimals > 8 or abs(value) >= 1e7:
+        return f"{value:.8g}"
+    return f"{round(value, decimals):.{max(decimals, 0)}f}"
+
+
+def _end(one: Estimate, value: float, reached: float, sign: str) -> str:
     """An end of an interval; where it was not found, what is known of it."""
     if math.isinf(value):
         return "no limit"
     if not math.isnan(value):
-        return f"{value:.8g}"
-    return "not found" if math.isnan(reached) or reached == estimate else f"{sign} {reached:.6g}"
+        return _digits(value, one.standard_error)
+    return "not found" if math.isnan(reached) or reached == one.value else f"{sign} {reached:.6g}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from fvi_cli.integrator.method_names import MethodName, describe_method, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Paragraph, Words
@@ -30,6 +30,21 @@ NORMS: Mapping[str, str] = {
 }
 
 
+_SOURCES: Mapping[str, str] = {
+    "expression": "the exact solution, an expression of the configuration",
+    "unknown": "a reference that is not stated",
+}
+
+
+def reference_in_words(source: str) -> str:
+    """What errors are measured against."""
+    if source.startswith("refined run"):
+        return f"a {source}"
+    if source.startswith("N = "):
+        return source
+    return _SOURCES.get(source, f"the exact solution, {source}")
+
+
 def names_in_tables(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
     """Names of all methods in `tables`, by case."""
     return method_names([case.method for table in tables for case in table.cases])
@@ -51,18 +66,19 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
     return {title: title for title in titles}
 
 
-def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
+def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
     """Orders of all experiments in one table, with what a reader should know of them."""
     names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     titles = short_titles(name, single)
     groups = _groups(single)
     if not groups and not swept:
-        return [Paragraph(words="No run is finished.")]
-    blocks: list[Block] = [Paragraph(words=_explanation(tables))]
-    blocks += [_grid(group, names, titles) for group in groups]
+        yield Paragraph(words="No run is finished.")
+        return
+    yield Paragraph(words=_explanation(tables))
+    yield from (_grid(group, names, titles) for group in groups)
     for members in swept:
-        blocks += sweep_summary(members, names, order_entry)
+        yield from sweep_summary(members, names, order_entry)
     remarks = [
         sentence
         for say in (_stated, _sampled, _failures)
@@ -70,29 +86,24 @@ def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
         for sentence in say(table, names, titles)
     ]
     if remarks:
-        blocks.append(Bullets(items=tuple(remarks)))
-    return blocks
+        yield Bullets(items=tuple(remarks))
 
 
-def legend(tables: Sequence[OrderTable]) -> list[Block]:
+def legend(tables: Sequence[OrderTable]) -> Iterator[Block]:
     """What every method is, and its case in the other files; what all share stands once."""
     names = names_in_tables(tables)
     methods = {case.method.case: case.method for table in tables for case in table.cases}
-    if not methods:
-        return []
-    phrases_by_case = {case: describe_method(method) for case, method in methods.items()}
-    shared = [
-        phrase
-        for phrase in next(iter(phrases_by_case.values()))
-        if len(phrases_by_case) > 1
-        and all(phrase in phrases for phrases in phrases_by_case.values())
-    ]
+    described = {case: describe_method(method) for case, method in methods.items()}
+    if not described:
+        return
+    first, *others = described.values()
+    shared = [one for one in first if others and all(one in phrases for phrases in others)]
     items: list[Words] = []
-    for case, phrases in phrases_by_case.items():
+    for case, phrases in described.items():
         own = ", ".join(phrase for phrase in phrases if phrase not in shared)
         items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", CodeSpan(case)))
-    title = f"Methods, all with {', '.join(shared)}:" if shared else "Methods:"
-    return [Paragraph(words=title), Bullets(items=tuple(items))]
+    yield Paragraph(words=f"Methods, all with {', '.join(shared)}:" if shared else "Methods:")
+    yield Bullets(items=tuple(items))
 
 
 def _explanation(tables: Sequence[OrderTable]) -> str:
@@ -112,10 +123,12 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
             " floor: round-off leaves no order; above it there is one error, or there are few over "
             "less than a factor of two in N that lie on no line."
         )
+    if any(order_entry(case).startswith("none") for case in cases):
+        text += " none: errors do not fall as steps become smaller."
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
-    if any(_has_claims(table) for table in tables):
+    if any(not math.isnan(case.claim) for case in cases):
         text += " stated: the order that the source of the experiment states."
     if any(row.status in FAILURES for case in cases for row in case.rows):
         text += " A star marks methods that failed on some step sizes."
@@ -155,7 +168,7 @@ def _grid(
         if not is_full:
             return (name.label,)
         variant = [name.variant] if any(variants) else []
-        return (titles[table.experiment], *variant, table.gamma or "-", _ladder(table))
+        return (titles[table.experiment], *variant, orders_in_words(table) or "-", _ladder(table))
 
     claimed = {column(t, name) for t, case, name in each if not math.isnan(case.claim)}
     full = ("problem", *(["method"] if any(variants) else []), "gamma", "N")
@@ -176,8 +189,9 @@ def _grid(
     )
 
 
-def _has_claims(table: OrderTable) -> bool:
-    return any(not math.isnan(case.claim) for case in table.cases)
+def orders_in_words(table: OrderTable) -> str:
+    """The orders of its damping, each once."""
+    return ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
 
 
 def _ladder(table: OrderTable) -> str:
@@ -190,6 +204,8 @@ def order_entry(case: OrderCase) -> str:
     failures = [row.status for row in case.rows if row.status in FAILURES]
     star = "*" if failures else ""
     used = [row for row in case.rows if row.used_in_fit]
+    if case.has_order and (case.slope <= 0.0 or case.last_order <= 0.0):
+        return f"none{star}"
     if case.has_order and len(used) > 2 and not math.isnan(case.last_order):
         return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
     if case.has_order:

@@ -27,6 +27,8 @@ from fvi_cli.reports.kinds.order_summary import (
     expected_orders,
     legend,
     names_in_tables,
+    orders_in_words,
+    reference_in_words,
     steps_phrase,
     summary,
 )
@@ -198,31 +200,22 @@ def _with_rows(tables: Sequence[OrderTable], rows: Sequence[Row]) -> Iterator[Or
         yield replace(table, cases=tuple(cases))
 
 
-_SOURCES: Mapping[str, str] = {
-    "expression": "the exact solution, an expression of the configuration",
-    "unknown": "a reference that is not stated",
-}
-
-
-def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
+def details(table: OrderTable, names: Mapping[str, MethodName]) -> Iterator[Block]:
     """Heading, equation, grids of errors and orders, remarks."""
-    blocks: list[Block] = [
-        Heading(level=2, words=table.experiment),
-        Paragraph(words=setting([table])),
-    ]
+    yield Heading(level=2, words=table.experiment)
+    yield Paragraph(words=setting([table]))
     if not table.cases:
-        return [*blocks, Paragraph(words="No run is finished.")]
-    blocks.append(_grid(table.cases, names))
-    remarks = _remarks(table, names)
-    if remarks:
-        blocks.append(Bullets(items=tuple(remarks)))
-    return blocks
+        yield Paragraph(words="No run is finished.")
+        return
+    yield _grid(table.cases, names)
+    if remarks := _remarks(table, names):
+        yield Bullets(items=tuple(remarks))
 
 
 def setting(tables: Sequence[OrderTable]) -> Words:
     """Equation and norm of an experiment, which has a table for every member of a sweep."""
     table = tables[0]
-    orders = table.gamma.replace(";", ", ")
+    orders = orders_in_words(table)
     if any(other.gamma != table.gamma for other in tables):
         orders = "swept"
     floors = [row.floor for one in tables for case in one.cases for row in case.rows]
@@ -231,7 +224,7 @@ def setting(tables: Sequence[OrderTable]) -> Words:
         Equation(table.equation) if table.equation else "not stated",
         f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
         f"{NORMS[table.norm]}, against ",
-        Rough(f"{_reference(table.reference)}{_floor(floors)}"),
+        Rough(f"{reference_in_words(table.reference)}{_floor(floors)}"),
         ".",
     )
 
@@ -242,14 +235,6 @@ def _floor(floors: Sequence[float]) -> str:
         return ""
     ends = dict.fromkeys(f"{end:.0e}" for end in (min(found), max(found)))
     return f"; floor {' to '.join(ends)}"
-
-
-def _reference(source: str) -> str:
-    if source.startswith("refined run"):
-        return f"a {source}"
-    if source.startswith("N = "):
-        return source
-    return _SOURCES.get(source, f"the exact solution, {source}")
 
 
 def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:

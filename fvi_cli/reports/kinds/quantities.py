@@ -10,7 +10,7 @@ from typing import Any
 from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
-from fvi_cli.reports.naming import DESIGN, member_columns
+from fvi_cli.reports.naming import DESIGN, columns_with_units, member_columns, with_unit
 from fvi_cli.reports.table import (
     About,
     Column,
@@ -72,8 +72,15 @@ EXTENT_COLUMNS = (
     ),
 )
 """Of what has a `name`, the extent `found`, and the `error` of its run."""
+
+_UNIT = Column(
+    "unit",
+    "label of its unit",
+    is_extra=True,
+    get=lambda one: one.of.run.experiment.units.get(one.name, ""),
+)
 _STATUS = Column("status", "what was observed of the run", get="of.status")
-COLUMNS = (*_RUN, *EXTENT_COLUMNS, _STATUS)
+COLUMNS = (*_RUN, EXTENT_COLUMNS[0], _UNIT, *EXTENT_COLUMNS[1:], _STATUS)
 
 
 def _time(place: int) -> Callable[[About], float | None]:
@@ -150,9 +157,19 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     forms = {"case": label}
     members = [one.run.member for one in finished]
     tells = member_columns(members, lambda one: one.of.run.member, "design")
-    if all(one is not None and one.name and not one.unnamed for one in members):
+    experiments = {one.run.experiment.name: one.run.experiment for one in finished}
+    if len(experiments) == 1:
+        titles["experiment"] = ""
+    if all(one is None or (one.name and not one.unnamed) for one in members):
         # the names of designs say it all
         titles["member"] = ""
+    units = next(iter(experiments.values())).units if len(experiments) == 1 else {}
+    if any(
+        name in one.units
+        for one in experiments.values()
+        for name in one.observations.quantities or ()
+    ):
+        titles["unit"] = "unit"
 
     def sheet(name: str, declared: tuple[Column, ...], of: Found, key: str) -> Sheet:
         # names stand where people begin to read, values behind everything else
@@ -175,7 +192,8 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         sheet("runs", COLUMNS, lambda _, observed: observed.extents, "quantity"),
         sheet("events", EVENT_COLUMNS, lambda _, observed: observed.events, "event"),
     )
-    loops = sheet("loops", LOOP_COLUMNS, _loops, "force")
+    kinds = {"amplitude": "length", "stiffness": "stiffness", "work": "energy"}
+    loops = sheet("loops", columns_with_units(LOOP_COLUMNS, units, **kinds), _loops, "force")
     sheets = (*sheets, loops) if loops.rows else sheets
     designs = design_sheet(finished)
     return Report(
@@ -193,13 +211,14 @@ def _words(name: str, sheets: Sheets) -> Iterator[Block]:
     )
     if designs := sheets.get("designs"):
         yield from design_blocks(designs)
-    runs = [sheets[one] for one in ("runs", "events", "loops") if one in sheets]
-    # what distinguishes a run from the others, and names of quantities and events, are repeated
-    # where a grid is split
-    position = [column.name for column in runs[0].columns if column.title].index("n_steps") + 2
-    yield from (
-        one.grid(text_columns=position - 2, key_columns=position) for one in runs if one.rows
-    )
+    for sheet in (sheets[one] for one in ("runs", "events", "loops") if one in sheets):
+        # what distinguishes a run from the others, and names of quantities and events, are repeated
+        # where a grid is split
+        shown = [column.name for column in sheet.columns if column.title]
+        keys = shown.index("n_steps") + 2
+        if sheet.rows:
+            words = keys + (shown[keys] == "unit")
+            yield sheet.grid(text_columns=words, key_columns=keys)
     if "loops" in sheets:
         amplitudes = [number_of(row["amplitude"]) for row in sheets["loops"].rows]
         if any(math.isnan(one) for one in amplitudes):
@@ -247,6 +266,7 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     is_swept = any(_values(one.of) for one in rows)
     is_good = all(one.of.status in _GOOD for one in rows)
     several = "experiment" if len(by_experiment) > 1 else ""
+    units = rows[0].of.run.experiment.units if len(by_experiment) == 1 else {}
     tells = member_columns(
         [one.of.run.member for one in rows], lambda one: one.of.run.member, DESIGN
     )
@@ -258,7 +278,7 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
         Column("case", "name of the method in files", get="of.run.method.case"),
         Column("method", "its short name", get="of.run.method.label"),
         Column("n_steps", "number N of steps", get="of.run.n_steps"),
-        *(column for quantity in quantities for column in _of_quantity(quantity)),
+        *(column for quantity in quantities for column in _of_quantity(quantity, units)),
         Column(
             "error",
             "error of the position in the experiment's norm, or its estimate for a tolerance",
@@ -273,7 +293,7 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"))
 
 
-def _of_quantity(name: str) -> tuple[Column, Column]:
+def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, Column]:
     def change(one: About) -> float | None:
         if one.first is one.of:
             return None
@@ -283,7 +303,7 @@ def _of_quantity(name: str) -> tuple[Column, Column]:
     return (
         Column(
             f"peak_{name}",
-            "largest absolute value",
+            with_unit("largest absolute value", units, name),
             f"peak {name}",
             ".4g",
             CLOSE,

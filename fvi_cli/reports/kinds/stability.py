@@ -139,26 +139,23 @@ def _with_rows(tables: Sequence[StabilityTable], rows: Sequence[Row]) -> list[St
     ]
 
 
-def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
-    blocks: list[Block] = [
-        Heading(level=1, words=f"Stability: {name}"),
-        Paragraph(
-            words="Every cell gives the growth of the worst mode in one step, a factor; a run is "
-            f"unstable (in CAPITALS) when it outgrows the exact scene by {TOLERATED_GROWTH:.0f} "
-            "and the mode is none of the exact scene. Modes called slow grow, but too slowly for "
-            "that number of steps. Below the stable h runs over this time are stable, below the "
-            "lasting h also those over a thousand times this time. The search covers all steps T/N "
-            f"up to N = {EVERY_UP_TO} and shorter ones that are {100 * SPACING:g} % apart: "
-            "narrower windows of instability may be missed "
-            f"({100 * WIDE_SPACING:g} % for scenes of more than {FEW} independent systems or with "
-            "negative damping or stiffness)."
-        ),
-    ]
+def _words(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
+    yield Heading(level=1, words=f"Stability: {name}")
+    yield Paragraph(
+        words="Every cell gives the factor by which the worst mode grows in one step. UNSTABLE: a "
+        "mode that the exact scene does not have outgrows it over the run by more than "
+        f"{TOLERATED_GROWTH:.0f}; slow: such a mode grows, but less over that number of steps. "
+        "Steps below the stable h are stable over this time, those below the lasting h over a "
+        "thousand times this time. The search covers all steps T/N up to "
+        f"N = {EVERY_UP_TO} and shorter ones that are {100 * SPACING:g} % apart: "
+        "narrower windows of instability may be missed "
+        f"({100 * WIDE_SPACING:g} % for scenes of more than {FEW} independent systems or with "
+        "negative damping or stiffness)."
+    )
     for table in tables:
-        blocks.append(Heading(level=2, words=(CodeSpan(table.experiment.name),)))
-        blocks += _rows(table)
-        blocks += _regions(table)
-    return blocks
+        yield Heading(level=2, words=(CodeSpan(table.experiment.name),))
+        yield from _rows(table)
+        yield from _regions(table)
 
 
 def _rows(table: StabilityTable) -> Iterator[Block]:

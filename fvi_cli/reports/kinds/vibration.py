@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
-from fvi_cli.reports.naming import member_columns
+from fvi_cli.reports.naming import all_units, columns_with_units, member_columns, with_ratio
 from fvi_cli.reports.table import About, Column, Report, Sheet, Within, alike, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
-from fvi_cli.studies.vibration.response import ResponseTable
+from fvi_cli.studies.vibration.response import GROUND, ResponseTable
 
 FREQUENCY = Within(relative=1e-6)
 DECAY = Within(relative=1e-5, absolute=1e-6)
@@ -101,18 +101,33 @@ PEAK_COLUMNS = (
 
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     """Frequencies, damping ratios and loss factors of modes."""
-    owner = _owner(tables)
+    owner, units = _owner(tables), _units(tables)
+    columns = columns_with_units(
+        MODE_COLUMNS, units, real="rate", imaginary="rate", frequency_hz="frequency"
+    )
     items = [
         About(table=table, one=mode, number=number)
         for table in tables
         for number, mode in enumerate(table.modes, start=1)
     ]
-    sheet = _sheet("modes", owner, MODE_COLUMNS, items, "mode")
+    sheet = _sheet("modes", owner, columns, items, "mode")
     return Report(
         name=f"{name}-modes",
         sheets=(sheet,),
         words=lambda sheets: alike(_mode_words(name, tables, sheets["modes"])),
     )
+
+
+def _units(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> Mapping[str, str]:
+    """The units that all tables have."""
+    first = tables[0].units if tables else {}
+    return first if all(table.units == first for table in tables) else {}
+
+
+def magnitude_label(table: ResponseTable) -> str:
+    """What the size of a response is called, with its unit: metres per newton."""
+    below = "acceleration" if table.load.split(" ")[0] == GROUND else "force"
+    return with_ratio("magnitude", table.units, "length", below)
 
 
 def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Column, ...]:
@@ -201,7 +216,7 @@ def completeness(table: ModeTable) -> str:
 
 def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     """Amplitudes over frequencies, and peaks with their half-power widths."""
-    owner = _owner(tables)
+    owner, units = _owner(tables), _units(tables)
     items = [
         About(table=table, one=output, number=i, column=column)
         for table in tables
@@ -217,8 +232,14 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         for table in tables
         for peak in table.peaks
     ]
+    columns = columns_with_units(
+        PEAK_COLUMNS, units, frequency_hz="frequency", low_hz="frequency", high_hz="frequency"
+    )
+    if units:
+        label = magnitude_label(tables[0])
+        columns = tuple(replace(c, title=label) if c.name == "magnitude" else c for c in columns)
     # round-off decides the last digits of a frequency: peaks are distinguished by their numbers
-    peak_sheet = _sheet("peaks", owner, PEAK_COLUMNS, peaks, "at", "peak")
+    peak_sheet = _sheet("peaks", owner, columns, peaks, "at", "peak")
     return Report(
         name=f"{name}-response",
         sheets=(
@@ -239,7 +260,9 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
             words=(
                 "Load: ",
                 CodeSpan(table.load),
-                f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to {table.hertz[-1]:g}.",
+                f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to "
+                f"{table.hertz[-1]:g} {all_units(table.units).get('frequency', '')}".rstrip()
+                + ".",
             )
         )
         if any(row["experiment"] == experiment for row in peaks.rows):

@@ -22,7 +22,10 @@ from fvi_cli.reports.writers.equations import to_mathematics
 
 PACKAGES = ("amsmath", "array", "booktabs", "longtable")
 
-_TABLES_HEAD = r"% Tables to \input; need \usepackage{array,booktabs}, and fit into \footnotesize"
+_TABLES_HEAD = (
+    r"% Tables to \input; need \usepackage{array,booktabs}, and fit into \footnotesize with "
+    r"\setlength{\tabcolsep}{4pt}"
+)
 _HEAD = rf"""% To \input; needs \usepackage{{{",".join(PACKAGES)}}}"""
 
 WIDEST = 92
@@ -54,6 +57,8 @@ _ESCAPES: Mapping[str, str] = {
     ">": r"$>$",
     "|": r"$|$",
     "`": r"{\char96}",
+    "²": r"\textsuperscript{2}",
+    "³": r"\textsuperscript{3}",
 }
 
 # what every LaTeX sets without a package: printable ASCII and the letters of Latin-1
@@ -128,10 +133,8 @@ def escape_latex(text: str) -> str:
     """Text in which nothing is taken for a command; letters beyond Latin-1 by their number."""
     letters = []
     for letter in " ".join(text.splitlines()):
-        if not _LETTER.fullmatch(letter):
-            letters.append(f"U+{ord(letter):04X}")
-        else:
-            letters.append(_ESCAPES.get(letter, letter))
+        known = letter if _LETTER.fullmatch(letter) else f"U+{ord(letter):04X}"
+        letters.append(_ESCAPES.get(letter, known))
     return "".join(letters)
 
 

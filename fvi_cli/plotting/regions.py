@@ -1,0 +1,101 @@
+"""The plane of stiffness and damping in a step, with how fast the worst mode grows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import NullLocator
+
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
+from fvi_cli.plotting.looks import method_labels
+from fvi_cli.plotting.style import (
+    INK,
+    journal_style,
+    label_size,
+    legend_of,
+    new_figure,
+    note,
+    panel_grid,
+    small,
+)
+from fvi_cli.plotting.ticks import few_decades
+from fvi_cli.plotting.words import fraction_in_words
+
+MOST_COLUMNS = 3
+_HEIGHT = 0.68  # inches of a panel
+
+# undecided, stable, and the growth of the worst mode per step from slow to fast
+# on grey paper too: stable is the darkest
+_LEVEL_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A4")
+_LEVEL_LABELS = ("not decided", "stable", "0.1 to 1 %", "1 to 10 %", "10 % to a factor e", "faster")
+
+
+@journal_style()
+def region_figure(maps: Sequence[StabilityMap]) -> Figure:
+    """A panel for every method, those of one family in a row, with the stable share of it."""
+    lines = _lines(maps)
+    columns = max(len(line) for line in lines)
+    labels = method_labels([one.method for one in maps])
+    padded = [one for line in lines for one in (*line, *[None] * (columns - len(line)))]
+    figure = new_figure(0.45 + (_HEIGHT + 0.17) * len(lines))
+    grid, _ = panel_grid(figure, len(padded), columns, sharex=True, sharey=True)
+    for axes, one in zip(figure.axes, padded, strict=True):
+        if one is None:
+            axes.set_axis_off()
+            continue
+        _draw(axes, one)
+        title = labels[one.method.case].replace(", ", "\n", 1)
+        axes.set_title(title, fontsize=small(), pad=2.5)
+    for column in grid:
+        lowest = [axes for axes in column if axes.axison][-1]
+        lowest.tick_params(labelbottom=True)
+        lowest.set_xlabel("$h^2 k / m$")
+    figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=label_size())
+    undecided = any((one.level < 0).any() for one in maps)
+    handles = [
+        Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
+        for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
+    ]
+    order = fraction_in_words(maps[0].order)
+    title = rf"damping of order $\gamma = {order}$: growth per step, and share that is stable"
+    legend_of(figure, handles, title=title)
+    return figure
+
+
+def _lines(maps: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
+    """Methods of one family and degree in a row; long rows are cut."""
+    families: dict[object, list[StabilityMap]] = {}
+    for one in maps:
+        method = one.method
+        key: object = "baseline"
+        if isinstance(method, Method):
+            key = "runge-kutta" if method.is_runge_kutta else (method.sampling, method.degree)
+        families.setdefault(key, []).append(one)
+    return [
+        family[begin : begin + MOST_COLUMNS]
+        for family in families.values()
+        for begin in range(0, len(family), MOST_COLUMNS)
+    ]
+
+
+def _draw(axes: Axes, one: StabilityMap) -> None:
+    """The plane with the share of it that is stable."""
+    plane = (one.stiffness, one.damping)
+    norm = BoundaryNorm(np.arange(-1.5, len(GROWTH_LEVELS) + 1.0), len(_LEVEL_COLOURS))
+    cells = axes.pcolormesh(*plane, one.level, cmap=ListedColormap(_LEVEL_COLOURS), norm=norm)
+    cells.set_rasterized(True)
+    axes.set(xscale="log", yscale="log")
+    if 0 < one.share_stable < 1 and min(one.level.shape) > 1:
+        stable = (one.level == 0).astype(float)
+        axes.contour(*plane, stable, levels=[0.5], colors=[INK], linewidths=0.8)
+    share = f"{100 * one.share_stable:.0f} %"
+    note(axes, 0.05, 0.07, share, ha="left", va="bottom", paper={"alpha": 0.8, "pad": 1.0})
+    for axis in (axes.xaxis, axes.yaxis):
+        few_decades(axis, 4)
+        axis.set_minor_locator(NullLocator())
