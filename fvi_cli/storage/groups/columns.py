@@ -25,7 +25,7 @@ Columns = dict[str, Column]
 
 
 class Survey:
-    """Attributes of many runs: what all have in common is said once, the rest by run."""
+    """Attributes of many runs: values that all share are written once, others by run."""
 
     def __init__(self) -> None:
         self.names: dict[str, None] = {}  # as they come

@@ -94,7 +94,7 @@ class NewGroup:
         self.datasets[name], self._axes[name] = dataset, axes
 
     def finish(self, attributes: Mapping[str, Any]) -> None:
-        """Write what is said of the group, and attach the scales."""
+        """Write the attributes of the group, and attach the scales."""
         write_attributes(self.group, attributes)
         handles = {name: dataset.id for name, dataset in self.datasets.items()}
         for name in dict.fromkeys(axis for own in self._axes.values() for axis in own):
