@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import LinAlgError, eigh
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
@@ -93,12 +92,15 @@ def _own_period(scene: Scene) -> float:
     """Shortest period of the modes that take part; infinite where none is known."""
     if scene.is_sparse or scene.dimension > MOST_MODES:
         return math.inf
+    # a slow import, which runs that are stored need not wait for
+    from scipy.linalg import eigh
+
     try:
         near = linearised_at_start(scene)
         if not isinstance(near.potential, QuadraticPotential):
             return math.inf
         squares, modes = eigh(dense(near.potential.form), dense(near.inertia.form))
-    except (ValueError, LinAlgError):
+    except (ValueError, np.linalg.LinAlgError):
         return math.inf
     oscillates = squares > 1e-12 * np.abs(squares).max(initial=0.0)
     squares, modes = squares[oscillates], modes[:, oscillates]
