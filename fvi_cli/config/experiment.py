@@ -83,7 +83,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     ends = () if problem is None or keys is None else (*break_points(keys), problem.final_time)
     check_grading(grading, steps, methods, ends, at)
     if keys is not None and grading == 1.0:
-        _check_break_points(keys, problem, methods, steps, at)
+        _check_break_points(keys, methods, steps, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
     if is_described and settings.allow_unstable is False:
@@ -216,9 +216,12 @@ def _make_members(
     """The members of the sweep, checked like the experiment without one."""
 
     def check(keys: Kind, problem: AnyProblem, at: Cursor) -> None:
+        breaks = tuple(break_points(keys))
         if grading == 1.0:
-            _check_break_points(keys, problem, methods, steps, at)
-        ends = (*break_points(keys), problem.final_time)
+            # members are stored at the same times
+            are_shared = first.scene is None or breaks == first.scene.break_points
+            _check_break_points(keys, methods, steps, at, may_be_between=are_shared)
+        ends = (*breaks, problem.final_time)
         check_grading(grading, steps, methods, ends, at)
         _check_meeting(problem, methods, at)
         check_member(observed, first, problem, at)
@@ -228,21 +231,22 @@ def _make_members(
 
 def _check_break_points(
     keys: Kind,
-    problem: AnyProblem | None,
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
     at: Cursor,
+    *,
+    may_be_between: bool = True,
 ) -> None:
     """Every jump of the forcing must lie on the grid of every number of steps.
 
-    Methods that take any mesh have points of their own there, and need steps on either side only;
-    a refined run, which is what errors are measured against where no exact solution is known, has
-    equal steps.
+    Methods that take any mesh have points of their own there, and need steps on either side only.
     """
     ends = break_points(keys)
     if not ends:
         return
-    if _have_own_points(problem, methods):
+    if may_be_between and all(
+        isinstance(m.method, Method) and m.method.is_runge_kutta for m in methods
+    ):
         for index, n_steps in enumerate(steps):
             if n_steps <= len(ends):
                 refuse_step(
@@ -274,15 +278,6 @@ def _check_break_points(
             index,
             f"{n_steps} steps put the break point t = {between[0]:g} between two steps; {hint}",
         )
-
-
-def _have_own_points(problem: AnyProblem | None, methods: Sequence[ListedMethod]) -> bool:
-    """Whether break points are mesh points of their own in all that is done with a ladder."""
-    return (
-        problem is not None
-        and (problem.exact is not None or problem.exact_source == "none")
-        and all(isinstance(m.method, Method) and m.method.is_runge_kutta for m in methods)
-    )
 
 
 def _misses(part: float, n_steps: int) -> bool:

@@ -27,10 +27,18 @@ from fvi_cli.mathematics.transforms.characteristic import (
     characteristic_terms,
     characteristic_zeros,
 )
+from fvi_cli.mathematics.transforms.fractional_oscillator import EPSILON
 from fvi_cli.scenes.relaxation import LinearResponse, law_response
 
 SOURCE = "characteristic roots and branch-cut integral"
 """Where exact solutions come from, in words, for tables."""
+PROBED: Final = np.array([1e-6, 1e-3, 0.03, *(np.arange(1, 9) / 8)])
+"""Parts of a run at whose ends exact solutions are asked how far they may be wrong."""
+MOST_PROBED_BREAKS: Final = 8
+TRUSTED: Final = 1e-10
+"""Part of the motion by which an exact solution may be wrong; a refined run is better than that."""
+SEEN: Final = 1e-13
+"""Part of an entry of a mode that its rounding must be before it is followed."""
 ZERO: Final = PowerSeries.constant(0.0, math.inf)
 
 
@@ -40,6 +48,8 @@ class ExactSolution:
 
     # times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative
     position: Callable[[Array], Array]
+    # how far these may be wrong by the sums that they are, ``(n, d)``
+    uncertainty: Callable[[Array], Array]
     source: str  # where it comes from, in words, for tables
 
 
@@ -96,7 +106,12 @@ def linear_response(
     inputs.insert(0, (0.0, {power: c for power, c in start.items() if c}))
     if laws:
         return law_response(terms, inputs, laws, position)
-    return LinearResponse(terms=terms, inputs=tuple(inputs), zeros=characteristic_zeros(terms))
+    return LinearResponse(
+        terms=terms,
+        inputs=tuple(inputs),
+        position=position,
+        zeros=characteristic_zeros(terms),
+    )
 
 
 def match_scene(scene: Scene) -> ExactSolution | None:
@@ -121,49 +136,92 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     modes = _common_modes(scene.inertia.mass, matrices)
     if modes is None:
         return None
-    shapes, diagonals = modes
+    shapes, diagonals, doubts = modes
     momenta = shapes.T @ scene.inertia.mass
     position, velocity = momenta @ scene.initial_position, momenta @ scene.initial_velocity
-    try:
-        forcing = _finite_sums(scene.forcing)
-        responses = tuple(
-            linear_response(
-                mass=1.0 if d > 1 else float(scene.inertia.mass[0, 0]),
-                stiffness=float(diagonals[0][i]),
-                damping=tuple(
-                    (term.order, float(diagonal[i]))
-                    for term, diagonal in zip(terms, diagonals[1:], strict=False)
-                ),
-                laws=tuple(
-                    (law.kernel, law.size * float(diagonal[i]))
-                    for law, diagonal in zip(laws, diagonals[1 + len(terms) :], strict=True)
-                    if diagonal[i]
-                ),
-                position=float(position[i]) if d > 1 else float(scene.initial_position[0]),
-                velocity=float(velocity[i]) if d > 1 else float(scene.initial_velocity[0]),
-                forcing=tuple((begin, _combined(shapes[:, i], force)) for begin, force in forcing),
-                derivative=scene.derivative,
-            )
-            for i in range(d)
+    forcing: list[tuple[float, tuple[PowerSeries, ...]]] = []
+
+    def response_of(i: int, entries: list[Array]) -> LinearResponse:
+        own = [float(diagonal[i]) for diagonal in entries]
+        return linear_response(
+            mass=1.0 if d > 1 else float(scene.inertia.mass[0, 0]),
+            stiffness=own[0],
+            damping=tuple((term.order, one) for term, one in zip(terms, own[1:], strict=False)),
+            laws=tuple(
+                (law.kernel, law.size * one)
+                for law, one in zip(laws, own[1 + len(terms) :], strict=True)
+                if one
+            ),
+            position=float(position[i]) if d > 1 else float(scene.initial_position[0]),
+            velocity=float(velocity[i]) if d > 1 else float(scene.initial_velocity[0]),
+            forcing=tuple((begin, _combined(shapes[:, i], force)) for begin, force in forcing),
+            derivative=scene.derivative,
         )
+
+    try:
+        forcing += _finite_sums(scene.forcing)
+        responses = tuple(response_of(i, diagonals) for i in range(d))
+        # what rounding of the modes themselves does to them, where it is seen
+        moved = {
+            i: response_of(i, [one + doubt for one, doubt in zip(diagonals, doubts, strict=True)])
+            for i in range(d)
+            if any(doubt > SEEN * abs(one[i]) for one, doubt in zip(diagonals, doubts, strict=True))
+        }
     except (ValueError, ArithmeticError):
         return None
 
     def exact(time: Array) -> Array:
         return np.stack([response(time) for response in responses], axis=-1) @ shapes.T
 
-    return ExactSolution(position=exact, source=SOURCE)
+    def uncertainty(time: Array) -> Array:
+        with np.errstate(invalid="ignore"):
+            found = [response.uncertainty(time) for response in responses]
+            for i, one in moved.items():
+                found[i] = found[i] + np.abs(one(time) - responses[i](time))
+            return np.stack(found, axis=-1) @ np.abs(shapes.T)
+
+    return ExactSolution(position=exact, uncertainty=uncertainty, source=SOURCE)
+
+
+def trusted_solution(scene: Scene) -> tuple[Callable[[Array], Array] | None, str, float]:
+    """The exact solution of a scene, where it comes from, and how far it may be wrong, a length.
+
+    None where none is known, and where its sums cancel: then the second says so. It is looked at
+    at a few times, those behind break points among them; where it is not finite it is not.
+    """
+    solution = match_scene(scene)
+    if solution is None:
+        return None, "unknown", 0.0
+    times = scene.final_time * PROBED
+    for begin in scene.break_points[:MOST_PROBED_BREAKS]:
+        times = np.append(times, begin + (scene.final_time - begin) * PROBED[:2])
+    position, unsure = solution.position(times), solution.uncertainty(times)
+    is_finite = np.isfinite(position)
+    size = float(np.abs(position[is_finite]).max(initial=0.0))
+    error = float(np.where(np.isnan(unsure), math.inf, unsure)[is_finite].max(initial=0.0))
+    if error > TRUSTED * size:
+        # digits of what cancels are those of one machine
+        known = size > 0 and math.isfinite(error)
+        part = f"1e{min(0, math.ceil(math.log10(error / size)))}" if known else "all"
+        return None, f"the closed form loses {part} of the motion to cancellation", 0.0
+    return solution.position, solution.source, error
 
 
 def _add(numerator: dict[float, float], power: float, coefficient: float) -> None:
     numerator[power] = numerator.get(power, 0.0) + coefficient
 
 
-def _common_modes(mass: Array, matrices: list[Array]) -> tuple[Array, list[Array]] | None:
-    """Shapes S with S^T M S = 1 and all S^T A S diagonal; the diagonals, zeros exact."""
+def _common_modes(
+    mass: Array, matrices: list[Array]
+) -> tuple[Array, list[Array], list[float]] | None:
+    """Shapes S with S^T M S = 1 and all S^T A S diagonal; the diagonals, zeros exact.
+
+    With them what rounding leaves of entries that are not 0, of every matrix.
+    """
     d = mass.shape[0]
     if d == 1:
-        return np.ones((1, 1)), [matrix.diagonal().copy() for matrix in matrices]
+        own = [matrix.diagonal().copy() for matrix in matrices]
+        return np.ones((1, 1)), own, [0.0] * len(own)
     scales, vectors = np.linalg.eigh(mass)
     root = vectors / np.sqrt(scales)
     reduced = [root.T @ matrix @ root for matrix in matrices]
@@ -183,7 +241,7 @@ def _common_modes(mass: Array, matrices: list[Array]) -> tuple[Array, list[Array
             return None
         diagonal[np.abs(diagonal) < 4e-16 * d * norm] = 0.0
         diagonals.append(diagonal)
-    return root @ rotation, diagonals
+    return root @ rotation, diagonals, [EPSILON * d * norm for norm in norms]
 
 
 def shift_polynomial(force: PowerSeries, start: float) -> PowerSeries:

@@ -19,8 +19,10 @@ class Problem:
     scene: Scene  # the effects and initial data
     # position at times of shape ``(n,)`` as ``(n, d)``; None when it is not known
     exact: Callable[[Array], Array] | None = None
-    # where `exact` comes from, such as ``expression``, ``closed form`` or ``unknown``
+    # where `exact` comes from, such as ``expression``, ``closed form`` or ``unknown``; without it
+    # why there is none
     exact_source: str = "unknown"
+    exact_error: float = 0.0  # what round-off leaves of its position at most, a length
     equation: str = ""  # the equation of motion in plain text
     coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have none
     # what drives it by the name that expressions know it by, with one component; None: nothing

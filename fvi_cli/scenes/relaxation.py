@@ -22,7 +22,13 @@ from fvi_cli.mathematics.transforms.characteristic import (
     ZeroCluster,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
+from fvi_cli.mathematics.transforms.fractional_oscillator import (
+    EPSILON,
+    LONG_EPSILON,
+    OTHER_SPACINGS,
+    SPACINGS,
+    contour_response,
+)
 
 MOST_TERMS = 30
 """Powers of s of which the zeros are looked for; their balances grow with the square."""
@@ -48,26 +54,49 @@ class LinearResponse:
     # pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
+    position: float = 0.0  # at t = 0
     decay: float = 0.0  # l
+    terms_error: float = LONG_EPSILON  # what coefficients of the terms may be wrong by, relatively
 
     def __call__(self, time: Array) -> Array:
         """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
+        return self._summed(time, SPACINGS)[0]
+
+    def uncertainty(self, time: Array) -> Array:
+        """How far the position at `time` may be wrong, by the sums that it is; same shape.
+
+        Twice the difference of two ways to take the integrals, but at least what rounding leaves.
+        """
+        one, rounding = self._summed(time, SPACINGS)
+        other, _ = self._summed(time, OTHER_SPACINGS)
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.maximum(2.0 * np.abs(one - other), rounding))
+
+    def _summed(self, time: Array, spacings: tuple[float, float]) -> tuple[Array, Array]:
+        """The position, and what rounding leaves of its sums."""
         time = np.asarray(time, dtype=float)
         if np.any(time < 0):
             raise ValueError("time: negative times are not allowed")
-        total = np.zeros(time.shape)
+        total = np.where(time == 0, self.position, 0.0)
+        rounding = np.zeros(time.shape)
         for start, numerator in self.inputs:
-            chosen = time >= start
+            since = time - start
+            chosen = since > 0
             if numerator and np.any(chosen):
+                own, lost = contour_response(
+                    self.terms,
+                    self.zeros,
+                    numerator,
+                    since[chosen],
+                    decay=self.decay,
+                    terms_error=self.terms_error,
+                    time_error=EPSILON if start else 0.0,
+                    spacings=spacings,
+                )
                 with np.errstate(over="ignore", invalid="ignore"):
-                    total[chosen] += contour_response(
-                        self.terms,
-                        self.zeros,
-                        numerator,
-                        time[chosen] - start,
-                        decay=self.decay,
-                    )
-        return total
+                    total[chosen] += own
+                    rounding[chosen] += lost
+        return total, rounding
 
 
 def law_response(
@@ -110,7 +139,9 @@ def law_response(
         terms=terms,
         inputs=tuple(changed),
         zeros=zeros,
+        position=position,
         decay=decay,
+        terms_error=EPSILON,
     )
 
 

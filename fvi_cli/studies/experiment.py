@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
+from fvi_cli.integrator.break_points import fits_break_points
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
@@ -205,9 +206,11 @@ class Run:
     @property
     def times(self) -> NDArray[np.float64]:
         """The points that a whole run reports, shape ``(N + 1,)``."""
-        steps = self.steps
+        steps, scene = self.steps, self.problem.scene
+        if isinstance(steps, int) and scene is not None and not fits_break_points(scene, steps):
+            steps = uniform_mesh(scene.final_time, steps, scene.break_points)
         if isinstance(steps, Mesh):
-            return np.array([0.0, *(one.end for one in steps.stretches)])
+            return steps.times
         return self.step_size * np.arange(self.n_steps + 1, dtype=float)
 
     @property

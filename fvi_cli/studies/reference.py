@@ -10,13 +10,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.break_points import fits_break_points
 from fvi_cli.integrator.local_error.pulses import pulses_that_move
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import Member, members_at_a_time
 from fvi_cli.studies.tolerance.rounds import likely_amplitude
@@ -30,6 +31,13 @@ ROUGH = 1e-4
 """Local tolerance of the runs that measure how large the motion is, relative to a guess."""
 TOLERANCES = (1e-13, 1e-11, 1e-9)
 """Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
+HELD_STEPS = (64, 128)
+"""Steps of the two runs against which exact solutions are held."""
+HELD = 1e-9
+"""Part of the motion by which these may differ from them."""
+MARGIN = 10.0
+"""By so much a difference exceeds the error of the run that it is blamed on another."""
+WITHOUT_END = "none (no exact solution is known"
 MOST_GRIDS = 32
 """Grids on which values are kept; a guess: more than a usual ladder has."""
 TIMES_DIFFER = 1e-12
@@ -44,9 +52,11 @@ class Reference:
     """Function of times, shape ``(n,)`` to ``(n, d)``: an exact solution, polynomials of a run, or
     :class:`Tabulated`; nan where nothing is known."""
     error: float
-    """Estimated error of the values in the maximum norm; 0 for an exact solution, nan where nothing
-    is known."""
+    """Estimated error of the values in the maximum norm: of an exact solution what round-off leaves
+    of it, nan where nothing is known."""
     source: str  # as the reader of a table sees it
+    is_dense: bool = False
+    """Whether there are values at any time."""
     _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
     def at(self, times: Array) -> Array:
@@ -65,7 +75,8 @@ class Reference:
 
     def tabulated(self, times: Array) -> Reference:
         """The same at `times` alone, such that it can be stored and sent to another process."""
-        return replace(self, values=Tabulated(time=times, position=self.values(times)))
+        values = Tabulated(time=times, position=self.values(times))
+        return replace(self, values=values, is_dense=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,17 +107,28 @@ def needs_refined_run(run: Run) -> bool:
 def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
     """Refined runs of the scenes of runs of one experiment, at the times of its whole ladder.
 
-    None for a scene with an exact solution.
+    None for a scene whose exact solution holds.
     """
     experiment, problems = runs[0].experiment, [run.problem for run in runs]
-    wanted = [one for one in problems if one.exact is None]
-    times = np.unique(np.concatenate([replace(runs[0], n_steps=n).times for n in experiment.steps]))
-    found = iter(find_references(wanted, experiment.steps, grading=experiment.grading))
-    return [next(found).tabulated(times) if one.exact is None else None for one in problems]
+    found = find_references(problems, experiment.steps, grading=experiment.grading)
+    return [
+        None
+        if problem.exact is not None and reference.source == problem.exact_source
+        else reference.tabulated(_times_of_ladder(run))
+        for run, problem, reference in zip(runs, problems, found, strict=True)
+    ]
+
+
+def _times_of_ladder(run: Run) -> Array:
+    """The points that the runs with all numbers of steps report."""
+    return np.unique(np.concatenate([replace(run, n_steps=n).times for n in run.experiment.steps]))
 
 
 def reference_of(run: Run) -> Reference:
-    """What the error of `run` is measured against; made once for all runs of its problem."""
+    """What the error of `run` is measured against; made once for all runs of its problem.
+
+    Exact solutions of members of a sweep are held against runs by :func:`refined_references`.
+    """
     return _reference_of(run.experiment, run.member)
 
 
@@ -115,22 +137,28 @@ def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
     problem = experiment.problem if member is None else member.problem
     if problem.scene is not None and experiment.observations.impacts:
         return _unknown(problem.scene, "none (a motion with impacts)")
+    if member is not None and problem.exact is not None:
+        return _exact(problem, problem.exact)
     return find_reference(problem, experiment.steps, grading=experiment.grading)
 
 
 def find_reference(
     problem: AnyProblem, steps: tuple[int, ...], *, grading: float = 1.0
 ) -> Reference:
-    """The exact solution where it is known, otherwise a refined run.
+    """The exact solution where it is known and holds, otherwise a refined run.
+
+    An exact solution is held against two short runs, and where these agree with each other but not
+    with it, against the refined one, which is taken where it is much better.
 
     The refined run is made by the Gauss method of degree 4 with a graded start on a grid that
     contains all grids of the ladder; it is doubled until two runs agree to 2e-14 of the largest
     value, or further than that no more, or N reaches 16384. The difference of the last two is
     stated as its error, although the finer one, which is used, is usually much better.
 
-    For graded meshes, for forces with narrow pulses, and where the smallest common grid is larger
-    than that, the steps of the refined run are adaptive, and its polynomials give the values
-    between them; its difference from a run of another degree and tolerance is stated as its error.
+    For graded meshes, for forces with narrow pulses, for break points between the points of the
+    smallest common grid, and where that is larger, the steps of the refined run are adaptive, and
+    its polynomials give the values between them; its difference from a run of another degree and
+    tolerance is stated as its error.
 
     A refined run that does not reach the end leaves nothing to compare with; the source says why.
     """
@@ -144,23 +172,67 @@ def find_references(
     """What :func:`find_reference` finds for each problem; their refined runs are made together."""
     common = math.lcm(*steps)
     has_grid = grading == 1.0 and common <= MOST_STEPS
+    differences = _differences_from_exact(problems)
     found: dict[int, Reference] = {}
     on_grids: dict[int, Scene] = {}
     for index, problem in enumerate(problems):
         exact, scene, source = problem.exact, problem.scene, problem.exact_source
         if exact is not None:
-            found[index] = Reference(values=exact, error=0.0, source=source)
+            found[index] = _exact(problem, exact)
         elif scene is not None and source == "none":
             found[index] = _unknown(scene, "none, as asked for")
-        elif scene is not None:
+        if scene is not None and (index not in found or index in differences):
             # times that steps have to end at, lest they pass over pulses of the force
             pulses = pulses_that_move(scene, SUFFICIENT * likely_amplitude(scene)).points
-            if has_grid and not pulses:
+            if has_grid and not pulses and fits_break_points(scene, common):
                 on_grids[index] = scene
             else:
-                found[index] = _refined_adaptively(scene, pulses)
-    found |= zip(on_grids, _refined_on_grids(list(on_grids.values()), common), strict=True)
+                found[index] = _chosen(
+                    problem, _refined_adaptively(scene, pulses), differences.get(index)
+                )
+    for index, refined in zip(
+        on_grids, _refined_on_grids(list(on_grids.values()), common), strict=True
+    ):
+        found[index] = _chosen(problems[index], refined, differences.get(index))
     return [found[index] for index in range(len(problems))]
+
+
+def _exact(problem: AnyProblem, exact: Callable[[Array], Array]) -> Reference:
+    error = problem.exact_error if isinstance(problem, Problem) else 0.0
+    return Reference(values=exact, error=error, source=problem.exact_source, is_dense=True)
+
+
+def _chosen(problem: AnyProblem, refined: Reference, difference: float | None) -> Reference:
+    """The refined run, or the exact solution where that differs from runs by no more than these."""
+    if problem.exact is None or difference is None:
+        why = problem.exact_source
+    elif not MARGIN * refined.error < difference:
+        return _exact(problem, problem.exact)
+    else:
+        why = f"the exact solution differs from it by {difference:.0e}"
+    return refined if why == "unknown" else replace(refined, source=f"{refined.source}; {why}")
+
+
+def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
+    """By numbers of problems: differences of exact solutions from runs, where these say something.
+
+    They do where two of them agree to a tenth of it, and it is more than :data:`HELD` of the motion
+    and than round-off leaves of the solution.
+    """
+    held = {k: one for k, one in enumerate(problems) if isinstance(one, Problem) and one.exact}
+    scenes = [one.scene for one in held.values()]
+    pairs = (_members(scenes, n_steps, with_steps=True) for n_steps in HELD_STEPS)
+    found: dict[int, float] = {}
+    for (k, problem), coarse, fine in zip(held.items(), *pairs, strict=True):
+        if problem.exact is None or fine.steps is None or {coarse.status, fine.status} != {"ok"}:
+            continue
+        with np.errstate(all="ignore"):
+            own = np.abs(fine(coarse.time) - coarse.position).max()
+            difference = float(np.abs(problem.exact(fine.time) - fine.position).max())
+        least = max(own, problem.exact_error, HELD / MARGIN * float(np.abs(fine.position).max()))
+        if not difference <= MARGIN * least:
+            found[k] = difference if math.isfinite(difference) else math.inf
+    return found
 
 
 def _unknown(scene: Scene, source: str) -> Reference:
@@ -176,7 +248,7 @@ def _unknown(scene: Scene, source: str) -> Reference:
 def _without_end(scene: Scene, run: Trajectory) -> Reference:
     """No reference, for its run does not come to its end."""
     words = f"the refined run {run.status}: {run.message}"
-    return _unknown(scene, f"none (no exact solution is known, and {words})")
+    return _unknown(scene, f"{WITHOUT_END}, and {words})")
 
 
 def _in_words(error: float, scale: float) -> str:
@@ -204,19 +276,20 @@ def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
         times = np.union1d(fine.time, other.time)
         difference = float(np.abs(fine(times) - other(times)).max())
         words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
-        return Reference(values=fine, error=difference, source=f"refined run ({words})")
+        source = f"refined run ({words})"
+        return Reference(values=fine, error=difference, source=source, is_dense=True)
     return _without_end(scene, last)
 
 
 def _refined_on_grids(scenes: Sequence[Scene], common: int) -> list[Reference]:
     """Runs on multiples of a common grid, doubled for every scene as long as it pays."""
     n_steps = common * max(1, math.ceil(LEAST_STEPS / common))
-    runs = _runs(scenes, n_steps)
+    runs = _members(scenes, n_steps)
     errors = [math.inf] * len(runs)
     going = [index for index, run in enumerate(runs) if run.status == "ok"]
     while going and 2 * n_steps <= max(MOST_STEPS, 2 * common):
         n_steps *= 2
-        finer = zip(going, _runs([scenes[index] for index in going], n_steps), strict=True)
+        finer = zip(going, _members([scenes[index] for index in going], n_steps), strict=True)
         going = []
         for index, fine in finer:
             if fine.status != "ok":
@@ -231,12 +304,16 @@ def _refined_on_grids(scenes: Sequence[Scene], common: int) -> list[Reference]:
     return [_on_grid(*each, common) for each in zip(scenes, runs, errors, strict=True)]
 
 
-def _runs(scenes: Sequence[Scene], n_steps: int) -> list[Trajectory]:
-    """Positions of refined runs, as many together as memory allows."""
+def _members(
+    scenes: Sequence[Scene], n_steps: int, *, with_steps: bool = False
+) -> list[Trajectory]:
+    """Positions of runs by the method of references, as many together as memory allows."""
     found: list[Trajectory] = []
     size = members_at_a_time(n_steps, max((scene.dimension for scene in scenes), default=1))
     for start in range(0, len(scenes), size):
-        together = integrate_members(scenes[start : start + size], REFERENCE_METHOD, n_steps)
+        together = integrate_members(
+            scenes[start : start + size], REFERENCE_METHOD, n_steps, with_steps=with_steps
+        )
         found += [replace(run, momentum=None, energy=None) for run in together]
     return found
 

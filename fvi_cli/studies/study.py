@@ -33,10 +33,14 @@ from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights
-from fvi_cli.studies.reference import Reference, reference_of
+from fvi_cli.studies.reference import WITHOUT_END, Reference, reference_of
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 DIVERGED_RATIO = 10.0
+
+MUCH_WORSE, NOTICED = 10.0, 1e-4
+"""It is warned of outputs that err by so many times the error at points, and by so much of the
+motion (guessed)."""
 
 KEPT_BYTES = 2**25
 """Runs whose points take no more are kept whole until their error is measured."""
@@ -201,7 +205,11 @@ def assessed(
         trajectory=replace(
             reported,
             steps=None,
-            remarks=_remarks(run, trajectory, prediction, measured),
+            remarks=(
+                *_remarks(run, trajectory, prediction, measured),
+                *_unknown_error(reference),
+                *_between_points(trajectory, reported, reference, measured),
+            ),
             coordinates=run.problem.coordinates,
         ),
         **judged(run, trajectory.status, measured),
@@ -209,6 +217,30 @@ def assessed(
         expected_order=expected_order_of(run),
         reference=reference.source,
         measured=measured,
+    )
+
+
+def _unknown_error(reference: Reference) -> tuple[str, ...]:
+    """Why a run has no error that was wanted."""
+    is_lost = reference.source.startswith(WITHOUT_END)
+    return (f"error: not known, reference: {reference.source}",) if is_lost else ()
+
+
+def _between_points(
+    trajectory: Trajectory, reported: Trajectory, reference: Reference, measured: Measured
+) -> tuple[str, ...]:
+    """A warning where outputs between the points of a mesh are much worse than those at points."""
+    times = reported.time
+    if not (reference.is_dense and times.size) or np.isin(times, trajectory.time).all():
+        return ()
+    gaps = np.abs(reported.position - reference.values(times)).max(axis=1)
+    worst = int(np.argmax(np.where(np.isnan(gaps), math.inf, gaps)))
+    if gaps[worst] <= max(MUCH_WORSE * measured.max, NOTICED * measured.largest):
+        return ()
+    return (
+        f"between the points of the mesh the motion is off by {gaps[worst]:.2g} (at t = "
+        f"{times[worst]:.6g}), at these by {measured.max:.2g}: do not trust outputs, quantities "
+        "and events there; take more steps, or `accuracy: {tolerance: ...}`",
     )
 
 

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from spread import spread
 
+from fvi_cli.mathematics.transforms import fractional_oscillator
 from fvi_cli.mathematics.transforms.characteristic import (
     characteristic_terms,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
+
+
+def contour_response(*arguments):
+    return fractional_oscillator.contour_response(*arguments)[0]
 
 
 def oscillator(stiffness, *damping, mass=1.0):
@@ -59,7 +63,7 @@ def test_agrees_with_laplace_inversion(order, coefficient):
 def test_a_wrong_pole_shows():
     characteristic, zeros = oscillator(2.0, (0.5, 0.7))
     numerator = free_numerator(0.5, 0.7)
-    times = np.linspace(0.0, 20.0, 100)
+    times = np.linspace(0.2, 20.0, 100)
     right = contour_response(characteristic, zeros, numerator, times)
     wrong = tuple(dataclasses.replace(z, center=z.center * (1 + 1e-10)) for z in zeros)
     assert np.abs(contour_response(characteristic, wrong, numerator, times) - right).max() > 1e-11
@@ -124,7 +128,7 @@ def test_several_orders_at_once():
 def test_orders_next_to_one_are_harmless(coefficient, change):
     # The density on the cut is nearly singular there; with v0 = 0 the limit is the classical one.
     characteristic, zeros = oscillator(3.0, (1.0 + change, coefficient))
-    times = np.linspace(0.0, 10.0, 101)
+    times = np.linspace(0.1, 10.0, 100)
     found = contour_response(characteristic, zeros, {1.0: 1.0, change: coefficient}, times)
     a = coefficient / 2
     root = np.sqrt(complex(3.0 - a * a))
@@ -134,14 +138,12 @@ def test_orders_next_to_one_are_harmless(coefficient, change):
     assert np.abs(found - classical.real).max() < (1e-13 if change == 0 else 1e-7)
 
 
-def test_shapes_start_and_refusals():
+def test_shapes_and_refusals():
     characteristic, zeros = oscillator(1.0, (0.5, 1.0), mass=2.0)
-    grid = np.array([[0.0, 1.0], [2.0, 3.0]])
+    grid = np.array([[0.5, 1.0], [2.0, 3.0]])
     assert contour_response(characteristic, zeros, {1.0: 3.0}, grid).shape == (2, 2)
-    assert contour_response(characteristic, zeros, {1.0: 3.0}, np.zeros(1))[0] == 1.5
-    assert contour_response(characteristic, zeros, {-1.0: 3.0}, np.zeros(1))[0] == 0.0
     assert not contour_response(characteristic, zeros, {}, grid).any()
     with pytest.raises(ValueError, match="above 1"):
         contour_response(characteristic, zeros, {1.5: 1.0}, grid)
-    with pytest.raises(ValueError, match="negative"):
+    with pytest.raises(ValueError, match="positive"):
         contour_response(characteristic, zeros, {0.0: 1.0}, -grid)

@@ -172,9 +172,11 @@ def test_the_norm_l2_weighs_every_point_by_its_step():
 def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):
     calls: list[int] = []
 
-    def counted(scenes: list[fvi.Scene], method: Method, n_steps: int) -> list[fvi.Trajectory]:
+    def counted(
+        scenes: list[fvi.Scene], method: Method, n_steps: int, **keys: bool
+    ) -> list[fvi.Trajectory]:
         calls.append(n_steps)
-        return integrate_members(scenes, method, n_steps)
+        return integrate_members(scenes, method, n_steps, **keys)
 
     monkeypatch.setattr(reference, "integrate_members", counted)
     for exact, computed in (("none", False), ("auto", True)):

@@ -28,6 +28,8 @@ WINDOW_MOST = 512
 EXCESS = 0.5
 """How far r sigma lies above 2 m; with equality the error would have a logarithm."""
 ROUND_OFF = 1e-16
+SHORTEST = 1e-96
+"""No step is shorter than this part of a step of the grid: cubes of rates have to stay in range."""
 LEAST_ELLIPSE = 1.25
 """No step towards a singular point is longer than that of this ellipse, [t / 81, t]."""
 LEAST_IN_ULPS = 256
@@ -85,7 +87,7 @@ def graded_window(
     grading = (order + EXCESS) / power
     # with tau ~ t^(1 - 1/r) that share of the steps of a level is halved once more
     share = 2.0 ** (-1.0 / (grading - 1.0)) if grading > 1.0 else 0.0
-    levels, least = [window], least_step(begin)
+    levels, least = [window], max(least_step(begin), SHORTEST * size)
     while levels[-1] > 1 and size * 0.5 ** (len(levels) + 1) >= least:
         levels.append(max(1, math.ceil(window * share ** len(levels) - 1e-9)))
     finest = size * 0.5 ** len(levels)

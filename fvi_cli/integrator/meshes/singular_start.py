@@ -80,6 +80,10 @@ def rate_jumps(scene: Scene) -> bool:
     )
 
 
+LEAST_POWER = -0.9
+"""Of a force: so much of the momentum of a steeper one is given before the first step can end."""
+
+
 def fractional_power(piece: ForcingPiece) -> float | None:
     """Least fractional power of t with which a force begins; None where it begins smoothly."""
     found = [power for one, _ in piece.distinct for power in _fractional_powers(one, 0.0)]

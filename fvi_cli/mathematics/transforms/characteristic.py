@@ -74,6 +74,9 @@ def characteristic_zeros(terms: Terms) -> tuple[ZeroCluster, ...]:
     powers, coefficients = np.array(terms, dtype=np.longdouble).T
     sums = _ExponentialSum(powers, coefficients)
     low, high = sums.bounds()
+    if not low < high:
+        # whatever |s|, one term outweighs the others
+        return ()
     # the balances alone nearly always find all zeros, which the count confirms
     for density in (0, 1, 4):
         found = sums.polished(sums.balances(low, high, density))
@@ -104,7 +107,9 @@ class _ExponentialSum:
         logs = plain + math.log(4.0 * len(powers))
         high = float(np.max((logs[1:] - plain[0]) / (powers[0] - powers[1:])))
         low = float(np.min((plain[-1] - logs[:-1]) / (powers[:-1] - powers[-1])))
-        return max(low, -_LARGEST_LOGARITHM), min(high, _LARGEST_LOGARITHM)
+        # of terms next to each other in power it may lie out of all range, on either side
+        largest = _LARGEST_LOGARITHM
+        return min(max(low, -largest), largest), min(max(high, -largest), largest)
 
     def values(
         self, w: LongComplexArray

@@ -7,6 +7,10 @@ cut. The cut integral is taken along a hyperbola that scales with 1/t, so that n
 densities (orders close to 1, overdamped) stay inside of it, small times lose nothing by
 cancellation, and the algebraic tail keeps its relative accuracy.
 
+What rounding leaves of such sums is computed beside them: their terms without signs, times what
+one term loses. Powers of s that cancel (forces that are large and small in turn, zeros next to the
+branch point) show in it.
+
 References
 ----------
 J.A.C. Weideman, L.N. Trefethen, *Parabolic and hyperbolic contours for computing the Bromwich
@@ -22,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray, LongArray
 from fvi_cli.mathematics.transforms.characteristic import (
     Terms,
     ZeroCluster,
@@ -30,11 +34,14 @@ from fvi_cli.mathematics.transforms.characteristic import (
 )
 
 _ANGLE = math.pi / 4
-_SPACINGS = (0.05, 0.045)
+SPACINGS, OTHER_SPACINGS = (0.05, 0.045), (0.04, 0.036)
+"""Steps along the contour: of the two that is taken whose nodes are farther from the poles."""
 _DECAY = 42.0
 _CHUNK = 2048
 _SHIFT = 4.0
 _SAME_POWER = 1e-9
+EPSILON = float(np.finfo(float).eps)
+LONG_EPSILON = float(np.finfo(np.longdouble).eps)
 
 
 def contour_response(
@@ -44,34 +51,39 @@ def contour_response(
     time: Array,
     *,
     decay: float = 0.0,
-) -> Array:
-    r"""Inverse Laplace transform of :math:`N(s)/P(s)`, times :math:`e^{-l t}`.
+    terms_error: float = LONG_EPSILON,
+    time_error: float = 0.0,
+    spacings: tuple[float, float] = SPACINGS,
+) -> tuple[Array, Array]:
+    r"""Inverse Laplace transform of :math:`N(s)/P(s)`, times :math:`e^{-l t}`, and its rounding.
 
     P is a sum of powers, its zeros are those of :func:`characteristic_zeros`; N maps powers of s,
     at most that of P less 1, to coefficients; :math:`l \ge 0` is for transforms N(s + l)/P(s + l).
-    At times >= 0 of any shape the response is right to about 1e-14 of its own size near and after
-    that time. Where ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times
-    t times abs(pole) on top.
+    At times > 0 of any shape, known to `time_error` of them, and for coefficients of P that are
+    known to `terms_error` of them, round-off leaves no more of an error than the second array,
+    which is about 1e-15 of the response's own size near and after that time where nothing cancels.
+    Where ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
+    abs(pole). What the rule along the contour errs by shows in the difference from the response by
+    another pair of `spacings`: of steep forces and of zeros next to the branch point it is large.
 
     Raises
     ------
     ValueError
-        If a power is too high, a time is negative, or zeros away from the positive real axis
+        If a power is too high, a time is not positive, or zeros away from the positive real axis
         coincide nearly.
     """
     time = np.asarray(time, dtype=float)
-    top, leading = terms[0]
+    top = terms[0][0]
     if any(power > top - 1 + _SAME_POWER for power in numerator):
         raise ValueError(f"numerator: powers {sorted(numerator)} are not allowed above {top - 1:g}")
-    if np.any(time < 0):
-        raise ValueError("time: negative times are not allowed")
+    if not np.all(time > 0):
+        raise ValueError("time: only positive times are allowed")
     clusters = [zero for zero in zeros if zero.multiplicity > 1]
     for zero in clusters:
         if not (zero.is_real and 4.0 * zero.radius <= zero.clearance):
             raise ValueError(f"characteristic function: zeros near {zero.center} nearly coincide")
     flat = time.ravel()
-    at_start = sum(c for power, c in numerator.items() if power > top - 1 - _SAME_POWER)
-    result = np.full(flat.shape, at_start / leading)
+    result, rounding = np.zeros((2, flat.size))
     # A double zero on the positive axis is kept inside the contour, or well outside.
     close = np.zeros(flat.shape, dtype=bool)
     for cluster in clusters:
@@ -80,16 +92,16 @@ def contour_response(
     # e^z n!/z^(n+1) is of the size of its integral where z is about n + 1.
     vertex = 1.2 if clusters else min(max(steepest, 1.2), 10.0)
     scale = vertex / (1.0 - math.sin(_ANGLE))
-    for shift, chosen in ((0.0, (flat > 0) & ~close), (_SHIFT, (flat > 0) & close)):
+    for shift, chosen in ((0.0, ~close), (_SHIFT, close)):
         outside = zeros if not shift else [zero for zero in zeros if zero not in clusters]
-        contour = _Contour(terms, numerator, decay, scale, shift)
+        contour = _Contour(terms, numerator, decay, scale, shift, terms_error, time_error, spacings)
         indices = np.flatnonzero(chosen)
         for start in range(0, len(indices), _CHUNK):
             part = indices[start : start + _CHUNK]
             # A growing response may leave the range of doubles, and is not finite from there on.
             with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-                result[part] = contour.response(flat[part], outside)
-    return result.reshape(time.shape)
+                result[part], rounding[part] = contour.response(flat[part], outside)
+    return result.reshape(time.shape), rounding.reshape(time.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +113,16 @@ class _Contour:
     decay: float
     scale: float
     shift: float
+    terms_error: float
+    time_error: float
+    spacings: tuple[float, float]
 
-    def response(self, time: Array, zeros: Sequence[ZeroCluster]) -> Array:
-        """The integral along the contour, with the residues at zeros outside of it."""
+    def response(self, time: Array, zeros: Sequence[ZeroCluster]) -> tuple[Array, Array]:
+        """The integral along the contour, with the residues at zeros outside; and its rounding."""
         simple = [zero for zero in zeros if zero.multiplicity == 1]
         residues = [self._residue(zero, time) for zero in simple]
         positions = [self._preimage(complex(zero.center), time) for zero in simple]
-        candidates = [(spacing, offset) for spacing in _SPACINGS for offset in (0.0, 0.5)]
+        candidates = [(spacing, offset) for spacing in self.spacings for offset in (0.0, 0.5)]
         factors = [
             [np.exp(2j * np.pi * (offset - position / spacing)) for position in positions]
             for spacing, offset in candidates
@@ -120,57 +135,108 @@ class _Contour:
             ]
         )
         best = distances.argmax(axis=0)
-        result = np.empty(time.shape)
+        result, rounding = np.empty((2, time.size))
         for index, (spacing, offset) in enumerate(candidates):
             chosen = best == index
             if not np.any(chosen):
                 continue
-            value = self._trapezoidal_sum(time[chosen], spacing, offset)
-            value *= np.exp(-self.decay * time[chosen])
-            for zero, residue, factor in zip(simple, residues, factors[index], strict=True):
-                correction = residue[chosen] / (1.0 - factor[chosen])
-                value += (1.0 if zero.is_real else 2.0) * correction.real
-            result[chosen] = value
+            at = time[chosen]
+            value, lost = self._trapezoidal_sum(at, spacing, offset) * np.exp(-self.decay * at)
+            lost *= 1.0 + self.decay * at
+            for zero, (residue, own), place, factor in zip(
+                simple, residues, positions, factors[index], strict=True
+            ):
+                share = 1.0 / (1.0 - factor[chosen])
+                count = 1.0 if zero.is_real else 2.0
+                correction = residue[chosen] * share
+                value += count * correction.real
+                # the factor is known to its exponent's round-off
+                turns = 2.0 * np.pi / spacing * np.abs(place[chosen])
+                unsure = 2.0 + np.abs(share - 1.0) * turns
+                lost += count * np.abs(share) * own[chosen]
+                lost += count * np.abs(correction) * unsure * EPSILON
+            result[chosen], rounding[chosen] = value, lost
         for zero in zeros:
             if zero.multiplicity > 1:
-                result += self._cluster_residues(zero, time)
-        return result
+                value, lost = self._cluster_residues(zero, time)
+                result += value
+                rounding += lost
+        return result, rounding
 
     def _preimage(self, s: complex, time: Array) -> ComplexArray:
         """The u of a pole; Im u > 0 lies inside, on the side of the cut."""
         return np.asarray(-1j * (np.arcsin((s * time - self.shift) / self.scale - 1.0) + _ANGLE))
 
     def _trapezoidal_sum(self, time: Array, spacing: float, offset: float) -> Array:
+        """The sum and what one unit in the last place of its terms comes to, ``(2, n)``."""
         last = math.acosh((_DECAY / self.scale + 1.0) / math.sin(_ANGLE))
         u = spacing * (offset + np.arange(int(last / spacing) + 2))
         weights = np.where(u == 0, 0.5, 1.0)
         z = self.shift + self.scale * (1.0 + np.sin(1j * u - _ANGLE))
         weights = weights * np.exp(z) * np.cos(1j * u - _ANGLE) * (spacing * self.scale / math.pi)
-        top = np.zeros((len(time), len(u)), dtype=complex)
-        bottom = np.zeros((len(time), len(u)), dtype=complex)
+        modulus, shape = np.abs(z), (len(time), len(u))
+        top, bottom = np.zeros((2, *shape), dtype=complex)
+        size_of_top, size_of_bottom = np.zeros((2, *shape))
         highest = self.terms[0][0]
         for power, coefficient in self.numerator.items():
-            top += (coefficient * time ** (highest - 2.0 - power))[:, None] * z**power
+            factor = (coefficient * time ** (highest - 2.0 - power))[:, None]
+            top += factor * z**power
+            size_of_top += np.abs(factor) * modulus**power
         for power, coefficient in self.terms:
             # Multiplied by a power of t, so that the largest term is of order one at small times.
-            bottom += (coefficient * time ** (highest - power))[:, None] * z**power
-        return np.asarray(((top / bottom) @ weights).real * time)
+            factor = (coefficient * time ** (highest - power))[:, None]
+            bottom += factor * z**power
+            size_of_bottom += np.abs(factor) * modulus**power
+        quotient = top / bottom
+        sizes = (size_of_top + np.abs(quotient) * size_of_bottom) / np.abs(bottom)
+        return np.stack([(quotient @ weights).real, EPSILON * (sizes @ np.abs(weights))]) * time
 
-    def _residue(self, zero: ZeroCluster, time: Array) -> ComplexArray:
-        """Residue at a simple zero, with the exponential in extended precision."""
+    def _residue(self, zero: ZeroCluster, time: Array) -> tuple[ComplexArray, Array]:
+        """Residue at a simple zero, and what it loses by rounding; in extended precision."""
         center = np.array([zero.center])
         slope = {power - 1.0: power * c for power, c in self.terms if power}
-        constant = (evaluate_powers(self.numerator, center) / evaluate_powers(slope, center))[0]
+        above, below = (evaluate_powers(one, center)[0] for one in (self.numerator, slope))
+        constant = above / below
         values = constant * np.exp((zero.center - self.decay) * time.astype(np.longdouble))
-        return np.asarray(values, dtype=complex)
+        radius = np.abs(center[0])
+        of_top, of_slope, of_whole = (
+            float(_sizes(one, radius) / np.abs(below))
+            for one in (self.numerator, slope, dict(self.terms))
+        )
+        # how far the zero may be from where it is, relative to it
+        off = self.terms_error * of_whole / float(radius)
+        steepest = 2.0 + max(map(abs, self.numerator), default=0.0)
+        share = float(np.abs(constant))
+        lost = of_top * (EPSILON + steepest * off)
+        lost += share * of_slope * (self.terms_error + steepest * off)
+        growth = np.abs(np.exp((zero.center.real - self.decay) * time))
+        moved = (off + self.time_error) * float(radius) * time + EPSILON
+        return np.asarray(values, dtype=complex), np.asarray(growth * (lost + share * moved))
 
-    def _cluster_residues(self, cluster: ZeroCluster, time: Array) -> Array:
-        """All residues of a cluster on the positive axis, by a circle round it."""
+    def _cluster_residues(self, cluster: ZeroCluster, time: Array) -> tuple[Array, Array]:
+        """All residues of a cluster on the positive axis, by a circle round it; their rounding."""
         nodes = np.exp(2j * np.pi * (np.arange(96) + 0.5) / 96)
         center = float(cluster.center.real)
         least, most = 2.0 * cluster.radius * center, 0.5 * cluster.clearance * center
         radius = np.clip(2.0 / time, least, most)
         s = (center + radius[:, None] * nodes).astype(np.clongdouble)
-        quotient = evaluate_powers(self.numerator, s) / evaluate_powers(dict(self.terms), s)
+        terms, modulus = dict(self.terms), np.abs(s)
+        below = evaluate_powers(terms, s)
+        quotient = evaluate_powers(self.numerator, s) / below
         integrand = quotient * np.exp((s - self.decay) * time[:, None]) * nodes
-        return np.asarray(integrand.real.mean(axis=1) * radius, dtype=float)
+        sizes = EPSILON * _sizes(self.numerator, modulus)
+        sizes = sizes + self.terms_error * np.abs(quotient) * _sizes(terms, modulus)
+        lost = sizes / np.abs(below) * np.exp((s.real - self.decay) * time[:, None])
+        lost += EPSILON * np.abs(integrand)
+        value, rounding = (
+            (radius * one.mean(axis=1)).astype(float) for one in (integrand.real, lost)
+        )
+        return value, rounding
+
+
+def _sizes(terms: Mapping[float, float], modulus: LongArray) -> LongArray:
+    """Sums of the moduli of powers where s has these."""
+    total = np.zeros(np.shape(modulus), dtype=np.longdouble)
+    for power, coefficient in terms.items():
+        total = total + abs(coefficient) * modulus ** np.longdouble(power)
+    return total

@@ -13,6 +13,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
+from fvi_cli.integrator.meshes.singular_start import LEAST_POWER, fractional_power
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.settings import Positive, Setting
 from fvi_cli.mathematics.arrays import Array
@@ -165,8 +166,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
     def build_problem(self, *, search: bool = True) -> Problem:
         """The scene with its exact solution, as far as that is known."""
         scene = self.build_scene()
+        power = None if scene.forcing is None else fractional_power(scene.forcing.pieces[0])
+        if power is not None and power < LEAST_POWER:
+            reason = f"begins like t**{power:g}; steps take powers from {LEAST_POWER} on"
+            raise ArgumentError("forcing", reason)
         exact: Callable[[Array], Array] | None = None
-        source = "unknown"
+        source, error = "unknown", 0.0
         if self.exact == "none":
             source = "none"
         elif self.exact != "auto":
@@ -177,17 +182,16 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
                 raise ArgumentError("exact", reason)
         elif search and scene.is_linear:
             # looking for it takes long to import
-            from fvi_cli.scenes.linear_response import match_scene
+            from fvi_cli.scenes.linear_response import trusted_solution
 
-            solution = match_scene(scene)
-            if solution is not None:
-                exact, source = solution.position, solution.source
+            exact, source, error = trusted_solution(scene)
         ground = [name for name in self.forces if name != "forcing"]
         return Problem(
             kind=self.kind,
             scene=scene,
             exact=exact,
             exact_source=source,
+            exact_error=error,
             equation=_with_laws(self.equation, scene),
             coordinates=self.coordinate_names(),
             inputs={name: self._driver(name, ()) for name in ground},

@@ -10,10 +10,12 @@ from spread import spread
 from test_mesh import fresh, points
 
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.graded_start import WINDOW_MOST, WINDOW_SHARE, graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
-from fvi_cli.integrator.method import ForcingQuadrature
+from fvi_cli.integrator.method import ForcingQuadrature, Method
+from fvi_cli.scenes.linear_response import match_scene
 
 Array = np.ndarray
 
@@ -145,3 +147,15 @@ def test_few_steps_before_a_break_are_all_halved():
     at = points(graded(200, 2.5, 3, (0.12,)))
     first = at[at <= 0.12 * (1 + 1e-12)]
     assert (np.diff(first)[1:] <= 0.5 * 0.015 * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize("power", [-0.9, -0.86, -0.8, -0.6])
+@pytest.mark.parametrize("order", [0.5, 1.5])
+def test_steep_forces_keep_the_order(power, order):
+    force = Forcing.from_text(f"t**({power})")
+    scene = oscillator(order, position=0.3, velocity=0.0, forcing=force)
+    exact = match_scene(scene).position
+    runs = [integrate(scene, Method(cq="gauss", degree=3, start="graded"), n) for n in (50, 100)]
+    coarse, fine = (np.abs(one.position - exact(one.time)).max() for one in runs)
+    assert coarse < 1e-5
+    assert fine < max(coarse / 30, 2e-9)
