@@ -12,7 +12,7 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.integrator.observations.dampers import check_work, damper_values
 from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.integrator.observations.request import (
     Event,
@@ -163,6 +163,8 @@ def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at:
     expected, found = damper_values(first.scene), damper_values(own.scene)
     for key, formulas in (("quantities", observed.quantities or {}), ("events", events)):
         for name, formula in formulas.items():
+            if reason := _infinite_work(formula, own):
+                at.under(key).refuse_key(name, reason)
             known = {*known_names(first.coordinates, observed.parameters), *observed.inputs}
             for word in sorted(formula.names & expected.keys() - known):
                 if found.get(word) == expected[word]:
@@ -223,4 +225,20 @@ def _expression(
         under.refuse_key(name, "is the name of something that is stored already; take another")
         return None
     text = FormulaText(variables=names).read(under.under(name, *inner))
-    return Expression.parse(text, variables=names) if isinstance(text, str) else None
+    found = Expression.parse(text, variables=names) if isinstance(text, str) else None
+    if found is not None and (reason := _infinite_work(found, problem)):
+        under.refuse(reason, name, *inner)
+        return None
+    return found
+
+
+def _infinite_work(formula: Expression, problem: Problem) -> str:
+    """Why a work in a formula has no value; empty: it has one."""
+    dampers = damper_values(problem.scene)
+    try:
+        for word in sorted(formula.names & dampers.keys()):
+            if dampers[word].kind == "work":
+                check_work(problem.scene, word)
+    except ValueError as error:
+        return str(error)
+    return ""

@@ -276,7 +276,9 @@ class DampersAlong:
                 rest -= self(value, steps, tau)[:, None] * row
         rows = np.concatenate([deformation_rows(scene, one) for one in rough])
         first = sum(len(deformation_rows(scene, one)) for one in rough if one < place)
-        forces = rest @ np.linalg.pinv(rows)
+        with np.errstate(invalid="ignore"):
+            # infinite at the start
+            forces = rest @ np.linalg.pinv(rows)
         return np.asarray(forces[:, first : first + len(deformation_rows(scene, place))])
 
     def _remembered(self, place: int) -> Array:

@@ -172,7 +172,12 @@ class DenseMotion:
             if not is_rough and steps is not self.shapes[member]:
                 own = slice(*self.firsts[member : member + 2].tolist())
                 with np.errstate(all="ignore"):
-                    found[1:, own] = self._velocities(member) - ends[:, own]
+                    slopes = self._velocities(member) - ends[:, own]
+                # stiff: momenta keep what stages have long forgotten
+                size = np.abs(self.shapes[member].velocity).max(axis=1)
+                size = np.maximum(size, np.maximum(_shifted(size, 1), _shifted(size, -1)))
+                is_known = (np.abs(slopes) <= size).all(axis=0)
+                found[1:, own] = np.where(is_known, slopes, found[1:, own])
         return found
 
     def _velocities(self, member: int) -> Array:
@@ -237,11 +242,13 @@ class DenseMotion:
             if rate_jumps(scene):
                 slopes = self._velocity_slope(steps[own], tau[own])
                 found[own] = np.where((time[own] == 0.0)[:, None], np.nan, slopes)
+                found[own] = _with_infinite_start(scene, found[own], time[own])
                 continue
             total = force[own]
             if scene.forcing is not None:
                 total = total + scene.forcing(time[own])
             found[own] = accelerations(scene, position[own], velocity[own], total, time[own])
+            found[own] = _with_infinite_start(scene, found[own], time[own])
         return found
 
     def _velocity_slope(self, steps: Places, tau: Array) -> Array:
@@ -327,6 +334,12 @@ def _corrections() -> tuple[Array, Array]:
     return matrix @ np.stack(displacement, axis=1), matrix @ np.stack(rate, axis=1)
 
 
+def _shifted(values: Array, places: int) -> Array:
+    """Those of the neighbour; at the end of the row of the same."""
+    index = np.clip(np.arange(len(values)) + places, 0, len(values) - 1)
+    return np.asarray(values[index])
+
+
 def accelerations(
     scene: Scene, position: Array, velocity: Array, force: Array, time: Array
 ) -> Array:
@@ -359,13 +372,37 @@ def _riemann_liouville(scene: Scene, time: Array) -> Array:
 
 
 def _damping_at_start(scene: Scene) -> Array:
-    """The damping force at t = 0; nan where it is infinite."""
+    """The damping force at t = 0, infinite where it grows above all bounds."""
     total = np.zeros(scene.dimension)
-    singular = scene.derivative == "riemann-liouville"
     for term in scene.active_damping:
         if term.order == 1:
             total -= times(scene.initial_velocity, term.form)
-        elif singular:
-            driver = scene.initial_position if term.order < 1 else scene.initial_velocity
-            total[np.flatnonzero(times(driver, term.form))] = np.nan
+    for lead in _infinite_at_start(scene):
+        total = np.where(lead == 0, total, np.copysign(np.inf, lead))
     return total
+
+
+def _infinite_at_start(scene: Scene) -> list[Array]:
+    """Coefficients of the powers with which damping forces begin infinite, the steepest last."""
+    if scene.derivative == "caputo":
+        return []
+    found = [
+        (term.order, -np.asarray(times(scene.initial_position, term.form), dtype=float))
+        if term.order < 1
+        else (term.order - 1.0, -np.asarray(times(scene.initial_velocity, term.form), dtype=float))
+        for term in scene.active_damping
+        if not term.is_integer_order
+    ]
+    return [lead for _, lead in sorted(found, key=lambda pair: pair[0])]
+
+
+def _with_infinite_start(scene: Scene, found: Array, time: Array) -> Array:
+    """Accelerations at these times, those at t = 0 as infinite as the damping forces there."""
+    mass = scene.inertia
+    for lead in _infinite_at_start(scene):
+        # a mass of a Lagrangian is positive, and of one coordinate that is all that counts
+        if scene.lagrangian is None or scene.dimension == 1:
+            way = mass.velocity(lead[None])[0] if scene.lagrangian is None else lead
+            infinite = np.where(way == 0, found, np.copysign(np.inf, way))
+            found = np.where((time == 0.0)[:, None], infinite, found)
+    return found

@@ -208,7 +208,7 @@ class Observer:
             is_known = is_separable(scene)
             if one.kind == "force":
                 found.append(
-                    f"{name} is infinite at t = 0; least, greatest, peak and rms leave that out"
+                    f"{name} is infinite at t = 0, and with it its peak; its rms leaves that out"
                 )
             else:
                 is_known = len(rough) == 1 and loses_by_dampers(scene, self.motion.steps[index])

@@ -134,6 +134,12 @@ def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list
         times, member = motion.time(step, place), motion.owner[step]
         for k, sign in enumerate((-1.0, 1.0)):
             _improve(least[k], at[k], sign * values, member, times)
+    with np.errstate(all="ignore"):
+        starts = np.asarray(along(motion.firsts[:-1], np.zeros(q)), dtype=float)
+    for k in np.flatnonzero(np.isinf(starts)).tolist():
+        # no station is there
+        side = int(starts[k] < 0)
+        least[side, k], at[side, k] = -math.inf, 0.0
     return [
         _extent(*(float(one) for one in (*least[:, k], *at[:, k], square[k], length[k])))
         for k in range(q)
@@ -154,7 +160,7 @@ def _extent(
 ) -> Extent:
     """The extent of a function with these least values of its negative and of itself."""
     greatest, nan = -below, math.nan
-    if not math.isfinite(least):
+    if least == math.inf:
         return Extent(peak=nan, peak_time=nan, least=nan, greatest=nan, rms=nan)
     is_low = -least > greatest
     return Extent(
