@@ -112,11 +112,22 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+ABBREVIATED = {
+    "rl": "riemann-liouville",
+    "inf": "max",
+    "linf": "max",
+    "infinity": "max",
+    "maximum": "max",
+}
+"""Words of the literature for words of keys."""
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest known word, or nothing."""
     names = list(known)
     by_case = {name.lower(): name for name in names}
     short = word.lower()[:LONGEST_EXCERPT]
+    short = ABBREVIATED.get(short, short)
     nearest = difflib.get_close_matches(short, by_case, n=1)
     if not nearest and len(short) > 3:
         # euler: explicit-euler

@@ -292,6 +292,9 @@ def _unknown(what: str, name: str, known: Sequence[str]) -> str:
     begins = sorted((one for one in known if len(one) > 2 and name.startswith(one)), key=len)
     nearest = begins[-1:] or difflib.get_close_matches(name, known, n=1)
     guess = f"; did you mean {nearest[0]!r}?" if nearest else ""
+    velocity = f"v{name.removesuffix('dot').removesuffix('_')}"
+    if name.endswith("dot") and velocity in known:
+        guess = f"; the velocity is written {velocity}"
     return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} (known: {', '.join(sorted(known))})"
 
 

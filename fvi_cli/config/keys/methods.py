@@ -88,6 +88,11 @@ def _no_method(name: str) -> str:
     if re.fullmatch(r"(?i)bdf-?\d+", name.strip()):
         return f"{excerpt(name)!r} is not the name of a method; there are bdf1 to bdf6"
     number = re.search(r"[1-6]", name)
+    # as tables write it: BDF2 points, degree 1
+    sampled = re.match(r"(?i)bdf([1-6])[- ]?(node|point)", name.strip())
+    if sampled:
+        meant = f"bdf{sampled[1]}" + "-nodes" * (sampled[2].lower() == "node")
+        return f"{excerpt(name)!r} is not the name of a method; write {meant}"
     degree = number[0] if number else "3"
     families = (f"{one}{degree}" for one in ("gauss", "radau-iia", "lobatto-iiic", "bdf"))
     near = suggestion(name, (*BASELINE_NAMES, *families))

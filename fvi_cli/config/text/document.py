@@ -204,4 +204,6 @@ def _advice(problem: str) -> str:
         return "; indent with blanks, not with tabs"
     if "mapping values are not allowed" in problem:
         return "; is the indentation right, or does a text with ':' need quotes?"
+    if "could not find expected ':'" in problem:
+        return "; write a blank behind the colon, as in `mass: 1.0`"
     return ""
