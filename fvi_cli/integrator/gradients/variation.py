@@ -219,7 +219,9 @@ def _differences(
     for column in zip(*rows, strict=True):
         flat = np.array([own.ravel() for own in column])
         # what does not change has the derivative 0, without round-off of the factors
-        second, fourth = np.array(factors) @ (flat - flat[0])
+        with np.errstate(invalid="ignore"):
+            # what is infinite has none
+            second, fourth = np.array(factors) @ (flat - flat[0])
         derivatives.append(fourth.reshape(column[0].shape))
         if fourth.any():
             size, left = np.abs(fourth).max(), np.abs(second - fourth).max()

@@ -25,7 +25,6 @@ equation of motion.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -35,6 +34,11 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
+from fvi_cli.integrator.observations.at_start import (
+    damping_at_start,
+    riemann_liouville_excess,
+    with_infinite_start,
+)
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.step_tables import StepTables
@@ -216,8 +220,8 @@ class DenseMotion:
             if rate_jumps(scene):
                 total[own] = self._force_by_balance(scene, steps[own], tau[own])
             with np.errstate(all="ignore"):
-                total[own] -= _riemann_liouville(scene, time[own])
-            total[own] = np.where((time[own] == 0.0)[:, None], _damping_at_start(scene), total[own])
+                total[own] -= riemann_liouville_excess(scene, time[own])
+            total[own] = np.where((time[own] == 0.0)[:, None], damping_at_start(scene), total[own])
         return total
 
     @cached_property
@@ -242,13 +246,13 @@ class DenseMotion:
             if rate_jumps(scene):
                 slopes = self._velocity_slope(steps[own], tau[own])
                 found[own] = np.where((time[own] == 0.0)[:, None], np.nan, slopes)
-                found[own] = _with_infinite_start(scene, found[own], time[own])
+                found[own] = with_infinite_start(scene, found[own], time[own])
                 continue
             total = force[own]
             if scene.forcing is not None:
                 total = total + scene.forcing(time[own])
             found[own] = accelerations(scene, position[own], velocity[own], total, time[own])
-            found[own] = _with_infinite_start(scene, found[own], time[own])
+            found[own] = with_infinite_start(scene, found[own], time[own])
         return found
 
     def _velocity_slope(self, steps: Places, tau: Array) -> Array:
@@ -357,52 +361,3 @@ def accelerations(
             return np.where(usable[:, None], found, np.nan)
         _, conservative = scene.forces(position, velocity, time)
         return scene.inertia.velocity(conservative + force)
-
-
-def _riemann_liouville(scene: Scene, time: Array) -> Array:
-    """What Riemann-Liouville derivatives of order below 1 have more than Caputo's."""
-    total = np.zeros((time.size, scene.dimension))
-    if scene.derivative == "caputo" or not np.any(scene.initial_position != 0):
-        return total
-    for term in scene.active_damping:
-        if term.order < 1:
-            power = time**-term.order / math.gamma(1.0 - term.order)
-            total += power[:, None] * times(scene.initial_position, term.form)
-    return total
-
-
-def _damping_at_start(scene: Scene) -> Array:
-    """The damping force at t = 0, infinite where it grows above all bounds."""
-    total = np.zeros(scene.dimension)
-    for term in scene.active_damping:
-        if term.order == 1:
-            total -= times(scene.initial_velocity, term.form)
-    for lead in _infinite_at_start(scene):
-        total = np.where(lead == 0, total, np.copysign(np.inf, lead))
-    return total
-
-
-def _infinite_at_start(scene: Scene) -> list[Array]:
-    """Coefficients of the powers with which damping forces begin infinite, the steepest last."""
-    if scene.derivative == "caputo":
-        return []
-    found = [
-        (term.order, -np.asarray(times(scene.initial_position, term.form), dtype=float))
-        if term.order < 1
-        else (term.order - 1.0, -np.asarray(times(scene.initial_velocity, term.form), dtype=float))
-        for term in scene.active_damping
-        if not term.is_integer_order
-    ]
-    return [lead for _, lead in sorted(found, key=lambda pair: pair[0])]
-
-
-def _with_infinite_start(scene: Scene, found: Array, time: Array) -> Array:
-    """Accelerations at these times, those at t = 0 as infinite as the damping forces there."""
-    mass = scene.inertia
-    for lead in _infinite_at_start(scene):
-        # a mass of a Lagrangian is positive, and of one coordinate that is all that counts
-        if scene.lagrangian is None or scene.dimension == 1:
-            way = mass.velocity(lead[None])[0] if scene.lagrangian is None else lead
-            infinite = np.where(way == 0, found, np.copysign(np.inf, way))
-            found = np.where((time == 0.0)[:, None], infinite, found)
-    return found
