@@ -77,7 +77,8 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         values.get("method"),
         at,
         usual_methods(settings.accuracy),
-        start="graded" if grading == 1.0 else "none",
+        # equal steps that are written are what is meant
+        start="none" if ladder is not None and ladder.grading is not None else "graded",
     )
     check_accuracy(at, problem)
     ends = () if problem is None or keys is None else (*break_points(keys), problem.final_time)

@@ -41,7 +41,7 @@ class DerivativeProblem:
     scene: ClassVar[None] = None  # it has no motion
     coordinates: ClassVar[tuple[str, ...]] = ()
     inputs: ClassVar[Mapping[str, Forcing | None]] = {}
-    # f at times of shape ``(n,)``; f(0) = 0 is needed for an order that is not limited to 1
+    # f less f(0), for orders above 1 less f'(0) t, at times of shape ``(n,)``
     function: Callable[[Array], Array]
     order: float  # order of the derivative, in (0, 2)
     final_time: float  # the derivative is taken on [0, T]

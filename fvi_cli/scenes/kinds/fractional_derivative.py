@@ -60,13 +60,31 @@ class FractionalDerivative(
             exact = ForcingPiece(components=expressions(values["exact"], 1, "exact")).evaluate
             source = "expression"
         return DerivativeProblem(
-            function=ForcingPiece(components=(function,)).evaluate,
+            function=_from_rest(function, order),
             order=order,
             final_time=final_time,
             exact=exact,
             exact_source=source,
             equation=f"D^{order:g} of {function.text}",
         )
+
+
+def _from_rest(function: Expression, order: float) -> Callable[[Array], Array]:
+    """The function less f(0), for orders above 1 less f'(0) t, which Caputo's derivative is of."""
+    given = ForcingPiece(components=(function,)).evaluate
+    slope = 0.0
+    if order > 1:
+        try:
+            series = expand(function, 2.0)
+        except SeriesError as error:
+            raise ArgumentError("function", f"its slope at 0 is not known: {error}") from None
+        slope = float(series.coefficients[series.exponents == 1.0].sum())
+
+    def values(time: Array) -> Array:
+        start = given(np.zeros(1))[0]
+        return np.asarray(given(time) - start - (slope * time)[:, None])
+
+    return values
 
 
 def _termwise_derivative(

@@ -1,0 +1,31 @@
+"""The kind `fractional-derivative` is Caputo's, whatever the function starts with."""
+
+import numpy as np
+import pytest
+from scipy.special import gammainc
+
+import fvi_cli as fvi
+
+
+def last_value(order: float, function: str, bdf: int, folder) -> float:
+    problem = {"kind": "fractional-derivative", "order": order, "function": function}
+    source = {
+        "name": "d",
+        "problem": {**problem, "final_time": 2.0},
+        "method": {"bdf": bdf},
+        "ladder": {"steps": [400, 800]},
+    }
+    (outcome,) = fvi.run(source, output=folder)
+    finished = outcome.finished[-1]
+    return float(finished.trajectory.position[-1, 0])
+
+
+@pytest.mark.parametrize("order", [0.2, 0.5, 0.9, 1.2, 1.5, 1.9])
+@pytest.mark.parametrize("bdf", [1, 2])
+def test_functions_that_start_away_from_zero(order, bdf, tmp_path):
+    # D^g e^t = e^t P(n - g, t), with the regularized incomplete gamma function
+    value = last_value(order, "exp(t)", bdf, tmp_path)
+    expected = np.exp(2.0) * gammainc(np.ceil(order) - order, 2.0)
+    assert value == pytest.approx(expected, rel=2e-2 if bdf == 1 else 2e-4)
+    shifted = last_value(order, "exp(t) + 5", bdf, tmp_path)
+    assert shifted == pytest.approx(value, rel=1e-9)
