@@ -188,6 +188,13 @@ def test_convergence_draws_every_error_of_every_method():
     assert legend.get_title().get_text() == wanted
 
 
+def test_axes_of_graded_meshes_say_which_step_size_they_show():
+    made = dataclasses.replace(experiment(), grading=2.0, norm="l2")
+    axes = plotting.convergence_figure([(made, finish(made))]).axes[0]
+    assert axes.get_xlabel() == "mean step size $h = T/N$"
+    assert "h_k" in axes.get_ylabel()
+
+
 @pytest.mark.parametrize("studies", [[], [(experiment(), [])]])
 @pytest.mark.parametrize("draw", [plotting.convergence_figure, plotting.saturation_figure])
 def test_without_runs_there_is_nothing_to_draw(draw, studies):

@@ -228,10 +228,10 @@ class Engine:
         change = -known.sum(axis=2)
         z, damping = state.z, self.damping
         if damping is not None and frame.damping is not None:
-            for kicks, one in zip(frame.kicks, damping.combinations, strict=True):
+            for impulses, one in zip(frame.impulses, damping.combinations, strict=True):
                 if count < frame.count:
-                    kicks = kicks[:, :count, : inputs.shape[1]]
-                change -= along(np.matmul(kicks, inputs), one.matrix)
+                    impulses = impulses[:, :count, : inputs.shape[1]]
+                change -= along(np.matmul(impulses, inputs), one.matrix)
             if self.n_states:
                 z = damping.push(frame.damping, state.z, inputs, count)
         return Steps(

@@ -154,14 +154,14 @@ class Frame:
         part.damping = self.damping.of(places)
         part.sequences = part.damping.sequences
         part.damp = [one if len(one) == 1 else one[places] for one in self.damp]
-        for name in ("kicks", "lags"):
+        for name in ("impulses", "lags"):
             part.__dict__.pop(name, None)
         return part
 
     def shortened(self, share: float) -> Frame:
         """The same where all forces and displacements are so many times as large."""
         part = copy.copy(self)
-        for name in ("kicks", "mean", "points", "tests", "tests_inside"):
+        for name in ("impulses", "mean", "points", "tests", "tests_inside"):
             part.__dict__.pop(name, None)
         for name in ("h", "to_loads", "test_sum", "weights", "displacement"):
             setattr(part, name, share * getattr(self, name))
@@ -170,7 +170,7 @@ class Frame:
         return part
 
     @cached_property
-    def kicks(self) -> list[Array]:
+    def impulses(self) -> list[Array]:
         """For every direction inputs to changes of momentum, ``(q or 1, B, B i)``."""
         return [toeplitz_matrix(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
 

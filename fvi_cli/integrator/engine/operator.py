@@ -1,4 +1,14 @@
-"""The equations of B steps, solved: what loads, position and momentum make of the unknowns."""
+r"""The linearised equations of a block of B equal steps, solved for the unknowns.
+
+Letters in shapes: q members of a batch (1 where all share a table), B steps of a block, s unknowns
+of a step for every component (the degree of the method), e components, r quadrature points of a
+step, w numbers of a remainder at a point, i inputs of the memory of a step for every component,
+m points of a step where the damping force is taken. The unknowns of step n are :math:`U_\nu` with
+:math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau) U_\nu`.
+
+*Remainders* are the forces, and momenta, of a nonlinear scene without their linear part. The
+*memory force* is the damping force that earlier steps cause.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +32,18 @@ from fvi_cli.mathematics.convergence import Mask
 
 
 class Operator:
-    r"""Frame and second derivatives.
+    r"""The linear map from position, momentum and loads of a block to its unknowns U.
 
-    With load vectors g of a block, position x and momentum p at its beginning,
+    It is made from the tables of a step size (``frame``) and the second derivatives of the
+    Lagrangian at one place (``at``). With load vectors g of the block, position x and momentum p at
+    its beginning,
 
-    .. math:: U = \text{start}\,(x, p) + \text{by\_load}\, g,
+    .. math:: U = \text{start}\,(x, p) + \text{by\_load}\, g.
 
-    and g contains those of the remainders of a law, which ``fold`` maps to the points that the
-    remainders depend on. Where there is a law with remainders, displacements are from the beginning
-    of the block, so that x itself has no part. Members whose equations have no unique solution are
-    `singular`, and have nan.
+    In nonlinear scenes g includes the remainders, ``fold`` maps remainders to displacements (and
+    velocities) at the quadrature points, and displacements are measured from the beginning of the
+    block, so that the columns of ``start`` for x are zero. Members whose equations have no unique
+    solution are marked in ``singular``; their tables are nan.
     """
 
     fold: Array  # (q, B r w, B r w), where there are remainders
@@ -43,19 +55,19 @@ class Operator:
         directions = () if damping is None else damping.combinations
         self._matrices = [np.asarray(one.matrix) for one in directions]
         matrix = step_matrix(frame.unit, at, frame.h, frame.damp, self._matrices)
-        # of a step alone, (q, s e, s e); its response to remainders, (q, s e, r w)
+        # equations of one step, inverted, (q, s e, s e); its response to remainders, (q, s e, r w)
         self.inverse, self.singular = _inverse(matrix)
         if frame.count > 1:
-            loads = self._by_impulses()
+            loads = self._respond_to_unit_loads()
             self.by_load = toeplitz_matrix(loads)
             if not is_linear:
-                by_rest = np.matmul(loads, frame.tests)
-                q, count, _, width = by_rest.shape
-                folded = np.matmul(frame.points, by_rest.reshape(q, -1, width))
+                by_remainder = np.matmul(loads, frame.tests)
+                q, count, _, width = by_remainder.shape
+                folded = np.matmul(frame.points, by_remainder.reshape(q, -1, width))
                 self.fold = toeplitz_matrix(folded.reshape(q, count, -1, width))
         elif not is_linear:
-            self.by_rest = np.matmul(self.inverse, frame.tests_inside)
-            self.fold = np.matmul(frame.points, self.by_rest)
+            self.by_remainder = np.matmul(self.inverse, frame.tests_inside)
+            self.fold = np.matmul(frame.points, self.by_remainder)
 
     @cached_property
     def by_load(self) -> Array:
@@ -69,41 +81,42 @@ class Operator:
         k = self.at.stiffness
         by_position = np.zeros((*self.inverse.shape[:2], k.shape[-1]))
         if self.is_linear:
-            pulled = on_components(self.frame.test_sum[None, :-1, None], k)
-            by_position = np.matmul(self.inverse, pulled)
+            stiffness_loads = on_components(self.frame.test_sum[None, :-1, None], k)
+            by_position = np.matmul(self.inverse, stiffness_loads)
         return np.concatenate([by_position, -self.inverse[:, :, : k.shape[-1]]], axis=2)
 
     def solve(self, state: State, known: Array) -> Array:
-        """U of the first steps without remainders, ``(q, n s e)``.
+        """U of the first n steps, remainders left out, ``(q, n s e)``.
 
-        From known loads with the sign of the left side, ``(q, n, s + 1, e)``.
+        `known` are loads, ``(q, n, s + 1, e)``, with their sign on the left side of the equations.
         """
         q, count = known.shape[:2]
         if self.frame.count == 1:
             right = known[:, 0, :-1].copy()
             right[:, 0] -= state.p
             if self.is_linear:
-                pulled = force_of(self.at.stiffness, state.x[:, None])
-                right += self.frame.test_sum[:-1, None] * pulled
+                force = force_of(self.at.stiffness, state.x[:, None])
+                right += self.frame.test_sum[:-1, None] * force
             return apply(self.inverse, right.reshape(q, -1))
         begin = np.concatenate([state.x, state.p], axis=1)
         n, c = count * len(self.inverse[0]), known[0].size
         return apply(self.start[:, :n], begin) - apply(self.by_load[:, :n, :c], known.reshape(q, c))
 
-    def respond(self, rest: Array, count: int) -> Array:
-        """U of the first `count` steps by remainders ``(q, n r, w)``, ``(q, n s e)``."""
+    def respond(self, remainders: Array, count: int) -> Array:
+        """U of the first n = `count` steps by remainders ``(q, n r, w)`` alone, ``(q, n s e)``."""
         if self.frame.count == 1:
-            return apply(self.by_rest, rest.reshape(len(rest), -1))
-        loads = self.frame.loads_of(rest, count)
+            return apply(self.by_remainder, remainders.reshape(len(remainders), -1))
+        loads = self.frame.loads_of(remainders, count)
         n = count * len(self.inverse[0])
         return apply(self.by_load[:, :n, : loads.shape[1]], loads)
 
-    def _by_impulses(self) -> Array:
-        """Responses ``(q, B, s e, (s + 1) e)`` to unit loads in the first step; sets `start`.
+    def _respond_to_unit_loads(self) -> Array:
+        """U of all steps by unit loads in the first, ``(q, B, s e, (s + 1) e)``; sets ``start``.
 
-        Step by step, with the unit position and momentum at its beginning beside them. The inverse
-        of the whole block loses digits like (B omega h)^3 where modes are stiff; here position and
-        momentum go along, and K acts on where the position is.
+        Computed step by step, together with the responses to a unit position and a unit momentum at
+        the beginning (``start``). To invert the equations of the whole block would lose digits like
+        (B omega h)^3 where modes are stiff; here every step begins from its own position, on which
+        the stiffness acts.
         """
         f, count, s = self.frame, self.frame.count, self.frame.tables.degree
         inverse, e = self.inverse, self.at.stiffness.shape[-1]
@@ -140,17 +153,17 @@ class Operator:
     def _one_step(
         self, inverse: Array, x: Array, p: Array, force: Array, given: Array | None
     ) -> Array:
-        """Position and momentum behind a step, its unknowns and inputs, by columns.
+        """Position and momentum after a step, its unknowns and its inputs of the memory, stacked.
 
-        From position and momentum ``(q, e, w)``, the force of the past ``(q, m, e, w)`` and, where
-        they are given, load vectors ``(s + 1, e, w)``; stacked, ``(q, (2 + s + i) e, w)``.
+        From position and momentum ``(q, e, n)`` before it, the memory force ``(q, m, e, n)`` and
+        possibly load vectors ``(s + 1, e, n)``, for n cases at once: ``(q, (2 + s + i) e, n)``.
         """
         f, k = self.frame, self.at.stiffness
         h, s = f.h, f.tables.degree
         q, m, e, width = force.shape
-        pulled = np.matmul(k, x)
+        spring_force = np.matmul(k, x)
         tested = np.matmul(f.to_loads[:-1], force.reshape(q, m, e * width))
-        right = f.test_sum[:-1, None, None] * pulled[:, None] + tested.reshape(q, s, e, width)
+        right = f.test_sum[:-1, None, None] * spring_force[:, None] + tested.reshape(q, s, e, width)
         right[:, 0] -= p
         if given is not None:
             right -= given[:-1]
@@ -160,9 +173,9 @@ class Operator:
             own = np.matmul(sequence[:, 0], inputs).reshape(q, m, e, width)
             force = force + np.matmul(matrix[:, None], own)
         mean = np.matmul((h * f.tables.weights)[None] @ f.displacement[0], u)
-        bent = np.matmul(k, mean.reshape(q, e, width))
-        lost = np.matmul(f.weights, force.reshape(q, m, e * width)).reshape(q, e, width)
-        p = p - (lost + (h * pulled + bent))
+        by_displacement = np.matmul(k, mean.reshape(q, e, width))
+        damped = np.matmul(f.weights, force.reshape(q, m, e * width)).reshape(q, e, width)
+        p = p - (damped + (h * spring_force + by_displacement))
         if given is not None:
             p = p + given.sum(axis=0)
         x = x + h * u[:, -1].reshape(q, e, width)
@@ -171,28 +184,30 @@ class Operator:
 
     @cached_property
     def outputs(self) -> Array:
-        """Position, momentum and force of the past to inputs, dx and dp, of a linear scene.
+        """Position, momentum and memory force to what a linear block leaves behind.
 
-        One matrix for every member, ``(q, B (i + 2) e, (2 + B m) e)``.
+        That is the inputs of the memory in every step, and the changes dx and dp of position and
+        momentum from the beginning of the block to the end of every step. One matrix for every
+        member, ``(q, B (i + 2) e, (2 + B m) e)``.
         """
         f, e = self.frame, self.at.stiffness.shape[-1]
-        q, rows, _ = self._outputs.shape
+        q, rows, _ = self._outputs_by_load.shape
         if f.damping is None:
-            return by_columns(self._outputs[..., : 2 * e])
-        loads = self._outputs[..., 2 * e :].reshape(q, rows * f.count, -1, e)
+            return by_columns(self._outputs_by_load[..., : 2 * e])
+        loads = self._outputs_by_load[..., 2 * e :].reshape(q, rows * f.count, -1, e)
         by_force = on_steps(f.to_loads.T, loads).reshape(q, rows, -1)
-        return by_columns(np.concatenate([self._outputs[..., : 2 * e], by_force], axis=2))
+        return by_columns(np.concatenate([self._outputs_by_load[..., : 2 * e], by_force], axis=2))
 
     @cached_property
     def outputs_of_loads(self) -> Array:
-        """Load vectors to the same, ``(q, B (i + 2) e, B (s + 1) e)``."""
-        return by_columns(-self._outputs[..., 2 * self.at.stiffness.shape[-1] :])
+        """Load vectors to the same outputs, ``(q, B (i + 2) e, B (s + 1) e)``."""
+        return by_columns(-self._outputs_by_load[..., 2 * self.at.stiffness.shape[-1] :])
 
     @cached_property
-    def _outputs(self) -> Array:
-        """Position, momentum and load vectors to inputs, dx and dp.
+    def _outputs_by_load(self) -> Array:
+        """Position, momentum and load vectors to the inputs of the memory, dx and dp.
 
-        Loads have the sign of the left side.
+        Loads have their sign on the left side of the equations.
         """
         f, k = self.frame, self.at.stiffness
         q, c = len(self.by_load), self.by_load.shape[2]
@@ -206,9 +221,9 @@ class Operator:
         place = place.reshape(q, count, e, width)
         place[..., np.arange(e), np.arange(e)] += h
         change = -np.matmul(k[:, None], place)
-        for kicks, matrix in zip(f.kicks, self._matrices, strict=True):
-            kick = np.matmul(kicks, inputs).reshape(q, count, e, width)
-            change -= np.matmul(matrix[:, None], kick)
+        for impulses, matrix in zip(f.impulses, self._matrices, strict=True):
+            impulse = np.matmul(impulses, inputs).reshape(q, count, e, width)
+            change -= np.matmul(matrix[:, None], impulse)
         loads = np.arange(c).reshape(count, -1, e)
         for step in range(count):
             for component in range(e):
@@ -218,7 +233,7 @@ class Operator:
         return np.concatenate(parts, axis=1)
 
     def of(self, places: Places) -> Operator:
-        """That of some members, with arrays of its own."""
+        """The operator of some members, with copies of their tables."""
         part = copy.copy(self)
         part.at, part.frame = self.at.of(places), self.frame.of(places)
         vars(part).update({name: one[places] for name, one in self._tables().items()})
@@ -231,8 +246,8 @@ class Operator:
         self.at.put(places, other.at)
 
     def _tables(self) -> dict[str, Array]:
-        """What has an entry for every member."""
-        kept = ("inverse", "singular", "by_rest", "by_load", "start", "fold")
+        """Tables with an entry for every member, as far as they are computed."""
+        kept = ("inverse", "singular", "by_remainder", "by_load", "start", "fold")
         return {name: one for name, one in vars(self).items() if name in kept}
 
 
@@ -320,14 +335,14 @@ class Operators:
         return self._linear[key]
 
     def of_step(self, state: State, h: float, guess: Array) -> tuple[Operator, Array, Array]:
-        """The operator of one step at a guess of U, its points there, and their remainders."""
+        """The operator of one step about a guess of U, with its points and their remainders."""
         frame = self.frame(h, 1)
         points = frame.points_of(guess[:, None]).reshape(len(guess), self._tables.points.size, -1)
         at, rest = self.law.expand(state.x, points, state.t + h * self._tables.points)
         return Operator(frame, at, self.damping, is_linear=False), points, rest
 
     def of_block(self, state: State, h: float, count: int) -> Operator:
-        """The operator of a block by the second derivatives of the state, which keeps them."""
+        """The operator of a block; ``state.block`` keeps its second derivatives for later."""
         key = (h, count)
         if state.block is None or state.stale.any():
             v = self.law.velocity(state.x, state.p, state.t) if self.law.has_rates else None

@@ -68,19 +68,28 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
         )
         for title, (experiment, finished), own in parts
     ]
-    units = studies[0][0].units
     return ladders(
         panels,
-        x=with_unit("step size $h$", units, "time"),
+        x=_step_label([experiment for experiment, _ in studies]),
         columns=columns,
         title=common_features(methods),
     )
 
 
+def _step_label(experiments: Sequence[Experiment]) -> str:
+    """Words below step sizes; those of graded meshes are means."""
+    is_graded = any(experiment.grading != 1.0 for experiment in experiments)
+    words = "mean step size $h = T/N$" if is_graded else "step size $h$"
+    return with_unit(words, experiments[0].units, "time")
+
+
 def _error_label(experiment: Experiment) -> str:
     """Words beside errors; a mean over time has a unit that no one gives."""
     names = () if experiment.norm == "l2" else ("length",)
-    return with_unit(f"error {NORM_LABELS[experiment.norm]}", experiment.units, *names)
+    norm = NORM_LABELS[experiment.norm]
+    if experiment.norm == "l2" and experiment.grading != 1.0:
+        norm = r"$(\Sigma_k\,h_k\,|x_k - x(t_k)|^2)^{1/2}$"
+    return with_unit(f"error {norm}", experiment.units, *names)
 
 
 def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook]) -> list[Curve]:
@@ -194,7 +203,7 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
     ]
     return ladders(
         panels,
-        x=with_unit("step size $h$", experiment.units, "time"),
+        x=_step_label([experiment]),
         columns=min(2, len(panels)),
         above=False,
         title=members_title(experiment),
