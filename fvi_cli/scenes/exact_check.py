@@ -32,7 +32,7 @@ TOLERANCE = 1e-6
 """Of the largest value, or of the largest term of the equation."""
 
 SMALL = 1e-2
-"""Part of the motion below which second differences are not told from the digits of a formula."""
+"""Part of the motion: smaller second differences may be no more than the digits of a formula."""
 
 SHARES = (1 / 64, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)
 """The parts of [0, T] at whose ends the equation is tried."""
