@@ -42,7 +42,9 @@ class TestStepping:
         rows = [measure_stepping(case, 1) for case in cases]
         for case, measured in zip(cases, rows, strict=True):
             assert measured.n_steps == 2**case.exponent
-            assert measured.stepping_seconds > 0 < measured.yardstick_seconds
+            # a difference of two times, which may have either sign where others compute as well
+            assert math.isfinite(measured.stepping_seconds)
+            assert measured.yardstick_seconds > 0
             assert math.isnan(measured.error) if case.scene == "pendulum" else measured.error < 1e-3
             assert (measured.history_operations > 0) or case.order == 1
             assert measured.doubles_per_step > 0

@@ -1,6 +1,7 @@
 """Plain words: names, messages, help and pages have none that readers must translate."""
 
 import ast
+import functools
 import io
 import re
 import tokenize
@@ -70,8 +71,10 @@ PHRASES = (
     r"is no kind\b",
 )
 """What no message, help, page, docstring or comment says."""
+ANY_PHRASE = re.compile("|".join(PHRASES))
 
 
+@functools.cache
 def parts(name: str) -> str:
     """The words of a name, each between underscores."""
     return f"_{re.sub(r'(?<=[a-z])(?=[A-Z])', '_', name).lower().strip('_')}_"
@@ -124,7 +127,7 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
 def wrong_names(source: str, place: str) -> list[str]:
     return [
         f"{place}:{line}: {name}: write {instead}"
-        for line, name in names(ast.parse(source))
+        for line, name in dict.fromkeys(names(ast.parse(source)))
         for word, instead in NAMES.items()
         if f"_{word}_" in parts(name) and (place, name) not in OF_LIBRARIES
     ]
@@ -134,6 +137,7 @@ def wrong_phrases(lines: Iterator[tuple[int, str]], place: str) -> list[str]:
     return [
         f"{place}:{line}: {found[0]!r} in {text.strip()[:80]!r}"
         for line, text in lines
+        if ANY_PHRASE.search(text)
         for phrase in PHRASES
         if (found := re.search(phrase, text))
     ]

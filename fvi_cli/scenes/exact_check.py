@@ -31,6 +31,9 @@ from fvi_cli.mathematics.arrays import Array
 TOLERANCE = 1e-6
 """Of the largest value, or of the largest term of the equation."""
 
+SMALL = 1e-2
+"""Part of the motion: smaller second differences may be no more than the digits of a formula."""
+
 SHARES = (1 / 64, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)
 """The parts of [0, T] at whose ends the equation is tried."""
 
@@ -100,22 +103,29 @@ def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
         functools.partial(_differences, exact, scene, end * place, end * reach)
         for place, reach in places
     ]
-    for at, ends, words in (
-        (whole, SHARES, "integrated twice, up to t"),
-        (local, [place for place, _ in places], "in second differences around t"),
+    size = SMALL * float(np.abs(times(exact(end * np.array(SHARES)), scene.inertia.form)).max())
+    for at, ends, words, is_local in (
+        (whole, SHARES, "integrated twice, up to t", False),
+        (local, [place for place, _ in places], "in second differences around t", True),
     ):
         rough, fine = ([terms(points) for terms in at] for points in _POINTS)
-        scale = max(float(np.abs(term).max()) for terms in fine for term in terms)
+        scales = np.array([max(float(np.abs(term).max()) for term in terms) for terms in fine])
         residuals = np.array([np.abs(sum(terms)).max() for terms in fine])
-        unsure = max(
-            float(np.abs(sum(one) - sum(other)).max())
-            for one, other in zip(rough, fine, strict=True)
+        unsure = np.array(
+            [np.abs(sum(one) - sum(other)).max() for one, other in zip(rough, fine, strict=True)]
         )
-        worst = int(np.argmax(residuals))
-        if residuals[worst] > max(TOLERANCE * scale, 10 * unsure):
+        if is_local:
+            # forces of a long reach hide errors of a shorter one, which may be resolved by itself
+            unsure = np.where(unsure > TOLERANCE * scales, unsure.max(), unsure)
+            scales = np.minimum(scales.max(), np.maximum(scales, size))
+        else:
+            scales, unsure = np.full_like(scales, scales.max()), unsure.max()
+        excess = residuals / np.maximum(TOLERANCE * scales, 10 * unsure)
+        worst = int(np.argmax(excess))
+        if excess[worst] > 1:
             return (
                 f"does not solve the equation: {words} = {end * ends[worst]:.4g}, the residual is "
-                f"{residuals[worst]:.2g}, the largest term {scale:.2g}; auto searches for "
+                f"{residuals[worst]:.2g}, the largest term {scales[worst]:.2g}; auto searches for "
                 "the solution"
             )
     return ""

@@ -56,7 +56,7 @@ def test_units_of_a_lagrangian_do_not_matter(size, units, seed, route):
         terms = [f"({m!r})*vx{i}*vx{j}" for i, row in entries for j, m in enumerate(row)]
         kinetic = f"0.5*({' + '.join(terms)})"
         if route == "general":
-            kinetic = f"(2 + cos(x0/{float(scale[0])!r}))*{kinetic}"
+            kinetic = f"(2 + cos(x0*{float(scale[0])!r}))*{kinetic}"
         return lagrangian_scene(
             coordinates=names,
             lagrangian=kinetic,

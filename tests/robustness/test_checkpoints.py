@@ -12,6 +12,7 @@ import command_line
 import h5py
 import pytest
 from commands import started
+from every_process import change_every_process
 from spread import spread
 
 from benchmarks.robustness import LADDER
@@ -28,6 +29,7 @@ ladder: {{steps: [4, {N}]}}
 """
 FILE = Path("results/long.h5")
 PARTS = Path("results/long.parts")
+CHUNK = loop.CHUNK
 
 
 @pytest.fixture(autouse=True)
@@ -316,27 +318,42 @@ def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
         assert one.is_kept_whole(1.1)
 
 
-SLOW = LONG.replace(f"[4, {N}]", "[4, 100000]") + "store: {every: 1000}\n"
+LADDER_OF_FIVE_CHECKPOINTS = LONG.replace(f"[4, {N}]", "[4, 20000]") + "store: {every: 1000}\n"
+HELD = """\
+import time
+from fvi_cli.runner.executors.checkpoints import CheckpointFile
+
+save = CheckpointFile.save
+
+
+def save_and_wait(self, unfinished):
+    save(self, unfinished)
+    time.sleep(3600)
+
+
+CheckpointFile.save = save_and_wait
+"""
+"""Who ends a run at its first checkpoint finds it there, however late he comes."""
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """The numbers of the long run when nothing ends it."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    (folder / "long.yaml").write_text(SLOW)
+    (folder / "long.yaml").write_text(LADDER_OF_FIVE_CHECKPOINTS)
     fvi("run", folder / "long.yaml", "-o", folder)
     return digests(folder / "long.h5")
 
 
-def stop_at_a_checkpoint(folder, command, number):
-    with started(folder, *command) as process:
-        until = time.monotonic() + 100
-        while not list(PARTS.glob("*.checkpoint")):
-            assert process.poll() is None, process.stderr.read()
-            assert time.monotonic() < until
-            time.sleep(0.02)
-        process.send_signal(number)
-        process.communicate(timeout=60)
+def stop_at_a_checkpoint(folder, monkeypatch, command, number):
+    with monkeypatch.context() as patch:
+        change_every_process(folder, patch, HELD)
+        with started(folder, *command) as process:
+            while not list(PARTS.glob("*.checkpoint")):
+                assert process.poll() is None, process.stderr.read()
+                time.sleep(0.02)
+            process.send_signal(number)
+            process.communicate()
 
 
 @pytest.mark.processes
@@ -344,22 +361,22 @@ def stop_at_a_checkpoint(folder, command, number):
 def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, undisturbed, number, options):
     monkeypatch.undo()
     monkeypatch.chdir(folder)
-    (folder / "long.yaml").write_text(SLOW)
+    (folder / "long.yaml").write_text(LADDER_OF_FIVE_CHECKPOINTS)
     command = ("run", "long.yaml", "--checkpoint-every", "0", *options)
-    stop_at_a_checkpoint(folder, command, number)
+    stop_at_a_checkpoint(folder, monkeypatch, command, number)
     logging.getLogger("fvi_cli").handlers.clear()
     rest = fvi("run", "long.yaml")
-    assert "N=100000: resume at step " in rest.stderr
+    assert f"N=20000: resume at step {CHUNK} of 20000" in rest.stderr
     assert digests() == undisturbed
     assert not PARTS.exists()
 
 
 @pytest.mark.processes
 @spread(kind=["members", "impacts", "search"], options=[(), ("--workers", "2")])
-def test_every_kind_of_run_goes_on_after_a_kill(folder, kind, options):
+def test_every_kind_of_run_goes_on_after_a_kill(folder, monkeypatch, kind, options):
     (folder / "long.yaml").write_text(KINDS[kind])
     command = ("run", "long.yaml", "--checkpoint-every", "0", *options)
-    stop_at_a_checkpoint(folder, command, signal.SIGKILL)
+    stop_at_a_checkpoint(folder, monkeypatch, command, signal.SIGKILL)
     logging.getLogger("fvi_cli").handlers.clear()
     assert "resume" in fvi("run", "long.yaml").stderr
     fvi("run", "long.yaml", "-o", "straight")
