@@ -46,6 +46,7 @@ def run(call: Call, sources: Sources) -> int:
             print(runs_as_text(outcomes, every_member=call.verbose), path, sep="\n")
 
     call.gather(sources)
+    call.remark()
     return call.each(compute_runs, show, keeps_motions=False)
 
 

@@ -39,12 +39,15 @@ def find_config(name: str) -> Path:
         if path.is_file():
             return path
         is_folder, exists = path.is_dir(), path.exists()
+        completed = [name + suffix for suffix in SUFFIXES if Path(name + suffix).is_file()]
     except (OSError, ValueError):
-        is_folder = exists = False
+        is_folder, exists, completed = False, False, []
     known = shipped_configs()
     plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
     if plain in known:
         return _folder() / f"{plain}.yaml"
+    if completed:
+        raise RequestError(f"{shown}: no such file; did you mean {excerpt(completed[0], 200)!r}?")
     if is_folder:
         raise RequestError(f"{shown}: a folder, not a configuration file")
     if exists:

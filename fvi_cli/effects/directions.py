@@ -68,6 +68,7 @@ class Directions:
     """
 
     rows: Array  # B, shape (r, d)
+    labels: tuple[int, ...] = ()  # what names call the rows by; empty: 1, 2, ...
 
     def __post_init__(self) -> None:
         set_arrays(self, rows=np.atleast_2d(self.rows))
@@ -133,4 +134,4 @@ class Directions:
                 "coefficient",
                 f"a matrix of size {inner.shape[0]} for {self.count} entries in acts_on",
             )
-        return Factored(rows=self.rows, inner=inner)
+        return Factored(rows=self.rows, inner=inner, labels=self.labels)

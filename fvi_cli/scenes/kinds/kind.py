@@ -16,6 +16,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.settings import Positive, Setting
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import (
@@ -191,7 +192,17 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             equation=_with_laws(self.equation, scene),
             coordinates=self.coordinate_names(),
             inputs={name: self._driver(name, ()) for name in ground},
+            numbers=self.numbers(),
+            ready=self.ready_quantities(),
         )
+
+    def numbers(self) -> Mapping[str, float]:
+        """Numbers that expressions along a motion know by name."""
+        return self.parameters or {}
+
+    def ready_quantities(self) -> Mapping[str, Expression]:
+        """Formulas of quantities that need none, by their names."""
+        return {}
 
 
 def _with_laws(equation: str, scene: Scene) -> str:
