@@ -179,7 +179,7 @@ def _drawn(settings: ExperimentKeys, problem: AnyProblem) -> list[str]:
 def names_along(problem: Problem, ready: Iterable[str] = ()) -> tuple[str, ...]:
     """What expressions along the motion of a problem may hold."""
     known = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
-    names = tuple(dict.fromkeys((*known, *damper_names(problem.scene), *ready)))
+    names = tuple(dict.fromkeys((*known, *damper_values(problem.scene), *ready)))
     if problem.scene.prescribed is None:
         return names
     # accelerations are those of an equation of motion, which a given motion has not
