@@ -31,7 +31,7 @@ from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
-from fvi_cli.config.observations import check_member, check_units, read_observations
+from fvi_cli.config.observations import check_member, read_observations, read_units
 from fvi_cli.config.problem import break_points, make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
@@ -90,7 +90,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     if is_described and settings.allow_unstable is False:
         _warn_of_negative(described, at.under("problem"))
     accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
-    observed = Observations()
+    observed, units = Observations(), dict[str, str]()
     if problem is not None:
         _check_meeting(problem, methods)
         every = settings.store.every if isinstance(settings.store, StoreKeys) else None
@@ -101,7 +101,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         if isinstance(settings.store, StoreKeys) and is_complete(settings.store):
             diagnostics = settings.store.request(problem, at)
         observed = read_observations(settings, problem, methods, at)
-        check_units(settings, problem, observed, at)
+        units = read_units(settings, problem, observed, at)
         if at.has(SWEEP) or at.has(DESIGNS):
             members = _make_members(described, methods, steps, grading, problem, observed, at)
             if members is not None and not settings.allow_unstable:
@@ -151,7 +151,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         members=() if members is None else members[0],
         accuracy=accuracy,
         fit=fit,
-        units=settings.units or {},
+        units=units,
     )
     return resolved, experiment
 

@@ -57,25 +57,42 @@ def _named(given: object) -> Mapping[str, Any]:
     return given if isinstance(given, Mapping) else {}
 
 
-def check_units(
+def read_units(
     settings: ExperimentKeys, problem: AnyProblem, observed: Observations, at: Cursor
-) -> None:
-    """Units must belong to something that is drawn."""
+) -> dict[str, str]:
+    """Units of all that is drawn, each of which must belong to something.
+
+    That of ``drift`` is also that of ``drift_1``, and so are those of other quantities; ready ones
+    have that of what they are.
+    """
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
-    requested = (*_named(settings.quantities), *(observed.quantities or {}))
-    known = tuple(dict.fromkeys((*UNITS, *coordinates, *requested)))
-    length = _named(settings.units).get("length", "m")
+    ready = problem.ready if isinstance(problem, Problem) else {}
+    given = {name: one for name, one in _named(settings.units).items() if isinstance(one, str)}
+    requested = dict.fromkeys((*_named(settings.quantities), *(observed.quantities or {})))
+    groups = {name: name.rpartition("_")[0] for name in requested if "_" in name}
+    known = tuple(dict.fromkeys((*UNITS, *coordinates, *requested, *groups.values())))
+    length = given.get("length", "m")
     every = [at.under(key) for key in ("problem", "designs", "sweep") if at.has(key)]
     found = next((one for one in map(_in_g, every) if one is not None), None)
     if length != "m" and found is not None:
         found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
-    for name in _named(settings.units):
+    for name in given:
         if name not in known:
             at.under("units").refuse_key(
                 name,
                 f"has no unit of its own{suggestion(name, known)} "
                 f"(known here: {listed_words(known[:12])}); {IN_G}",
             )
+    found = dict(given)
+    for name, group in groups.items():
+        unit = given.get(group) or given.get(_QUALITIES.get(group, "") if name in ready else "")
+        if unit:
+            found.setdefault(name, unit)
+    return found
+
+
+_QUALITIES: Final = {"drift": "length", "acceleration": "acceleration"}
+"""What ready quantities are, by their names without the number of a storey."""
 
 
 def _in_g(at: Cursor) -> Cursor | None:

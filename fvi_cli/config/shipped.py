@@ -70,7 +70,9 @@ def guide_pages() -> dict[str, dict[str, str]]:
 
 def guide_page(name: str) -> str:
     """The text of a page of the guide; of one with a notebook, where that lies."""
-    plain, known = name.removesuffix(".md"), _page_files()
+    # the page that lists the others is no part of their list
+    index = {"index": _shipped("guide", "docs") / "index.md"}
+    plain, known = name.removesuffix(".md"), {**_page_files(), **index}
     if plain not in known:
         raise RequestError(
             f"{excerpt(name, 200)}: no such page{suggestion(plain, tuple(known))} "

@@ -56,6 +56,8 @@ class Kind(Setting):
     """Keys of a starter file that show more than the default, with what stands there as YAML."""
     sweep: ClassVar[str]
     final_time: Positive
+    alternatives: ClassVar[Mapping[str, str]] = {}
+    """Keys, each with the one that a starter file shows in its place."""
     methods: ClassVar[str] = "{rk: gauss, degree: [2, 3]}"
     """What a starter file shows of these."""
     forces: ClassVar[tuple[str, ...]] = ("forcing",)

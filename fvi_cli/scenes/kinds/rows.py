@@ -128,6 +128,7 @@ class FrameKind(
         "ground_acceleration": "t**3*exp(-t)*sin(3*t)",
         "final_time": "8.0",
     }
+    alternatives: ClassVar = {"storeys": "masses", "mass": "masses", "stiffness": "stiffnesses"}
     sweep = "problem.dampers.0.order: {from: 0.1, to: 1.9, number: 10}"
 
     storeys: Annotated[int | None, Integer(least=1, most=1000)] = key(
@@ -169,7 +170,9 @@ class FrameKind(
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
         """A list of storeys stands in place of the number or list under the other name."""
-        for one, several in (("mass", "masses"), ("stiffness", "stiffnesses")):
+        for one, several in cls.alternatives.items():
+            if one == "storeys":
+                continue
             if at.has(several) and at.has(one) and at.under(one).scalar != 1.0:
                 at.refuse_key(several, f"give this or {one}, not both")
 

@@ -51,7 +51,9 @@ def smoother_motion(motion: PrescribedMotion) -> PrescribedMotion | None:
     from scipy.interpolate import PPoly, make_interp_spline
 
     values = motion.displacement(component.knots)[:, 0]
-    found = PPoly.from_spline(make_interp_spline(component.knots, values, k=component.order + 1))
+    found = PPoly.from_spline(
+        make_interp_spline(component.knots, values, k=component.order + 1).tck
+    )
     kept = np.diff(found.x) > 0
     spline = SampledForce(
         knots=np.append(found.x[:-1][kept], found.x[-1]),
@@ -87,5 +89,5 @@ def between_samples(best: Minimum, variance: float) -> tuple[str, ...]:
     return (
         f"between the samples: {spline} the force differs by {share:.2g} standard deviations of "
         f"the noise, and {model.free[worst].key} by some {moved[worst]:.2g} standard errors, which "
-        f"intervals do not include; {advice}",
+        f"the intervals do not include; {advice}",
     )
