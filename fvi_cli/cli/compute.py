@@ -243,8 +243,8 @@ def response(
         typer.Option(
             "--at",
             metavar="WHERE",
-            help="Outputs to report: coordinates or combinations; repeatable. Default: the "
-            "coordinate that moves most.",
+            help="Outputs to report: coordinates, combinations, accelerations such as ax5, "
+            "quantities; repeatable. Default: the coordinate that moves most.",
         ),
     ] = None,
 ) -> int:

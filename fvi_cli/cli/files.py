@@ -33,7 +33,7 @@ def show(
         ),
     ] = False,
 ) -> int:
-    """List what a result file holds, or print its configuration, or a shipped one by its name."""
+    """List what a result file holds, or print the configuration that made it."""
     from fvi_cli.config import find_config
     from fvi_cli.render.json import contents_as_json
     from fvi_cli.render.plans import machinery_as_text

@@ -66,7 +66,6 @@ def read_units(
     have that of what they are.
     """
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
-    ready = problem.ready if isinstance(problem, Problem) else {}
     given = {name: one for name, one in _named(settings.units).items() if isinstance(one, str)}
     requested = dict.fromkeys((*_named(settings.quantities), *(observed.quantities or {})))
     groups = {name: name.rpartition("_")[0] for name in requested if "_" in name}
@@ -83,12 +82,14 @@ def read_units(
                 f"has no unit of its own{suggestion(name, known)} "
                 f"(known here: {listed_words(known[:12])}); {IN_G}",
             )
-    found = dict(given)
+    units = dict(given)
     for name, group in groups.items():
-        unit = given.get(group) or given.get(_QUALITIES.get(group, "") if name in ready else "")
+        unit = given.get(group) or given.get(
+            _QUALITIES.get(group, "") if name in observed.ready else ""
+        )
         if unit:
-            found.setdefault(name, unit)
-    return found
+            units.setdefault(name, unit)
+    return units
 
 
 _QUALITIES: Final = {"drift": "length", "acceleration": "acceleration"}

@@ -177,7 +177,7 @@ def _inner(schema: Schema, path: str, of: str = "") -> Iterator[Row]:
     # a mapping before a list of such mappings
     for variant in sorted(variants, key=lambda variant: "items" in variant):
         # forms under oneOf differ by the word under their first key
-        first = next(iter(variant.get("properties", {}).values()), {})
+        first: Schema = next(iter(variant.get("properties", {}).values()), {})
         words = first.get("enum", [first.get("const", "")]) if "oneOf" in schema else [""]
         yield from _inner(variant, path, of=str(words[0]))
     if "items" in schema:
@@ -352,8 +352,8 @@ def _switched_off(kind: type[SceneKind], problem: Problem) -> dict[str, str]:
     name = (problem.coordinates or names_of(problem.scene))[0]
     fitted = kind.sweep.partition(":")[0]
     # of many of a kind the first
-    ready = [one for one in problem.ready if not one[-1].isdecimal() or one.endswith("_1")]
-    ready = f"[{', '.join(ready)}]" if ready else ""
+    names = [one for one in problem.ready if not one[-1].isdecimal() or one.endswith("_1")]
+    ready = f"[{', '.join(names)}]" if names else ""
     return {
         "accuracy": f"# {ACCURACY_EXAMPLE}",
         "output": "# output: {count: 1000}",

@@ -15,7 +15,7 @@ import numpy as np
 from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored, parse_config
 from fvi_cli.errors import FviError, RequestError
 from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
-from fvi_cli.planning.plausibility import implausible_settings
+from fvi_cli.scenes.plausibility import implausible_settings
 from fvi_cli.scenes.problem import Problem
 
 if TYPE_CHECKING:

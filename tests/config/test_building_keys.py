@@ -177,3 +177,24 @@ def test_masses_of_storeys_are_no_parameters():
     text = SHAKEN.replace("  exact: none\n", "  exact: none\n  parameters: {mass_1: 3.0}\n")
     with pytest.raises(ConfigError, match=r"parameters.mass_1: is the mass of a storey"):
         parse_config(text, "t")
+
+
+def test_one_unit_stands_for_a_group_of_quantities():
+    units = "units: {length: mm, acceleration: m/s2, force_low: kN, drift_1: cm}\n"
+    asked = "quantities: [drift_1, drift_2, acceleration_3, force_low_1, force_low_3, base_shear]\n"
+    (experiment,) = parse_config(SHAKEN + asked + units, "t").experiments
+    drawn = {name: experiment.units.get(name) for name in experiment.observations.quantities}
+    assert drawn == {
+        "drift_1": "cm",
+        "drift_2": "mm",
+        "acceleration_3": "m/s2",
+        "force_low_1": "kN",
+        "force_low_3": "kN",
+        "base_shear": None,
+    }
+    with pytest.raises(ConfigError, match=r"units.work: has no unit of its own"):
+        parse_config(SHAKEN + asked + "units: {work: kJ}\n", "t")
+    # a quantity of one's own is not of the quality of a ready one
+    own = "quantities: {drift_1: 1000*x1}\nunits: {length: m}\n"
+    (experiment,) = parse_config(SHAKEN + own, "t").experiments
+    assert "drift_1" not in experiment.units
