@@ -82,18 +82,28 @@ def read_units(
                 f"has no unit of its own{suggestion(name, known)} "
                 f"(known here: {listed_words(known[:12])}); {IN_G}",
             )
+    dampers = {} if problem.scene is None else damper_values(problem.scene)
     units = dict(given)
-    for name, group in groups.items():
-        unit = given.get(group) or given.get(
-            _QUALITIES.get(group, "") if name in observed.ready else ""
-        )
-        if unit:
+    for name, formula in (observed.quantities or {}).items():
+        quality = ""
+        if formula.text in dampers:
+            quality = _QUALITIES[dampers[formula.text].kind]
+        elif name in observed.ready:
+            quality = _QUALITIES[name.partition("_")[0]]
+        if unit := given.get(groups.get(name, "")) or given.get(quality):
             units.setdefault(name, unit)
     return units
 
 
-_QUALITIES: Final = {"drift": "length", "acceleration": "acceleration"}
-"""What ready quantities are, by their names without the number of a storey."""
+_QUALITIES: Final = {
+    "drift": "length",
+    "acceleration": "acceleration",
+    "base": "force",
+    "force": "force",
+    "deformation": "length",
+    "work": "energy",
+}
+"""What ready quantities and those of dampers are, by the first part of their names."""
 
 
 def _in_g(at: Cursor) -> Cursor | None:

@@ -30,8 +30,8 @@ unbiased intervals of 95 % such a bias leaves 94 %."""
 class _SmootherModel(MotionModel):
     """The same model with splines of two degrees more between the samples of displacements."""
 
-    def scene(self, number: int, values: Array) -> Scene:
-        found = super().scene(number, values)
+    def scene(self, number: int, values: Array, index: int = -1, value: float = 0.0) -> Scene:
+        found = super().scene(number, values, index, value)
         motion = None if found.prescribed is None else smoother_motion(found.prescribed)
         if motion is None:
             return found
