@@ -7,6 +7,7 @@ column, numbers that are not negative): what it does to exact intervals is no pr
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,6 +20,7 @@ from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
 from fvi_cli.studies.fits.result import ModelFit
 from fvi_cli.studies.fits.settings import DataSet, FitSettings, Series
+from fvi_cli.studies.members import with_values
 
 ROUND_OFF = 1e-9
 """Of the truth, which may lie on a bound."""
@@ -34,7 +36,7 @@ def noise_of(kind: Kind, number: int) -> list[Array]:
 
 
 def fitted(kind: Kind, number: int) -> ModelFit:
-    """A fit of noisy data, the noise estimated."""
+    """A fit of noisy data, the noise estimated; what it says of a displacement is followed."""
     noise, data = iter(noise_of(kind, number)), []
     for each in kind.data:
         series = [
@@ -42,7 +44,12 @@ def fitted(kind: Kind, number: int) -> ModelFit:
         ]
         data.append(DataSet(**{**vars(each), "series": tuple(series)}))
     settings = FitSettings(data=tuple(data), models=())
-    return fit_model(settings, kind.model, with_scan=False)
+    found = fit_model(settings, kind.model, with_scan=False)
+    if not found.between:
+        return found
+    cubic = {"problem.displacement.interpolation": "cubic"}
+    specification = with_values(kind.model.specification, cubic)
+    return fit_model(settings, replace(kind.model, specification=specification), with_scan=False)
 
 
 def holds_truth(kind: Kind, found: ModelFit) -> tuple[bool, ...]:

@@ -176,10 +176,16 @@ def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
     problem: object = subject
     if isinstance(subject, Experiment):
         request, problem = subject.observations, subject.problem
-        given = replace(given, quantities=request.quantities, parameters=request.parameters)
+        given = replace(given, quantities=request.quantities)
     if isinstance(problem, Problem):
         names = problem.coordinates or given.coordinates
-        given = replace(given, coordinates=names, inputs=problem.inputs)
+        given = replace(
+            given,
+            coordinates=names,
+            inputs=problem.inputs,
+            parameters=problem.numbers,
+            ready=problem.ready,
+        )
     taken = {*known_names(given.coordinates), *given.inputs, *FUNCTION_NAMES, "pi"}
     own = {name: value for name, value in values.items() if name not in taken}
     return replace(given, parameters={**given.parameters, **own})

@@ -101,6 +101,14 @@ class Call:
         )
         return self.requests
 
+    def remark(self) -> None:
+        """Say what is valid in what was gathered and surely not meant."""
+        from fvi_cli.runner.request import plausibility_remarks
+
+        for request in self.requests:
+            for line in plausibility_remarks(request):
+                _logger.warning("%s", line)
+
     @property
     def keep(self) -> bool:
         """Whether what is computed is stored."""

@@ -46,6 +46,7 @@ def run(call: Call, sources: Sources) -> int:
             print(runs_as_text(outcomes, every_member=call.verbose), path, sep="\n")
 
     call.gather(sources)
+    call.remark()
     return call.each(compute_runs, show, keeps_motions=False)
 
 
@@ -242,8 +243,8 @@ def response(
         typer.Option(
             "--at",
             metavar="WHERE",
-            help="Outputs to report: coordinates or combinations; repeatable. Default: the "
-            "coordinate that moves most.",
+            help="Outputs to report: coordinates, combinations, accelerations such as ax5, "
+            "quantities; repeatable. Default: the coordinate that moves most.",
         ),
     ] = None,
 ) -> int:

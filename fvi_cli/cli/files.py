@@ -11,26 +11,40 @@ import typer
 from fvi_cli.cli.command import Call, command
 from fvi_cli.cli.completion import export_formats
 from fvi_cli.cli.exits import DONE, RUN_FAILED
-from fvi_cli.cli.options import ResultFile
+from fvi_cli.cli.options import ResultFile, Shown
 
 _logger = logging.getLogger("fvi_cli")
 
 
-@command("json")
+@command(
+    "json",
+    examples="""
+    fvi show results/damped-oscillator.h5
+    fvi show three-designs --config > mine.yaml
+    """,
+)
 def show(
     call: Call,
-    file: ResultFile,
+    file: Shown,
     config: Annotated[
-        bool, typer.Option("--config", help="Print the configuration that made the file.")
+        bool,
+        typer.Option(
+            "--config", help="Print the configuration that made the file, or a shipped one."
+        ),
     ] = False,
 ) -> int:
     """List what a result file holds, or print the configuration that made it."""
+    from fvi_cli.config import find_config
     from fvi_cli.render.json import contents_as_json
     from fvi_cli.render.plans import machinery_as_text
     from fvi_cli.render.runs import contents_as_text
     from fvi_cli.runner.plan import engine_plans
+    from fvi_cli.runner.request import STORED_SUFFIX
     from fvi_cli.storage import escape_text, list_runs, read_configuration
 
+    if config and file.suffix != STORED_SUFFIX:
+        print(find_config(str(file)).read_text(encoding="utf-8"), end="")
+        return DONE
     if config:
         made_by = read_configuration(file)
         print(escape_text(made_by.text), end="")

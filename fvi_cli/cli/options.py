@@ -112,5 +112,13 @@ Verbose = Annotated[
     bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+Shown = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE.h5|NAME",
+        help="Results of `fvi run`; with --config also a shipped configuration.",
+        autocompletion=shipped_names,
+    ),
+]
 ResultFile = Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")]
 RESULTS = Path("results")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final
 
@@ -31,7 +31,7 @@ from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
-from fvi_cli.config.observations import check_member, check_units, read_observations
+from fvi_cli.config.observations import check_member, read_observations, read_units
 from fvi_cli.config.problem import break_points, make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
@@ -50,7 +50,8 @@ from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
 
 _logger = logging.getLogger(__name__)
-_FACTOR: Final = re.compile(r"problem\.damping\.\d+\.(coefficient|matrix)")
+_OF_DAMPING: Final = re.compile(r"(problem\.)?(damping|dampers|internal_damping)\b")
+_FACTOR: Final = re.compile(_OF_DAMPING.pattern + r"\.\d+\.(coefficient|matrix)")
 
 # Break points are taken for fractions of the interval with denominators up to this.
 _LARGEST_DENOMINATOR: Final = 2**20
@@ -88,9 +89,9 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
     if is_described and settings.allow_unstable is False:
-        _warn_of_negative(_factors(described, at.under("problem")))
+        _warn_of_negative(described, at.under("problem"))
     accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
-    observed = Observations()
+    observed, units = Observations(), dict[str, str]()
     if problem is not None:
         _check_meeting(problem, methods)
         every = settings.store.every if isinstance(settings.store, StoreKeys) else None
@@ -100,16 +101,14 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
             accuracy = accuracy_of(settings.accuracy, problem, methods, at)
         if isinstance(settings.store, StoreKeys) and is_complete(settings.store):
             diagnostics = settings.store.request(problem, at)
-        observed = read_observations(
-            settings, described.get("parameters", {}), problem, methods, at
-        )
-        check_units(settings, problem, at)
+        observed = read_observations(settings, problem, methods, at)
+        units = read_units(settings, problem, observed, at)
         if at.has(SWEEP) or at.has(DESIGNS):
             members = _make_members(described, methods, steps, grading, problem, observed, at)
             if members is not None and not settings.allow_unstable:
-                swept = ((p, v) for one in members[0] for p, v in one.values.items())
-                under = at.under(SWEEP)
-                _warn_of_negative((under, p, v) for p, v in swept if _FACTOR.fullmatch(p))
+                under = at.under(SWEEP if at.has(SWEEP) else DESIGNS)
+                # the first member that has one says it for all
+                any(_warn_of_negative(one.values, under) for one in members[0])
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
@@ -153,32 +152,38 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         members=() if members is None else members[0],
         accuracy=accuracy,
         fit=fit,
-        units=settings.units or {},
+        units=units,
     )
     return resolved, experiment
 
 
-def _warn_of_negative(factors: Iterable[tuple[Cursor, str, object]]) -> None:
-    """Say which factors of damping are negative, the first at a path: a sign is easily wrong."""
-    known: set[str] = set()
-    for at, path, value in factors:
-        if path not in known and (words := _explain_negative_factor(value)):
-            known.add(path)
+def _warn_of_negative(values: Mapping[str, Any], at: Cursor) -> bool:
+    """Say which factors of damping are negative, by key paths: a sign is easily wrong."""
+    found = False
+    for path, value in _factors(values):
+        if words := _explain_negative_factor(value):
+            found = True
+            shown = path if path.startswith("problem.") else f"problem.{path}"
             _logger.warning(
-                "%s: %s: %s, it drives the motion; if that is meant write allow_unstable: true",
-                at.node.place,
-                path,
+                "%s: %s: %s: such damping drives the motion, which grows; if that is meant write "
+                "allow_unstable: true",
+                at.under(*(int(p) if p.isdecimal() else p for p in path.split("."))).node.place,
+                shown,
                 words,
             )
+    return found
 
 
-def _factors(described: Mapping[str, Any], at: Cursor) -> Iterator[tuple[Cursor, str, object]]:
-    terms = described.get("damping")
-    for index, term in enumerate(terms if isinstance(terms, list) else []):
-        for key in ("coefficient", "matrix"):
-            if isinstance(term, Mapping):
-                under = at.under("damping", index, key)
-                yield under, f"problem.damping.{index}.{key}", term.get(key)
+def _factors(values: object, path: str = "") -> Iterator[tuple[str, object]]:
+    """Factors of damping in what stands under a key path, or under key paths of members."""
+    if _FACTOR.fullmatch(path):
+        yield path, values
+    elif isinstance(values, Mapping):
+        for key, one in values.items():
+            yield from _factors(one, f"{path}.{key}" if path else key)
+    elif isinstance(values, list | tuple) and _OF_DAMPING.match(path):
+        for index, one in enumerate(values):
+            yield from _factors(one, f"{path}.{index}")
 
 
 def _explain_negative_factor(value: object) -> str:

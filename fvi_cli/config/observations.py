@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
+from fvi_cli.config.keys.designs import DESIGNS
 from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.ladder import Ladder
 from fvi_cli.config.keys.methods import ListedMethod
@@ -25,11 +27,13 @@ from fvi_cli.integrator.observations.request import (
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.nodes import ListNode
 from fvi_cli.keys.scalars import FormulaText
 from fvi_cli.keys.settings import as_plain
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import UNITS
+from fvi_cli.studies.figure_settings import FigureSettings
 
 FORCE: Final = "force"
 KEYS: Final = ("output", "quantities", "events", "impacts")
@@ -37,29 +41,69 @@ _TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
+_MEANT: Final = {
+    r"(?:abs|total)?_?(?:a|acc|accel|acceleration)_?(\d+)": "acceleration_{0}, with the ground, or "
+    "ax{0}, against it",
+    r"(?:drift|dr|isd|delta)_?(\d+)": "drift_{}",
+    r"(?:m|mass)_?(\d+)": "mass_{}",
+    r"(?:vb|shear|v_base)": "base_shear",
+    r"(?:ag|a_g|xg|ug|ground|quake)": "ground_acceleration",
+}
+"""What people write for quantities that a frame has ready."""
+
+
 def _named(given: object) -> Mapping[str, Any]:
     """What was read under names; empty where no mapping stands."""
     return given if isinstance(given, Mapping) else {}
 
 
-def check_units(settings: ExperimentKeys, problem: AnyProblem, at: Cursor) -> None:
-    """Units must belong to something that is drawn."""
+def read_units(
+    settings: ExperimentKeys, problem: AnyProblem, observed: Observations, at: Cursor
+) -> dict[str, str]:
+    """Units of all that is drawn, each of which must belong to something.
+
+    That of ``drift`` is also that of ``drift_1``, and so are those of other quantities; ready ones
+    have that of what they are.
+    """
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
-    known = (*UNITS, *coordinates, *_named(settings.quantities))
-    length = _named(settings.units).get("length", "m")
+    given = {name: one for name, one in _named(settings.units).items() if isinstance(one, str)}
+    requested = dict.fromkeys((*_named(settings.quantities), *(observed.quantities or {})))
+    groups = {name: name.rpartition("_")[0] for name in requested if "_" in name}
+    known = tuple(dict.fromkeys((*UNITS, *coordinates, *requested, *groups.values())))
+    length = given.get("length", "m")
     every = [at.under(key) for key in ("problem", "designs", "sweep") if at.has(key)]
     found = next((one for one in map(_in_g, every) if one is not None), None)
     if length != "m" and found is not None:
         found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
-    if isinstance(problem, Problem) and problem.scene.prescribed is not None:
-        known = (*known, FORCE)
-    for name in _named(settings.units):
+    for name in given:
         if name not in known:
             at.under("units").refuse_key(
                 name,
                 f"has no unit of its own{suggestion(name, known)} "
                 f"(known here: {listed_words(known[:12])}); {IN_G}",
             )
+    dampers = {} if problem.scene is None else damper_values(problem.scene)
+    units = dict(given)
+    for name, formula in (observed.quantities or {}).items():
+        quality = ""
+        if formula.text in dampers:
+            quality = _QUALITIES[dampers[formula.text].kind]
+        elif name in observed.ready:
+            quality = _QUALITIES[name.partition("_")[0]]
+        if unit := given.get(groups.get(name, "")) or given.get(quality):
+            units.setdefault(name, unit)
+    return units
+
+
+_QUALITIES: Final = {
+    "drift": "length",
+    "acceleration": "acceleration",
+    "base": "force",
+    "force": "force",
+    "deformation": "length",
+    "work": "energy",
+}
+"""What ready quantities and those of dampers are, by the first part of their names."""
 
 
 def _in_g(at: Cursor) -> Cursor | None:
@@ -75,43 +119,45 @@ def _in_g(at: Cursor) -> Cursor | None:
 
 
 def read_observations(
-    settings: ExperimentKeys,
-    parameters: Mapping[str, float],
-    problem: AnyProblem,
-    methods: Sequence[ListedMethod],
-    at: Cursor,
+    settings: ExperimentKeys, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
 ) -> Observations:
     """What the keys of an experiment, which stands at `at`, ask of its motion."""
     given = [name for name in KEYS if at.has(name)]
     is_prescribed = isinstance(problem, Problem) and problem.scene.prescribed is not None
-    if not given and not is_prescribed:
+    drawn = _drawn(settings, problem)
+    if not given and not is_prescribed and not drawn:
         return Observations()
     if not isinstance(problem, Problem):
         at.refuse_key(given[0], f"not for kind {problem.kind}, which has no motion")
         return Observations()
-    _check_neighbours(settings, methods, given[0] if given else "problem", at)
-    of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
-    names = tuple(dict.fromkeys((*of_surfaces, *damper_values(problem.scene))))
-    if is_prescribed:
-        # accelerations are those of an equation of motion, which a given motion has not
-        accelerations = {f"a{name}" for name in problem.coordinates}
-        names = tuple(name for name in names if name not in accelerations)
+    key = (*given, *["figures"] * bool(drawn), "problem")[0]
+    _check_neighbours(settings, methods, key, at)
+    of_surfaces = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
+    texts = {**_named(settings.quantities), **{name: name for name in drawn}}
+    # a quantity of the user's own hides a ready one
+    ready = {k: one for k, one in problem.ready.items() if texts.get(k, k) == k}
+    names = names_along(problem, ready)
+    advice = partial(_advice, names=names, at=at)
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
     for name in _named(settings.quantities):
-        found = _expression(name, names, problem, at.under("quantities"))
+        found = _expression(name, names, problem, advice, at.under("quantities"))
         if found is not None:
-            quantities[name] = found
+            quantities[name] = found.expand(ready)
+    for name in drawn:
+        quantities[name] = Expression.parse(name, variables=names).expand(ready)
     for name, one in _named(settings.events).items():
         if not is_complete(one):
             continue
-        found = _expression(name, names, problem, at.under("events"), "when")
+        found = _expression(name, names, problem, advice, at.under("events"), "when")
         if found is not None:
-            events[name] = Event(when=found, direction=one.direction, stop=one.stop)
+            events[name] = Event(when=found.expand(ready), direction=one.direction, stop=one.stop)
     for name, one in _named(settings.impacts).items():
         under = at.under("impacts")
-        found = _expression(name, of_surfaces, problem, under, "when") if is_complete(one) else None
+        if not is_complete(one):
+            continue
+        found = _expression(name, of_surfaces, problem, advice, under, "when")
         if found is None:
             continue
         if name in events:
@@ -123,7 +169,7 @@ def read_observations(
         else:
             impacts[name] = Impact(when=found, restitution=one.restitution)
             surface = Surface(
-                impact=impacts[name], coordinates=problem.coordinates, parameters=parameters
+                impact=impacts[name], coordinates=problem.coordinates, parameters=problem.numbers
             )
             if reason := start_objection(problem.scene, surface):
                 under.refuse(reason, name, "when")
@@ -142,10 +188,31 @@ def read_observations(
         quantities=quantities,
         events=events,
         impacts=impacts,
-        parameters=parameters,
+        parameters=problem.numbers,
+        ready=ready,
         inputs=problem.inputs,
         output=None if times is None else as_plain(settings.output),
     )
+
+
+def _drawn(settings: ExperimentKeys, problem: AnyProblem) -> list[str]:
+    """Ready quantities that figures show and that are not asked for otherwise."""
+    given = settings.figures if isinstance(settings.figures, tuple) else ()
+    shown = [one.extent[1] for one in given if isinstance(one, FigureSettings)]
+    ready = problem.ready if isinstance(problem, Problem) else {}
+    named = _named(settings.quantities)
+    return [name for name in dict.fromkeys(shown) if name in ready and name not in named]
+
+
+def names_along(problem: Problem, ready: Iterable[str] = ()) -> tuple[str, ...]:
+    """What expressions along the motion of a problem may hold."""
+    known = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
+    names = tuple(dict.fromkeys((*known, *damper_values(problem.scene), *ready)))
+    if problem.scene.prescribed is None:
+        return names
+    # accelerations are those of an equation of motion, which a given motion has not
+    accelerations = {f"a{name}" for name in problem.coordinates}
+    return tuple(name for name in names if name not in accelerations)
 
 
 def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at: Cursor) -> None:
@@ -214,20 +281,53 @@ def _check_neighbours(
         at.refuse("not together with impacts", "store", "diagnostics")
 
 
+def _advice(name: str, own: str, names: Sequence[str], at: Cursor) -> str:
+    """What to write in place of a name in the formula `own` that is not known; nothing: unsure."""
+    if name != own and at.under("quantities").has(name):
+        return "quantities are not known in other formulas; write its expression"
+    for pattern, words in _MEANT.items():
+        found = re.fullmatch(pattern, name, re.IGNORECASE)
+        if found and (instead := words.format(*found.groups())).partition(",")[0] in names:
+            return f"write {instead}"
+    if not re.match("(force|deformation|work)_", name):
+        return ""
+    designs = [(one, [key for key, _ in under.entries()]) for one, under in _entries(at, DESIGNS)]
+    if any(key.startswith("problem.damp") for _, keys in designs for key in keys):
+        return (
+            f"the first design, {designs[0][0]}, has no such damper; write the dampers into every "
+            "design in the same order, with coefficients or moduli 0 where one is absent"
+        )
+    if parts := [one for one in names if one.startswith(f"{name}_")]:
+        return f"it has components: write {listed_words(parts[:6])}{', ...' * (len(parts) > 6)}"
+    return ""
+
+
+def _entries(at: Cursor, key: str) -> list[tuple[str, Cursor]]:
+    return list(at.under(key).entries()) if at.has(key) else []
+
+
 def _expression(
-    name: str, names: tuple[str, ...], problem: Problem, under: Cursor, *inner: str
+    name: str,
+    names: tuple[str, ...],
+    problem: Problem,
+    advice: Callable[..., str],
+    under: Cursor,
+    *inner: str,
 ) -> Expression | None:
     """The expression under a name; None, with complaints, where something is wrong."""
     if not _NAME.fullmatch(name):
         under.refuse_key(name, "a name has letters, digits and _, and begins with a letter")
         return None
     if name in (*problem.coordinates, *_TAKEN):
-        under.refuse_key(name, "is the name of something that is stored already; take another")
+        instead = "leave it out" if isinstance(under.node, ListNode) else "take another"
+        under.refuse_key(name, f"is the name of something that is stored already; {instead}")
         return None
-    text = FormulaText(variables=names).read(under.under(name, *inner))
+    # in a list a name is its own expression
+    at = next((one for one in under.items() if one.scalar == name), under.under(name, *inner))
+    text = FormulaText(variables=names, advice=partial(advice, own=name)).read(at)
     found = Expression.parse(text, variables=names) if isinstance(text, str) else None
     if found is not None and (reason := _infinite_work(found, problem)):
-        under.refuse(reason, name, *inner)
+        at.refuse(reason)
         return None
     return found
 

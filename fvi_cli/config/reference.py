@@ -28,7 +28,8 @@ _HEADER: Final = ("key", "may be", "default", "meaning")
 class Row:
     """One key: its path, what may stand there, its default and its meaning, as Markdown.
 
-    Where `is_word` holds, a single word may stand there, as in others of several forms.
+    Where `is_word` holds, words may stand there, others in other forms; `of` is the word of the
+    form that the key belongs to.
     """
 
     key: str
@@ -36,6 +37,7 @@ class Row:
     default: str
     meaning: str
     is_word: bool = False
+    of: str = ""
 
 
 def configuration_reference() -> str:
@@ -93,6 +95,7 @@ def _inlined(schema: Any, definitions: Schema) -> Any:
     return {**target, **{k: _inlined(v, definitions) for k, v in schema.items() if k != "$ref"}}
 
 
+REQUIRED: Final = "required"
 _OWN_SECTIONS: Final = ("problem", "method")
 """Keys with a section of their own."""
 
@@ -135,7 +138,7 @@ def _rows(
     name: str, schema: Schema, *, is_required: bool = False, nested: bool = True
 ) -> Iterator[Row]:
     """The key itself, then the keys below it."""
-    default = "required" if is_required else ""
+    default = REQUIRED if is_required else ""
     if "default" in schema:
         text = yaml_line(schema["default"])
         default = f"`{text}`" if text else ""
@@ -144,7 +147,7 @@ def _rows(
         allowed=_allowed(schema),
         default=default or "-",
         meaning=_cell(schema.get("description", "")),
-        is_word="const" in schema,
+        is_word=bool(schema.keys() & {"const", "enum"}),
     )
     if nested:
         yield from _members(schema, name)
@@ -153,19 +156,30 @@ def _rows(
 def _members(schema: Schema, path: str) -> Iterator[Row]:
     """Keys of the mappings that `schema` allows, each path once, however often it is listed."""
     seen: dict[str, Row] = {}
+    forms: dict[str, list[str]] = {}
     for row in _inner(schema, path):
-        known = seen.setdefault(row.key.replace("[]", ""), row)
+        name = row.key.replace("[]", "")
+        known = seen.setdefault(name, row)
         if row.allowed != known.allowed and row.is_word:
-            words = f"{known.allowed}, {row.allowed}"
-            seen[row.key.replace("[]", "")] = replace(known, allowed=words)
-    yield from seen.values()
+            words = dict.fromkeys(f"{known.allowed}, {row.allowed}".split(", "))
+            seen[name] = replace(known, allowed=", ".join(words))
+        if row.default == REQUIRED and row.of:
+            forms.setdefault(name, []).append(row.of)
+    for name, row in seen.items():
+        if needed := ", ".join(dict.fromkeys(forms.get(name, ()))):
+            others = f"{row.default}; " if row.default not in (REQUIRED, "-") else ""
+            row = replace(row, default=f"{others}{REQUIRED} by {needed}")
+        yield row
 
 
-def _inner(schema: Schema, path: str) -> Iterator[Row]:
+def _inner(schema: Schema, path: str, of: str = "") -> Iterator[Row]:
     variants: Sequence[Schema] = schema.get("anyOf") or schema.get("oneOf") or ()
     # a mapping before a list of such mappings
     for variant in sorted(variants, key=lambda variant: "items" in variant):
-        yield from _inner(variant, path)
+        # forms under oneOf differ by the word under their first key
+        first: Schema = next(iter(variant.get("properties", {}).values()), {})
+        words = first.get("enum", [first.get("const", "")]) if "oneOf" in schema else [""]
+        yield from _inner(variant, path, of=str(words[0]))
     if "items" in schema:
         yield from _inner(schema["items"], f"{path}[]" if path else "")
     under = schema.get("additionalProperties")
@@ -174,7 +188,9 @@ def _inner(schema: Schema, path: str) -> Iterator[Row]:
         yield from _inner(under, f"{path}.NAME")
     for name, described in schema.get("properties", {}).items():
         needed = name in schema.get("required", ())
-        yield from _rows(f"{path}.{name}" if path else name, described, is_required=needed)
+        own, *inner = _rows(f"{path}.{name}" if path else name, described, is_required=needed)
+        yield replace(own, of=of)
+        yield from inner
 
 
 def _allowed(schema: Schema) -> str:
@@ -308,7 +324,11 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     for key in described.keys.values():
         default = "{}" if isinstance(key.default, Missing) else yaml_line(key.default)
         value = described.example.get(key.name) or default
-        lines += [*_comment(key.description, "  "), f"  {key.name}: {value}"]
+        lines += _comment(key.description, "  ")
+        other = described.alternatives.get(key.name)
+        lines.append(
+            f"  # {key.name}: {value}   # or {other}" if other else f"  {key.name}: {value}"
+        )
     shown = {
         "method": f"method: {described.methods}",
         "ladder": "ladder: {steps: [16, 32, 64, 128, 256]}",
@@ -331,10 +351,13 @@ def _switched_off(kind: type[SceneKind], problem: Problem) -> dict[str, str]:
     """Keys that not every study needs, or that take the place of others, as comments."""
     name = (problem.coordinates or names_of(problem.scene))[0]
     fitted = kind.sweep.partition(":")[0]
+    # of many of a kind the first
+    names = [one for one in problem.ready if not one[-1].isdecimal() or one.endswith("_1")]
+    ready = f"[{', '.join(names)}]" if names else ""
     return {
         "accuracy": f"# {ACCURACY_EXAMPLE}",
         "output": "# output: {count: 1000}",
-        "quantities": f"# quantities: {{speed: v{name}, acceleration: a{name}}}",
+        "quantities": f"# quantities: {ready or f'{{speed: v{name}, acceleration: a{name}}}'}",
         "events": f"# events: {{turn: {{when: v{name}, direction: falling}}}}",
         "fit": "# fit:\n"
         f"#   data: {{file: measured.csv, time: t, columns: {{{name}: displacement}}}}\n"

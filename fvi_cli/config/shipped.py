@@ -39,12 +39,15 @@ def find_config(name: str) -> Path:
         if path.is_file():
             return path
         is_folder, exists = path.is_dir(), path.exists()
+        completed = [name + suffix for suffix in SUFFIXES if Path(name + suffix).is_file()]
     except (OSError, ValueError):
-        is_folder = exists = False
+        is_folder, exists, completed = False, False, []
     known = shipped_configs()
     plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
     if plain in known:
         return _folder() / f"{plain}.yaml"
+    if completed:
+        raise RequestError(f"{shown}: no such file; did you mean {excerpt(completed[0], 200)!r}?")
     if is_folder:
         raise RequestError(f"{shown}: a folder, not a configuration file")
     if exists:
@@ -67,7 +70,9 @@ def guide_pages() -> dict[str, dict[str, str]]:
 
 def guide_page(name: str) -> str:
     """The text of a page of the guide; of one with a notebook, where that lies."""
-    plain, known = name.removesuffix(".md"), _page_files()
+    # the page that lists the others is no part of their list
+    index = {"index": _shipped("guide", "docs") / "index.md"}
+    plain, known = name.removesuffix(".md"), {**_page_files(), **index}
     if plain not in known:
         raise RequestError(
             f"{excerpt(name, 200)}: no such page{suggestion(plain, tuple(known))} "

@@ -31,7 +31,7 @@ def _names(used: Sequence[str], coordinates: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*used, *coordinates[:_MOST_SHOWN]]))
 
 
-def _linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
+def linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
     """The constant of a formula, and its factors of the names; what is not linear is refused."""
     units = dict(zip(names, np.eye(1 + len(names))[1:], strict=True))
     forms: dict[int, Array] = {}
@@ -68,6 +68,7 @@ class Directions:
     """
 
     rows: Array  # B, shape (r, d)
+    labels: tuple[int, ...] = ()  # what names call the rows by; empty: 1, 2, ...
 
     def __post_init__(self) -> None:
         set_arrays(self, rows=np.atleast_2d(self.rows))
@@ -93,7 +94,7 @@ class Directions:
             used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
             try:
                 parsed = Expression.parse(text, variables=_names(used, coordinates))
-                constant, *factors = _linear_form(parsed.system, used)
+                constant, *factors = linear_form(parsed.system, used)
             except ExpressionError as error:
                 raise ArgumentError(f"acts_on.{index}", str(error)) from None
             if not any(factors):
@@ -133,4 +134,4 @@ class Directions:
                 "coefficient",
                 f"a matrix of size {inner.shape[0]} for {self.count} entries in acts_on",
             )
-        return Factored(rows=self.rows, inner=inner)
+        return Factored(rows=self.rows, inner=inner, labels=self.labels)

@@ -60,6 +60,7 @@ class Factored:
     rows: Array  # B, shape (r, d): the directions
     inner: Array  # C, symmetric, shape (r, r)
     whole: Form | None = None  # the product, where it is known
+    labels: tuple[int, ...] = ()  # what names call the directions by; empty: 1, 2, ...
 
     @cached_property
     def form(self) -> Form:

@@ -48,9 +48,11 @@ class ByKind(Shape):
         kind: Any = self.default
         word = at.under(self.word).scalar if at.has(self.word) else None
         plain = re.sub(r"[\s_]+", "-", word.lower()) if isinstance(word, str) else ""
-        if plain in self.meant:
+        # also in words such as viscous-damper
+        meant = [one for one in (plain, *plain.split("-")) if one in self.meant]
+        if plain in self.meant or (meant and not any(one in plain for one in self.kinds)):
             # the keys beside it are those of what is not known
-            return at.refuse(f"{plain}: {self.meant[plain]}", self.word)
+            return at.refuse(f"{plain}: {self.meant[meant[0]]}", self.word)
         if plain in self.aliases or (plain != word and plain in self.kinds):
             kind = self.aliases.get(plain, plain)
             _logger.info("%s: %s: %s is read as %s", at.node.place, self.word, word, kind)

@@ -7,6 +7,7 @@ JSON schema.
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from abc import ABC, abstractmethod
@@ -21,8 +22,9 @@ from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe, plain
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.definite import singular_words
-from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.expressions import MOST_LISTED, Expression
 
+_logger = logging.getLogger(__name__)
 Schema = dict[str, Any]
 
 
@@ -210,12 +212,18 @@ class Choice(Shape):
         return {"enum": list(self.words)}
 
 
+def _no_advice(name: str) -> str:
+    return ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FormulaText(Shape):
     """An expression or a number, read as the text of the expression; or one of a few words."""
 
     variables: tuple[str, ...] = ("t",)
     words: tuple[str, ...] = ()
+    # what to write in place of a name that is not known; nothing: what is near is proposed
+    advice: Callable[[str], str] = _no_advice
 
     @property
     def expected(self) -> str:
@@ -234,16 +242,22 @@ class FormulaText(Shape):
             return Expression.parse(value, variables=(*self.variables, *at.names)).text
         except ExpressionError as error:
             exact = node.text_place if node.text == value else None
-            hint = ""
-            if error.unknown and at.path[:1] in (("problem",), ("quantities",), ("events",)):
+            hint, message = "", error.message
+            if advice := self.advice(error.unknown) if error.unknown else "":
+                message = f"unknown name {error.unknown!r}; {advice}"
+            elif error.unknown and at.path[:1] in (("problem",), ("quantities",), ("events",)):
                 known = (*self.variables, *at.names)
                 if not suggestion(error.unknown, known):
                     hint = f"; to define it write problem.parameters: {{{error.unknown}: 1.0}}"
+                if len(error.known) > MOST_LISTED:
+                    hint += "; fvi check -v lists all names"
+                    _logger.debug("%s: names here: %s", node.place, listed(error.known))
             if re.fullmatch(r"[\w./\\-]+\.(at2|csv|txt|dat)", str(value), re.IGNORECASE):
                 hint = f"; for a file write {{file: {value}}}, with its column if it is a CSV"
             if error.column is None or exact is None or not exact.line:
-                return at.refuse(str(error) + hint)
-            at.complaints.add(exact.shifted(error.column - 1), at.path, error.message + hint)
+                column = "" if error.column is None else f"column {error.column}: "
+                return at.refuse(column + message + hint)
+            at.complaints.add(exact.shifted(error.column - 1), at.path, message + hint)
             return INVALID
 
     def schema(self, defs: Schema) -> Schema:
@@ -279,7 +293,7 @@ class Text(Shape):
             return text
         if self.longest is not None and len(text) > self.longest:
             return at.refuse(f"{len(text)} characters; at most {self.longest} are allowed")
-        return at.needs(self.expected)
+        return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}")
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""

@@ -224,9 +224,25 @@ class Record(Shape):
         reason = self.of.refused.get(name)
         if reason is not None:
             return reason if isinstance(reason, str) else reason(under)
-        if name.isdecimal() and (number := _with_comma(name, node)):
-            return f"not known; numbers have a decimal point, no comma: write {number}"
+        if name.isdecimal() and (meant := self._with_comma(name, node)):
+            return f"not known; {meant}"
         return not_known(name, self.keys)
+
+    def _with_comma(self, name: str, node: MappingNode) -> str:
+        """What is meant where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
+        names = list(node.entries)
+        before = names[names.index(name) - 1] if name != names[0] else ""
+        one, single = node.entries[before].node if before else None, node.entries[name].node
+        if not (isinstance(one, ScalarNode) and isinstance(single, ScalarNode)) or single.text:
+            return ""
+        if not isinstance(one.value, int) or isinstance(one.value, bool):
+            return ""
+        number, several = f"{one.text}.{name}", [one.value, int(name)]
+        shape = self.keys[before].shape if before in self.keys else Number()
+        trial = Cursor(node=node_of(several), complaints=Complaints())
+        if shape.read(trial) == several and not len(trial.complaints):
+            return f"a list has brackets: write {before}: {several}"
+        return f"numbers have a decimal point, no comma: write {number}"
 
     def schema(self, defs: Schema) -> Schema:
         """A reference."""
@@ -255,17 +271,6 @@ class Record(Shape):
             others = [{"required": [name]} for name in every if name not in names]
             needed = [name for name in form if not name.endswith("?")]
             yield {"required": needed, "not": {"anyOf": others}}
-
-
-def _with_comma(name: str, node: MappingNode) -> str:
-    """``1.5``, where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
-    names = list(node.entries)
-    before = node.entries[names[names.index(name) - 1]].node if name != names[0] else None
-    single = node.entries[name].node
-    if not (isinstance(before, ScalarNode) and isinstance(single, ScalarNode)):
-        return ""
-    is_number = isinstance(before.value, int) and not isinstance(before.value, bool)
-    return f"{before.text}.{name}" if is_number and not single.text else ""
 
 
 def record_of(setting: type[Setting], **defaults: Any) -> Record:

@@ -14,7 +14,7 @@ import difflib
 import keyword
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Final, TypeVar
@@ -31,6 +31,8 @@ T = TypeVar("T")
 
 LARGEST_DEPTH: Final = 500
 MOST_NODES: Final = 5_000
+MOST_LISTED, MOST_NEAREST = 12, 10
+"""Names up to which a complaint lists all that are known; of more, the nearest."""
 
 CONSTANTS: Final[Mapping[str, float]] = MappingProxyType({"pi": math.pi, "e": math.e})
 _ALIASES: Final[Mapping[str, str]] = MappingProxyType(
@@ -147,6 +149,15 @@ class Expression:
             tuple(sorted(kept.items())),
             builder.system([builder.apply(kind, *pair)]),
         )
+
+    def expand(self, formulas: Mapping[str, Expression]) -> Expression:
+        """The formula with others in the place of the variables that they are named by."""
+        used = self.names.intersection(formulas)
+        if not used:
+            return self
+        builder = Builder()
+        terms = {name: builder.include(formulas[name].system)[0] for name in sorted(used)}
+        return replace(self, system=builder.system(builder.include(self.system, terms)))
 
     def evaluate(
         self,
@@ -285,7 +296,8 @@ def _unknown_name(node: ast.Name, known: Sequence[str]) -> ExpressionError:
     name = node.id
     if name in FUNCTION_NAMES:
         return ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _col(node))
-    return ExpressionError(_unknown("name", name, known), _col(node), unknown=name)
+    message = _unknown("name", name, known)
+    return ExpressionError(message, _col(node), name, tuple(sorted(known)))
 
 
 def _unknown(what: str, name: str, known: Sequence[str]) -> str:
@@ -295,7 +307,11 @@ def _unknown(what: str, name: str, known: Sequence[str]) -> str:
     velocity = f"v{name.removesuffix('dot').removesuffix('_')}"
     if name.endswith("dot") and velocity in known:
         guess = f"; the velocity is written {velocity}"
-    return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} (known: {', '.join(sorted(known))})"
+    names, shown = sorted(known), "known"
+    if what == "name" and len(names) > MOST_LISTED:
+        shown = f"{MOST_NEAREST} of {len(names)} known"
+        names = difflib.get_close_matches(name, names, n=MOST_NEAREST, cutoff=0.0)
+    return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} ({shown}: {', '.join(names)})"
 
 
 def _col(node: ast.expr) -> int:

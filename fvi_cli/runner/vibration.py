@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.config.observations import names_along
 from fvi_cli.errors import RequestError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request, Source, Task, requested
@@ -17,10 +18,11 @@ from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
+from fvi_cli.studies.vibration.outputs import harmonic_outputs
 from fvi_cli.studies.vibration.response import (
     GROUND,
     ResponseTable,
-    forms_of,
+    ground_amplitude,
     harmonic_force,
     harmonic_response,
 )
@@ -186,7 +188,8 @@ def response(
         Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
         ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
     at
-        Outputs to report; default: the coordinate that moves most.
+        Outputs to report, linear expressions in what quantities know (``ax5``, ``drift_1``,
+        ``force_1``) or names of quantities; default: the coordinate that moves most.
 
     Raises
     ------
@@ -209,7 +212,9 @@ def response(
         try:
             loads = [harmonic_force(text, scene, coordinates, direction) for text in wanted]
             option = "--at"
-            rows = forms_of(at, coordinates) if at else None
+            names = names_along(one.problem, one.problem.ready)
+            quantities = one.experiment.observations.quantities or {}
+            outputs = harmonic_outputs(at, names, one.problem, quantities) if at else None
         except ValueError as error:
             raise RequestError(f"{option}: {error}") from None
         try:
@@ -218,10 +223,19 @@ def response(
                 sum(loads, np.zeros(1)),
                 hertz,
                 outputs=at or coordinates,
-                rows=rows,
+                rows=None if outputs is None else outputs.forms,
+                offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(wanted),
                 load_words=", ".join(wanted),
             )
         except ValueError as error:
             raise RequestError(f"{one.title}: {error}") from None
-        tables.append(replace(table, name=name, of_member=one.member, units=one.experiment.units))
+        tables.append(
+            replace(
+                table,
+                name=name,
+                of_member=one.member,
+                units=one.experiment.units,
+                qualities=("displacement",) if outputs is None else outputs.qualities,
+            )
+        )
     return tables

@@ -23,6 +23,8 @@ from fvi_cli.keys.scalars import FormulaText, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.records.csv_samples import (
+    NO_TEXT,
+    SPREADSHEETS,
     SUFFIX,
     read_at2_samples,
     read_csv_samples,
@@ -51,6 +53,8 @@ _SCALES: Final = {
     "cm/s^2": "write scale: 0.01 for metres and seconds, or scale: 1 if lengths are in cm",
 }
 """What to write for a record in these units."""
+_FACTORS: Final = {"m/s2": "1", "cm/s2": "0.01", "gal": "0.01", "mm/s2": "0.001"}
+"""By units of a record, what to write as its scale."""
 _COLUMN: Final = Text(what="the name of a column")
 
 
@@ -74,6 +78,8 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             samples_from_text(values["content"])
         except ValueError as error:
             return at.refuse(str(error))
+    elif file.suffix.lower() in SPREADSHEETS:
+        return at.refuse(f"{name}: {NO_TEXT}", "file")
     elif is_at2 == ("column" in values):
         if not is_at2 and not file.exists():
             return at.refuse(f"{name}: cannot be read: no such file", "file")
@@ -124,6 +130,9 @@ class Scale(Number):
 
     def read(self, at: Cursor) -> Any:
         """A float."""
+        unit = re.sub(r"[\s^*]", "", str(at.scalar)).replace("²", "2")
+        if factor := _FACTORS.get(unit.lower()):
+            return at.needs(self.expected, f"; write {factor}, with lengths in metres")
         return STANDARD_GRAVITY if at.scalar == "g" else super().read(at)
 
     def schema(self, defs: Schema) -> Schema:

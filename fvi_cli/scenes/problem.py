@@ -9,6 +9,7 @@ from typing import ClassVar
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +28,10 @@ class Problem:
     coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have none
     # what drives it by the name that expressions know it by, with one component; None: nothing
     inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
+    # numbers that expressions know by name: parameters, and what the kind adds (``mass_1``)
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    # quantities that need no formula, such as ``base_shear``: formulas of all these names
+    ready: Mapping[str, Expression] = field(default_factory=dict)
 
     @property
     def final_time(self) -> float:
@@ -41,6 +46,8 @@ class DerivativeProblem:
     scene: ClassVar[None] = None  # it has no motion
     coordinates: ClassVar[tuple[str, ...]] = ()
     inputs: ClassVar[Mapping[str, Forcing | None]] = {}
+    numbers: ClassVar[Mapping[str, float]] = {}
+    ready: ClassVar[Mapping[str, Expression]] = {}
     # f less f(0), for orders above 1 less f'(0) t, at times of shape ``(n,)``
     function: Callable[[Array], Array]
     order: float  # order of the derivative, in (0, 2)

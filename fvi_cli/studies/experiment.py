@@ -219,8 +219,8 @@ class Run:
         observations = self.experiment.observations
         if observations.is_empty or self.member is None:
             return observations
-        parameters = self.member.specification.get("parameters", {})
-        return replace(observations, parameters=parameters, inputs=self.problem.inputs)
+        problem = self.problem
+        return replace(observations, parameters=problem.numbers, inputs=problem.inputs)
 
     @property
     def title(self) -> str:

@@ -42,3 +42,10 @@ def test_an_unknown_page_is_answered_with_the_nearest():
     missed = fvi("guide", "motoins", code=2)
     assert "did you mean 'motions'?" in missed.stderr
     fvi("guide", "../README", code=2)
+
+
+def test_the_page_of_pages_and_shipped_configurations_are_printed():
+    assert fvi("guide", "index").stdout.strip() == (DOCS / "index.md").read_text().strip()
+    shown = fvi("show", "three-designs", "--config").stdout
+    assert shown == (DOCS.parent / "configs" / "three-designs.yaml").read_text(encoding="utf-8")
+    assert "did you mean 'three-designs'?" in fvi("show", "tree-designs", "--config", code=2).stderr

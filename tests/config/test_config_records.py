@@ -59,7 +59,7 @@ def test_a_record_in_at2_is_that_in_csv(tmp_path, line):
 
 def test_behind_a_record_there_is_nothing(tmp_path):
     _write(tmp_path)
-    with pytest.raises(fvi.ConfigError, match="beyond: zero sets the force to zero after them"):
+    with pytest.raises(fvi.ConfigError, match="write beyond: zero for no force after them"):
         _load(tmp_path, "{file: quake.AT2}", "problem.final_time=3.1")
     config = _load(tmp_path, "{file: quake.AT2, beyond: zero}", "problem.final_time=3.1")
     (experiment,) = config.experiments

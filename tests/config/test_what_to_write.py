@@ -82,7 +82,7 @@ def test_negative_damping_is_said(caplog, coefficient):
     with caplog.at_level(logging.WARNING):
         parse_config(text, "f.yaml")
     (line,) = caplog.messages
-    told = f"problem.damping.1.coefficient: {float(coefficient):g} is negative, it drives the"
+    told = f"problem.damping.1.coefficient: {float(coefficient):g} is negative: such damping"
     assert line.startswith(f"f.yaml:2:{text.splitlines()[1].index(coefficient) + 1}: {told}")
     caplog.clear()
     with caplog.at_level(logging.WARNING):
@@ -146,7 +146,9 @@ def test_negative_matrices_and_members_are_said(caplog, damping, sweep, told):
     # the control: positive ones, and what is meant
     assert [one for one in caplog.messages if "drives" in one] == caplog.messages
     assert len(caplog.messages) == bool(told)
-    assert all(f"problem.damping.0.coefficient: {told}, it drives" in m for m in caplog.messages)
+    assert all(
+        f"problem.damping.0.coefficient: {told}: such damping drives" in m for m in caplog.messages
+    )
     caplog.clear()
     with caplog.at_level(logging.WARNING):
         parse_config(f"{text}allow_unstable: true\n", "f.yaml")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from fvi_cli.config.keys.fit import Data
-from fvi_cli.config.observations import FORCE
-from fvi_cli.integrator.observations.dampers import damper_values
-from fvi_cli.integrator.observations.request import known_names
+from fvi_cli.config.observations import FORCE, names_along
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.settings import as_plain
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
@@ -21,6 +23,11 @@ from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.settings import PARTS, Amplitude, DataSet, Series
 from fvi_cli.studies.members import leads_somewhere, with_values
 from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
+
+LEAST_WORK: Final = 0.1
+"""Negative work, by the ranges of force and displacement, that noise and offsets do not make."""
+
+_logger = logging.getLogger(__name__)
 
 
 def read_data(
@@ -43,7 +50,8 @@ def read_data(
         if one.frequency is not None:
             forces, series = _response(one, described, problem, under)
         else:
-            forces, series = (), _motion(one, described, problem, quantities, under)
+            forces, series = (), _motion(one, problem, quantities, under)
+        _remark_on_work(series, problem, under)
         name = one.name if one.name is not None else Path(one.file).stem
         if any(other.name == name for other in found):
             under.refuse(f"{excerpt(name)!r} is the name of another motion; give each a name")
@@ -61,22 +69,14 @@ def read_data(
 
 
 def _motion(
-    given: Data,
-    described: Mapping[str, Any],
-    problem: Problem,
-    quantities: Mapping[str, Expression],
-    at: Cursor,
+    given: Data, problem: Problem, quantities: Mapping[str, Expression], at: Cursor
 ) -> list[Series]:
     """The columns of a motion."""
     if given.force is not None:
         at.refuse("only for responses; write frequency: and its column in place of time", "force")
     time = given.time or "t"
     coordinates, found = problem.coordinates, []
-    parameters = described.get("parameters", {})
-    known = known_names(coordinates, (*parameters, *problem.inputs))
-    known = tuple(dict.fromkeys((*known, *damper_values(problem.scene))))
-    if problem.scene.prescribed is not None:
-        known = tuple(name for name in known if name not in {f"a{one}" for one in coordinates})
+    known = names_along(problem, problem.ready)
     for name, column in given.columns.items():
         if not isinstance(column, str):
             at.under("columns").refuse("parts are those of a response; name one column", name)
@@ -85,17 +85,18 @@ def _motion(
         formula = quantities.get(name)
         if formula is None and not (name in coordinates or is_velocity):
             try:
-                formula = Expression.parse(name, variables=known)
-            except ValueError as error:
-                measured = [*quantities, *known]
+                formula = Expression.parse(name, variables=known).expand(problem.ready)
+            except ExpressionError as error:
+                measured = list(dict.fromkeys((*quantities, *known)))
+                reason = "" if error.unknown == name else f": {error}"
                 at.under("columns").refuse_key(
                     name,
-                    f"not known{suggestion(name, measured)}: {error} (measured can be: "
+                    f"not known{suggestion(name, measured)}{reason} (measured can be: "
                     f"{listed(measured[:12])}{', ...' if len(measured) > 12 else ''}, and "
                     "expressions in them)",
                 )
                 continue
-            if not formula.names - {"t", *parameters, *problem.inputs}:
+            if not formula.names - {"t", *problem.numbers, *problem.inputs}:
                 at.under("columns").refuse_key(name, "it contains no coordinate")
                 continue
         found += _series(
@@ -110,6 +111,28 @@ def _motion(
             formula=formula,
         )
     return found
+
+
+def _remark_on_work(series: Sequence[Series], problem: Problem, at: Cursor) -> None:
+    """Say where a damper on the bench would give energy: no law from rest does."""
+    motion = problem.scene.prescribed
+    for one in series if motion is not None else ():
+        if one.formula is None or one.formula.text != FORCE or motion is None:
+            continue
+        u, f = motion.displacement(one.times)[:, 0], one.values
+        if abs(u[-1]) < abs(u[0]):
+            # it may give back what a spring had stored
+            continue
+        size = float(np.ptp(f) * np.ptp(u))
+        works = [float(np.trapezoid(force, u)) for force in (f, f - f.mean())]
+        if max(works) < -LEAST_WORK * size:
+            _logger.warning(
+                "%s: fit.data: column %s does the work %.3g along the displacement, which is "
+                "negative: is its sign that of the displacement, or are the columns exchanged?",
+                at.node.place,
+                one.column,
+                works[0],
+            )
 
 
 def _response(

@@ -134,7 +134,9 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the "
         "equation of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t, "
         "parameters and, where the ground moves, ground_acceleration; stored with the position, "
-        "with peak and RMS. For Runge-Kutta methods.",
+        "with peak and RMS. Or a list of names that need no expression: force_1 of a damper, and "
+        "drift_1, acceleration_1 (with the ground) and base_shear of a frame. For Runge-Kutta "
+        "methods.",
         default=None,
     )
     events: Events = key(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.observations.request import Direction
 from fvi_cli.keys.containers import ListOf, Named
-from fvi_cli.keys.scalars import Integer, Number, Text
+from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
+from fvi_cli.keys.nodes import ListNode
+from fvi_cli.keys.scalars import Integer, Number, Schema, Text
 from fvi_cli.keys.settings import NotNegative, Positive, Setting, key, record_of
 
 MOST_TIMES: Final = 10_000_000
@@ -96,8 +99,37 @@ class GivenImpact(Setting, refused=dict.fromkeys(("e", "bounce"), "not a key: wr
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Quantities(Named):
+    """A mapping from names to expressions, or a list of names that are their own expressions."""
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return f"{super().expected}; or a list of names, such as [force_1, base_shear]"
+
+    def read(self, at: Cursor) -> Any:
+        """A dict."""
+        if not isinstance(at.node, ListNode):
+            return super().read(at)
+        names = [_WORD.read(item) for item in at.items()]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                at.refuse(f"{name} is given twice", index)
+        return {name: name for name in names} if is_complete(names) else INVALID
+
+    def schema(self, defs: Schema) -> Schema:
+        """The shape in JSON schema."""
+        return {"anyOf": [super().schema(defs), ListOf(shape=_WORD).schema(defs)]}
+
+
+_WORD: Final = Text(
+    what="a name, such as force_1; for an expression write {name: expression}",
+    pattern="[A-Za-z][A-Za-z0-9_]*",
+)
 Quantities = Annotated[
-    Mapping[str, str] | None, Named(shape=_TEXT, example="{drift: x2 - x1, force: -dx1, top: ax2}")
+    Mapping[str, str] | None,
+    _Quantities(shape=_TEXT, example="{drift: x2 - x1, force: -dx1, top: ax2}"),
 ]
 Events = Annotated[
     Mapping[str, GivenEvent] | None,

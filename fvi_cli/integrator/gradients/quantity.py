@@ -69,14 +69,14 @@ class Quantity:
             return None
         text = self.of if isinstance(self.of, str) else self.of(request.coordinates)
         quantities = request.quantities or {}
-        if text in quantities:
-            text = quantities[text].text
         names = known_names(request.coordinates, (*request.parameters, *request.inputs))
         dampers = {name: o for name, o in damper_values(scene).items() if name not in names}
         works = [name for name, one in dampers.items() if one.kind == "work"]
         names = (*names, *(name for name in dampers if name not in works))
         try:
-            found = Expression.parse(text, variables=(*names, *works))
+            every = tuple(dict.fromkeys((*names, *works, *request.ready)))
+            parsed = quantities.get(text) or Expression.parse(text, variables=every)
+            found = parsed.expand(request.ready)
         except ValueError as error:
             others = f"; quantities: {', '.join(quantities)}" if quantities else ""
             raise ValueError(f"quantity: {error}{others}") from None

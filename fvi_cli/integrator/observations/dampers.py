@@ -73,8 +73,8 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     """Quantities of dampers by name: ``force_1``, ``deformation_1`` and ``work_1``.
 
     In place of the number stands the name of a damper that has one; behind it, where a damper has
-    several components, their number: ``force_1_2``. Where the motion is given, ``force`` is that
-    of all of them.
+    several components, their number, or the storey of each: ``force_1_2``. Where the motion is
+    given, ``force`` is that of all of them.
     """
     found: dict[str, DamperValue] = {}
     numbered = [(str(place + 1), place, one) for place, (one, *_) in enumerate(dampers_of(scene))]
@@ -82,8 +82,9 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     for label, place, one in (*numbered, *named):
         found.setdefault(f"work_{label}", DamperValue(kind="work", place=place))
         count = one.inner.shape[0]
-        for component in range(count if count <= MOST_COMPONENTS else 0):
-            end = f"_{component + 1}" if count > 1 else ""
+        labels = (one.factored.labels if one.factored else ()) or range(1, count + 1)
+        for component, number in enumerate(labels if count <= MOST_COMPONENTS else ()):
+            end = f"_{number}" if count > 1 else ""
             for kind in ("force", "deformation"):
                 value = DamperValue(
                     kind=cast(Literal["force"], kind), place=place, component=component

@@ -39,7 +39,8 @@ class Observer:
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only what occurs in it is evaluated."""
-        constants: Sequence[Mapping[str, float]] = [one.parameters for one in self.requests]
+        known = [(one, one.parameters.keys() & expression.names) for one in self.requests]
+        constants = [{name: one.parameters[name] for name in used} for one, used in known]
         if all(one == constants[0] for one in constants):
             constants = constants[:1]
         variables = partial(self.variables, expression)

@@ -112,6 +112,8 @@ class Observations:
     impacts: Mapping[str, Impact] | None = None  # surfaces by name, which change the motion itself
     # values of further names in their expressions
     parameters: Mapping[str, float] = field(default_factory=dict)
+    # formulas of names that more expressions may hold, in the other names
+    ready: Mapping[str, Expression] = field(default_factory=dict)
     # functions of the time by their names in expressions; None: zero
     inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
     # the times in short, as a configuration gives them; None: as they are

@@ -77,12 +77,13 @@ class Builder:
     def terms(
         self,
         system: FormulaSystem,
-        bound: Mapping[str, float] | None = None,
+        bound: Mapping[str, float | Term] | None = None,
         named: Mapping[int, str] | None = None,
     ) -> dict[int, Term]:
         """Another program in this one, by its places.
 
-        Numbers may take the place of variables, and variables that of numbers and exponents.
+        Numbers, and terms of this one, may take the place of variables, and variables that of
+        numbers and exponents.
         """
         found: dict[int, Term] = {}
         names, values = named or {}, bound or {}
@@ -94,7 +95,8 @@ class Builder:
             elif kind in ("number", "**"):
                 number = self.number(float(rest[-1]))
             elif kind == "variable" and rest[0] in values:
-                number = self.number(float(values[str(rest[0])]))
+                value = values[str(rest[0])]
+                number = value if isinstance(value, Term) else self.number(float(value))
             if kind in ("number", "variable"):
                 found[place] = self.variable(str(rest[0])) if number is None else number
                 continue
@@ -103,9 +105,9 @@ class Builder:
         return found
 
     def include(
-        self, system: FormulaSystem, bound: Mapping[str, float] | None = None
+        self, system: FormulaSystem, bound: Mapping[str, float | Term] | None = None
     ) -> list[Term]:
-        """The outputs of another program; numbers may take the place of its variables."""
+        """The outputs of another program, as :meth:`terms`."""
         found = self.terms(system, bound)
         return [found[place] for place in system.outputs]
 

@@ -16,7 +16,7 @@ from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import dense
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.containers import ByForm, ListOf
+from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.kinds import ByKind
 from fvi_cli.keys.scalars import Integer, Matrix, Number, Text
@@ -46,6 +46,10 @@ def alpha(at: Cursor) -> str:
     return f"{reason}; write order with twice that number"
 
 
+_WRONG_PLACE: Final[Mapping[str, Refusal]] = dict.fromkeys(
+    ("storey", "story", "floor"),
+    "not a key here: what stands between floors of a frame is written under dampers",
+)
 WRONG_NAMES: Final[Mapping[str, Refusal]] = {
     "alpha": alpha,
     "beta": "not a key: write order, which is alpha + beta",
@@ -62,6 +66,7 @@ _OF_LAWS: Final[Mapping[str, Refusal]] = {
     "rate": "not a key of a springpot: write law: tempered in the same entry",
 }
 _WRONG_IN_LAWS: Final[Mapping[str, Refusal]] = {
+    **_WRONG_PLACE,
     "tau": "not a key: the relaxation time tau is called time",
     "alpha": "not a key: the order of the law is called order",
 }
@@ -94,7 +99,8 @@ ActsOn = Annotated[tuple[str, ...] | None, _DIRECTIONS]
 
 NAME: Final = key(
     "What quantities know the damper by: force_top, deformation_top and work_top for name: top; "
-    "without it by its number, force_1: those under damping, then those under dampers.",
+    "without it by its number, force_1: those under damping, then those under dampers. Where it "
+    "acts in several storeys, or on several combinations, their number stands behind: force_top_3.",
     default=None,
 )
 Name = Annotated[str | None, Text(what="a word such as top", pattern=r"[A-Za-z]\w*")]
@@ -112,7 +118,7 @@ class _OnCoordinates(Setting):
         return getattr(self, "coefficient", None)
 
 
-class Springpot(_OnCoordinates, refused={**WRONG_NAMES, **_OF_LAWS}):
+class Springpot(_OnCoordinates, refused={**WRONG_NAMES, **_WRONG_PLACE, **_OF_LAWS}):
     """A term mu D^gamma q."""
 
     order: Order = ORDER
@@ -130,6 +136,7 @@ class KelvinVoigt(
     _OnCoordinates,
     refused={
         **WRONG_NAMES,
+        **_WRONG_PLACE,
         **dict.fromkeys(("viscosity", "eta", "c"), "not a key: write coefficient"),
         **dict.fromkeys(("modulus", "relaxed", "k", "E"), "not a key: write stiffness"),
     },
@@ -161,7 +168,7 @@ class LawTerm(_OnCoordinates, refused=_WRONG_IN_LAWS):
 
     make: ClassVar[Callable[..., Law]]
     coefficient: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
-        "Factor of the law, a number, a symmetric matrix or {file: Kv.mtx}; without it 1.",
+        "Factor of the law (without it 1), a number, a symmetric matrix or {file: Kv.mtx}.",
         default=None,
     )
     matrix: Annotated[Any, _MATRIX] = key(
@@ -224,16 +231,21 @@ class Tempered(LawTerm):
     rate: Positive = key("tempered: rate l at which it forgets.", unit="1/time")
 
 
+_IN_STOREYS: Final = OneOrMany(shape=Integer(least=1, most=1000), most=1000, as_it_stands=True)
+
+
 class AtStorey(Setting):
     """Where a damper of a building stands."""
 
-    storey: Annotated[int | None, Integer(least=1, most=1000)] = key(
+    storey: Annotated[tuple[int, ...] | None, _IN_STOREYS] = key(
         "Storey i between whose floor and ceiling it stands: it acts on x_i - x_(i-1), storey 1 "
-        "on x_1; without it one stands in every storey.",
+        "on x_1; or a list, [1, 3], for equal dampers in several; without it one stands in every "
+        "storey.",
         default=None,
     )
-    # the storey says it
+    # the storey says it, and one number the force there
     acts_on = None
+    matrix = None
 
 
 SPRINGPOT: Final = "springpot"
@@ -246,20 +258,29 @@ _LAWS: Final[Mapping[str, type[Setting]]] = {
     "tempered": Tempered,
 }
 _STOREYS: Final[Mapping[str, Refusal]] = {
-    **dict.fromkeys(("floor", "level", "at", "between"), "not a key: write storey: 1"),
+    **dict.fromkeys(
+        ("story", "floor", "level", "at", "between", "storeys"), "not a key: write storey: 1"
+    ),
     "acts_on": "not a key here: write storey, or give the term under damping",
     **dict.fromkeys(("c", "viscosity"), "not a key: write coefficient"),
 }
 
 
-_AT_STOREYS: Final[Mapping[str, type[Setting]]] = {
-    word: types.new_class(
-        f"Storey{law.__name__}",
-        (AtStorey, law),
-        {"refused": {**law.refused, **_STOREYS}},
+def _storey_damper(law: type[Setting]) -> type[Setting]:
+    """The law as a damper between floors, whose factors are numbers."""
+    made: type[Setting] = types.new_class(
+        f"Storey{law.__name__}", (AtStorey, law), {"refused": {**law.refused, **_STOREYS}}
     )
-    for word, law in _LAWS.items()
-}
+    made.keys = {
+        name: replace(one, shape=Number(), meaning=f"{one.meaning.partition(', a number')[0]}.")
+        if one.shape is NUMBER_OR_SYMMETRIC
+        else one
+        for name, one in made.keys.items()
+    }
+    return made
+
+
+_AT_STOREYS: Final = {word: _storey_damper(law) for word, law in _LAWS.items()}
 _ALIASES: Final[Mapping[str, str]] = {
     **dict.fromkeys(("voigt", "kelvin"), "kelvin-voigt"),
     **dict.fromkeys(("fractional", "scott-blair", "abel"), SPRINGPOT),

@@ -17,6 +17,7 @@ from fvi_cli.integrator.meshes.singular_start import LEAST_POWER, fractional_pow
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.settings import Positive, Setting
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import (
@@ -56,6 +57,8 @@ class Kind(Setting):
     """Keys of a starter file that show more than the default, with what stands there as YAML."""
     sweep: ClassVar[str]
     final_time: Positive
+    alternatives: ClassVar[Mapping[str, str]] = {}
+    """Keys, each with the one that a starter file shows in its place."""
     methods: ClassVar[str] = "{rk: gauss, degree: [2, 3]}"
     """What a starter file shows of these."""
     forces: ClassVar[tuple[str, ...]] = ("forcing",)
@@ -195,7 +198,17 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             equation=_with_laws(self.equation, scene),
             coordinates=self.coordinate_names(),
             inputs={name: self._driver(name, ()) for name in ground},
+            numbers=self.numbers(),
+            ready=self.ready_quantities(),
         )
+
+    def numbers(self) -> Mapping[str, float]:
+        """Numbers that expressions along a motion know by name."""
+        return self.parameters or {}
+
+    def ready_quantities(self) -> Mapping[str, Expression]:
+        """Formulas of quantities that need none, by their names."""
+        return {}
 
 
 def _with_laws(equation: str, scene: Scene) -> str:

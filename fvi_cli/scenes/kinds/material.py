@@ -129,4 +129,5 @@ class Material(
             exact_source="none",
             equation=self.equation,
             coordinates=(COORDINATE,),
+            numbers=self.parameters or {},
         )

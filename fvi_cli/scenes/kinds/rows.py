@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Mapping
+from functools import lru_cache, partial
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
@@ -16,35 +18,48 @@ from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Fraction, Positive, Setting, key
+from fvi_cli.mathematics.algebra.builder import Builder
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.chains import Ends, chain, frame, neighbour_rows, string
 from fvi_cli.scenes.data import Damper
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import (
+    AtStorey,
     Term,
     damping_effects,
     damping_terms,
 )
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.shared_keys import WRONG_AT_PROBLEM, dampers
+from fvi_cli.scenes.records.column_file import COLUMN_FILE
 from fvi_cli.scenes.structures.rayleigh import Rayleigh
 
 USUAL_STOREYS: Final = 3
+BASE_SHEAR: Final = "base_shear"
 
 
-def _between_floors(count: int, term: Term, factor: object) -> Coefficient:
+def _between_floors(count: int, term: Term, factor: float) -> Coefficient:
     """The coefficient of a damper of a building of so many storeys."""
-    value = np.asarray(factor, dtype=float)
-    if value.ndim:
-        raise ArgumentError("coefficient", "a damper between two floors has a number here")
-    rows, storey = neighbour_rows(count, "left"), getattr(term, "storey", None)
-    if storey is not None and storey > count:
-        raise ArgumentError("storey", f"{storey} is not allowed; there are {count} storeys")
-    return Directions(rows=rows if storey is None else rows[[storey - 1]]).factored(value)
+    storeys = term.storey if isinstance(term, AtStorey) else None
+    for index, storey in enumerate(storeys or ()):
+        place = "storey" if len(storeys or ()) == 1 else f"storey.{index}"
+        if storey > count:
+            raise ArgumentError(place, f"{storey} is not allowed; there are {count} storeys")
+        if storey in (storeys or ())[:index]:
+            raise ArgumentError(place, f"{storey} is given twice; write a damper of its own for it")
+    labels = storeys or tuple(range(1, count + 1))
+    rows = neighbour_rows(count, "left")[[storey - 1 for storey in labels]]
+    return Directions(rows=rows, labels=labels).factored(factor)
 
 
 Count = Annotated[int, Integer(least=1, most=1000)]
 _STOREYS: Final = ListOf(shape=Number(above=0.0), most=1000, example="[2.0, 1.0]")
-_PER_STOREY: Final = ByForm(single=Number(above=0.0), several=_STOREYS)
+_FROM_GROUND: Final = ByForm(several=_STOREYS, mappings=(COLUMN_FILE,))
+_PER_STOREY: Final = ByForm(
+    single=Number(above=0.0),
+    several=_STOREYS,
+    example="masses: {file: building.csv, column: mass}, and stiffnesses alike",
+)
 PerStorey = Annotated[float | tuple[float, ...], _PER_STOREY]
 Dampers = Annotated[tuple[Damper, ...], dampers("mass times time^(gamma-2)")]
 
@@ -113,6 +128,7 @@ class FrameKind(
         "ground_acceleration": "t**3*exp(-t)*sin(3*t)",
         "final_time": "8.0",
     }
+    alternatives: ClassVar = {"storeys": "masses", "mass": "masses", "stiffness": "stiffnesses"}
     sweep = "problem.dampers.0.order: {from: 0.1, to: 1.9, number: 10}"
 
     storeys: Annotated[int | None, Integer(least=1, most=1000)] = key(
@@ -121,16 +137,24 @@ class FrameKind(
         default=None,
     )
     mass: PerStorey = key(
-        "Mass of every storey, or a list from the ground up.", unit="unit of mass", default=1.0
+        "Mass of every storey, or a list from the ground up.",
+        unit="unit of mass",
+        default=1.0,
     )
-    masses: Annotated[tuple[float, ...] | None, _STOREYS] = key(
-        "In place of mass: a list from the ground up.", unit="unit of mass", default=None
+    masses: Annotated[tuple[float, ...] | None, _FROM_GROUND] = key(
+        "In place of mass: a list from the ground up, or {file: building.csv, column: mass}.",
+        unit="unit of mass",
+        default=None,
     )
     stiffness: PerStorey = key(
-        "Shear stiffness of every storey, or a list.", unit="mass per time^2", default=1.0
+        "Shear stiffness of every storey, or a list.",
+        unit="mass per time^2",
+        default=1.0,
     )
-    stiffnesses: Annotated[tuple[float, ...] | None, _STOREYS] = key(
-        "In place of stiffness: a list from the ground up.", unit="mass per time^2", default=None
+    stiffnesses: Annotated[tuple[float, ...] | None, _FROM_GROUND] = key(
+        "In place of stiffness: a list from the ground up, or a column of a file.",
+        unit="mass per time^2",
+        default=None,
     )
     dampers: Annotated[tuple[Term, ...], damping_terms(at_storeys=True)] = key(
         "Dampers of any law between floors: in one storey, or in every one.",
@@ -146,7 +170,9 @@ class FrameKind(
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
         """A list of storeys stands in place of the number or list under the other name."""
-        for one, several in (("mass", "masses"), ("stiffness", "stiffnesses")):
+        for one, several in cls.alternatives.items():
+            if one == "storeys":
+                continue
             if at.has(several) and at.has(one) and at.under(one).scalar != 1.0:
                 at.refuse_key(several, f"give this or {one}, not both")
 
@@ -165,6 +191,19 @@ class FrameKind(
             **data,
         )
 
+    def numbers(self) -> Mapping[str, float]:
+        """The parameters, and ``mass_1``, ..., the masses of the storeys."""
+        given = self.mass if self.masses is None else self.masses
+        each = np.broadcast_to(np.asarray(given, dtype=float), self.stated_size()[1])
+        masses = {f"mass_{number}": one for number, one in enumerate(each.tolist(), start=1)}
+        if taken := masses.keys() & (self.parameters or {}).keys():
+            raise ArgumentError(f"parameters.{min(taken)}", "is the mass of a storey; take another")
+        return {**masses, **(self.parameters or {})}
+
+    def ready_quantities(self) -> Mapping[str, Expression]:
+        """Drifts, accelerations with the ground, and the force on the foundation."""
+        return frame_quantities(self.coordinate_names())
+
     def stated_size(self) -> tuple[KeyPath, int]:
         """The key that says the number of storeys, and that number."""
         if isinstance(self.storeys, int):
@@ -174,6 +213,34 @@ class FrameKind(
             if isinstance(value, list | tuple):
                 return (name,), len(value)
         return ("storeys",), USUAL_STOREYS
+
+
+@lru_cache(maxsize=8)
+def frame_quantities(coordinates: tuple[str, ...]) -> Mapping[str, Expression]:
+    r"""Quantities of a building by name, in its coordinates from the ground up.
+
+    ``drift_i`` is :math:`x_i - x_{i-1}`, ``acceleration_i`` :math:`x_i'' + a`, and ``base_shear``
+    :math:`\sum m_i (x_i'' + a)`, the force on the foundation.
+    """
+    ground = "ground_acceleration"
+    found = {}
+    below = "0"
+    for number, name in enumerate(coordinates, start=1):
+        drift = name if below == "0" else f"{name} - {below}"
+        found[f"drift_{number}"] = Expression.parse(drift, variables=coordinates)
+        own = f"a{name}", ground
+        found[f"acceleration_{number}"] = Expression.parse(" + ".join(own), variables=own)
+        below = name
+    # as text the sum of a tall building would be too long
+    builder = Builder()
+    moved = builder.number(0.0)
+    total = builder.number(0.0)
+    for number, name in enumerate(coordinates, start=1):
+        mass = builder.variable(f"mass_{number}")
+        moved, total = moved + mass * builder.variable(f"a{name}"), total + mass
+    system = builder.system([moved + total * builder.variable(ground)])
+    found[BASE_SHEAR] = Expression(BASE_SHEAR, system.names, (), system)
+    return MappingProxyType(found)
 
 
 class Pluck(Setting):

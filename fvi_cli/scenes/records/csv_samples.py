@@ -27,11 +27,25 @@ from fvi_cli.scenes.records.data_files import (
 LARGEST_FILE: Final = 20_000_000
 MOST_MISTAKES: Final = 5
 _DELIMITERS: Final = (",", ";", "\t")
+_WHOLE: Final = re.compile(r"[-+]?\d+([eE][-+]?\d+)?")
+_ARCHIVE: Final = b"PK\x03\x04"
+"""How a sheet of a spreadsheet program begins."""
+SPREADSHEETS: Final = (".xlsx", ".xls", ".xlsm", ".ods", ".numbers")
+NO_TEXT: Final = "not a text but a spreadsheet; save the sheet as CSV, names of columns in line 1"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CsvColumns:
+    """Columns of numbers."""
+
+    table: NDArray[np.float64]  # as they stand in the file, shape ``(n, columns)``
+    sha256: str  # of the bytes of the file
+    lines: tuple[int, ...] = ()  # the line of every row, counted from 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CsvSamples:
-    """Two columns of a file."""
+    """Times and values of a file."""
 
     time: NDArray[np.float64]  # as they stand in the file, shape ``(n,)``
     values: NDArray[np.float64]
@@ -40,7 +54,16 @@ class CsvSamples:
 
 
 def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> CsvSamples:
-    """Read a column and its times.
+    """Read a column and its times, which must increase, as :func:`read_csv_columns`."""
+    found = read_csv_columns(path, name, (time_column, column), increasing=time_column)
+    time, values = found.table.T
+    return CsvSamples(time=time, values=values, sha256=found.sha256, lines=found.lines)
+
+
+def read_csv_columns(
+    path: Path, name: str, columns: tuple[str, ...], *, increasing: str = ""
+) -> CsvColumns:
+    """Read columns of numbers; the first may have to increase, under the name `increasing`.
 
     The first line holds the names of the columns; between them stand commas, semicolons or
     tabulators. Empty lines and lines that begin with ``#`` are left out.
@@ -49,10 +72,14 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     ------
     DataFileError
         ``<name>:<line>: what is wrong``: no such file or column, cells that are empty or not
-        finite numbers, times that do not increase, or more than is allowed.
+        finite numbers, more cells than names, times that do not increase, or more than is allowed.
     """
+    if path.suffix.lower() in SPREADSHEETS:
+        raise DataFileError(f"{name}: {NO_TEXT}")
     content = read_content(path, name, LARGEST_FILE)
     check_lines(content, name)
+    if content.startswith(_ARCHIVE):
+        raise DataFileError(f"{name}: {NO_TEXT}")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -60,33 +87,37 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
         raise DataFileError(f"{name}:{line}: not UTF-8; save the file as UTF-8") from None
     rows = _rows(text, name)
     line, header = next(rows, (1, []))
-    places = [_place(header, wanted, f"{name}:{line}") for wanted in (time_column, column)]
+    places = [_place(header, wanted, f"{name}:{line}") for wanted in columns]
     # the first of them
     mistakes: list[str] = []
     count = 0
     found: list[tuple[float, ...]] = []
     lines: list[int] = []
     for line, row in rows:
+        if len(row) > len(header) and (hint := _decimal_commas(row, len(header))):
+            # every line has them
+            raise DataFileError(f"{name}:{line}: {hint}")
         cells = [row[place].strip() if place < len(row) else "" for place in places]
         numbers = tuple(number_or_nan(cell) for cell in cells)
         wrong = [
             _complaint(label, cell)
-            for label, cell, number in zip((time_column, column), cells, numbers, strict=True)
+            for label, cell, number in zip(columns, cells, numbers, strict=True)
             if not math.isfinite(number)
         ]
-        is_full = len(found) == MOST_SAMPLES
-        if is_full:
+        is_number = not wrong
+        if len(found) == MOST_SAMPLES:
             wrong = [f"more than {MOST_SAMPLES} samples are too many; thin them out"]
-        elif found and not wrong and not numbers[0] > found[-1][0]:
+        elif increasing and found and is_number and not numbers[0] > found[-1][0]:
+            # the line before alone is compared: one time at a wrong place is one mistake
             wrong = [
-                f"{time_column} = {numbers[0]:g} is not after {found[-1][0]:g} in line "
+                f"{increasing} = {numbers[0]:g} is not after {found[-1][0]:g} in line "
                 f"{lines[-1]}; times must increase"
             ]
         count += len(wrong)
         mistakes += [f"{name}:{line}: {one}" for one in wrong[: MOST_MISTAKES - len(mistakes)]]
-        if is_full:
+        if len(found) == MOST_SAMPLES:
             break
-        if not wrong:
+        if is_number:
             found.append(numbers)
             lines.append(line)
     if not found and not mistakes:
@@ -95,12 +126,8 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
         mistakes.append(f"{name}: and {count - MOST_MISTAKES} more mistakes")
     if mistakes:
         raise DataFileError(*mistakes)
-    table = np.array(found)
-    return CsvSamples(
-        time=table[:, 0],
-        values=table[:, 1],
-        sha256=hashlib.sha256(content).hexdigest(),
-        lines=tuple(lines),
+    return CsvColumns(
+        table=np.array(found), sha256=hashlib.sha256(content).hexdigest(), lines=tuple(lines)
     )
 
 
@@ -128,6 +155,19 @@ def _place(header: list[str], wanted: str, where: str) -> int:
         f"{where}: no column is called {excerpt(wanted)!r}{suggestion(wanted, shown)} "
         f"(columns: {listed(shown)}{', ...' if len(names) > len(shown) else ''})"
     )
+
+
+def _decimal_commas(row: list[str], count: int) -> str:
+    """What to write where numbers seem to have a decimal comma between commas; else nothing."""
+    cells = [cell.strip() for cell in row]
+    if not all(_WHOLE.fullmatch(cell) for cell in cells):
+        return ""
+    words = f"{len(cells)} cells, but {count} names of columns"
+    if len(cells) != 2 * count:
+        return f"{words}; write numbers with a decimal point, and a name for every column"
+    first = f"{cells[0]},{cells[1]}"
+    point = first.replace(",", ".")
+    return f"{words}: {first} is read as two numbers; write {point}, with a decimal point"
 
 
 def number_or_nan(cell: str) -> float:

@@ -186,7 +186,11 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
     slack = 1e-9 * final_time
     ends_early = time[-1] < final_time - slack
     if time[0] > slack or (ends_early and specification.get("beyond") != "zero"):
-        hint = "" if time[0] > slack else "; beyond: zero sets the force to zero after them"
+        hint = (
+            ""
+            if time[0] > slack
+            else f"; write beyond: zero for no force after them, or final_time: {time[-1]:g}"
+        )
         raise ArgumentError(
             name,
             f"its samples reach from t = {time[0]:g} to {time[-1]:g}; they must reach from "

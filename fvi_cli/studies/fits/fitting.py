@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.studies.fits.between import between_samples
 from fvi_cli.studies.fits.intervals import estimates
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms
 from fvi_cli.studies.fits.profile import BetterMinimumError, Minimum, quantile
@@ -26,7 +27,6 @@ from fvi_cli.studies.fits.statistics import (
     whiteness,
 )
 from fvi_cli.studies.fits.terms import needless_terms
-from fvi_cli.studies.members import with_values
 
 FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 """Of a step, relative to the size of the motion."""
@@ -45,9 +45,6 @@ MOST_OTHERS = 3
 SEPARATION = 10.0
 """Standard deviations by which the misfit of another minimum should be larger."""
 NO_INFLUENCE = 1e-10
-BETWEEN = 0.3
-"""Standard deviations of the noise, and standard errors of an estimate, from which on
-a remark says what other lines between the samples of a displacement would change."""
 POINTS_OF_CURVES = 400
 
 Log = Callable[[str], None]
@@ -287,7 +284,7 @@ def _result(
         needless=needless_terms(
             minimum, errors * model.slopes(best.point), variance, is_known=is_known
         ),
-        between=_between(minimum, variance),
+        between=between_samples(minimum, variance),
         evaluations=model.evaluations,
         is_converged=best.is_converged and is_regular,
         message=message,
@@ -301,37 +298,6 @@ def _is_separated(at_best: Evaluation, direction: Array, variance: float) -> boo
         return False
     expected = at_best.jacobian @ direction
     return float(expected @ expected) > SEPARATION**2 * variance
-
-
-def _between(best: Minimum, variance: float) -> tuple[str, ...]:
-    """What a cubic spline in place of straight lines between samples would change."""
-    model, at = best.model, best.evaluation
-    displacement = model.model.specification.get("displacement")
-    if (
-        not isinstance(displacement, Mapping)
-        or displacement.get("interpolation", "linear") != "linear"
-        or at.jacobian is None
-    ):
-        return ()
-    smooth = with_values(model.model.specification, {"problem.displacement.interpolation": "cubic"})
-    other = MotionModel(replace(model.model, specification=smooth), model.data, model.deviations)
-    other.meshes = model.meshes
-    try:
-        found = other.evaluate(best.point, with_jacobian=False).residuals
-    except ValueError:
-        return ()
-    noise, change = math.sqrt(variance), at.residuals - found
-    _, errors, _ = covariance(at, variance)
-    moved = np.abs(np.linalg.lstsq(at.jacobian, change, rcond=None)[0]) / errors
-    worst, share = int(np.argmax(moved)), rms(change) / noise
-    if not (share > BETWEEN and moved[worst] > BETWEEN):
-        return ()
-    return (
-        f"between the samples: with interpolation: cubic the force differs by {share:.2g} standard "
-        f"deviations of the noise, and {model.free[worst].key} by some {moved[worst]:.2g} standard "
-        "errors, which no interval holds; if the displacement is smooth write interpolation: cubic "
-        "under displacement, or measure with more samples",
-    )
 
 
 def _failed(model: MotionModel, message: str, point: Array) -> ModelFit:

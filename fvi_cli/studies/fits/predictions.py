@@ -121,13 +121,13 @@ def _resolve_names(
     """The names in the formula of a series, with the parameters of the problem."""
 
     def resolve_names(index: int, number: float) -> Observations:
-        specification = specified(index, number)
-        parameters = dict(specification.get("parameters", {}))
-        inputs: Mapping[str, Forcing | None] = {}
         names = one.formula.names if one.formula is not None else frozenset()
-        if names - set(known_names(data.coordinates, parameters)) - set(dampers):
-            inputs = build_problem(specification, search=False).inputs
-        return Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
+        numbers: Mapping[str, float] = {}
+        inputs: Mapping[str, Forcing | None] = {}
+        if names - set(known_names(data.coordinates)) - set(dampers):
+            problem = build_problem(specified(index, number), search=False)
+            numbers, inputs = problem.numbers, problem.inputs
+        return Observations(coordinates=data.coordinates, parameters=numbers, inputs=inputs)
 
     return resolve_names
 

@@ -3,7 +3,7 @@ r"""Steady responses to harmonic forces: :math:`T(i\omega) \hat q = \hat f`, sol
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -43,6 +43,8 @@ class ResponseTable(OfMember):
     r"""Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``."""
     peaks: tuple[Peak, ...]
     """Maxima of the magnitudes inside of the range."""
+    qualities: tuple[str, ...] = ()
+    """What every output is, ``displacement``, ``velocity`` or ``acceleration``; empty: another."""
     known: ModesInRange = NO_MODES
     """The modes by which peaks were looked for."""
 
@@ -63,13 +65,15 @@ def harmonic_response(
     hertz: Array,
     *,
     outputs: Sequence[str],
-    rows: Array | None,
+    rows: Array | Callable[[complex], Array | ComplexArray] | None,
+    offsets: Array | float = 0.0,
     load_words: str = "",
 ) -> ResponseTable:
     """Amplitudes over ascending frequencies above 0, with peaks and their half-power widths.
 
     `load` is the amplitude of the force, ``(d,)``. `rows` are the linear forms of the `outputs`,
-    ``(k, d)``; None: the coordinate that moves most, `outputs` being all coordinates.
+    ``(k, d)``, or they by s; None: the coordinate that moves most, `outputs` being all coordinates.
+    The `offsets`, ``(k,)``, are what the load adds to them itself.
 
     Raises
     ------
@@ -102,7 +106,15 @@ def harmonic_response(
         rows = np.zeros((1, load.size))
         rows[0, most] = 1.0
         names = (names[most],)
-    values: ComplexArray = np.asarray(full @ rows.T, dtype=complex)
+    if callable(rows):
+        forms = rows
+        s = 2j * math.pi * hertz
+        values = np.array([forms(complex(o)) @ q for o, q in zip(s, full, strict=True)])
+    else:
+        constant = rows
+        forms = lambda s: constant  # noqa: E731
+        values = np.asarray(full @ rows.T, dtype=complex)
+    values = np.asarray(values + offsets, dtype=complex)
     if not np.any(values):
         raise ValueError("the load moves no coordinate")
     known = modes_in_range(scene, float(hertz[0]), float(hertz[-1]))
@@ -110,13 +122,14 @@ def harmonic_response(
     at_fine = dict(zip(hertz.tolist(), values, strict=True))
     for one in fine.tolist():
         if one not in at_fine:
-            at_fine[one] = rows @ near_modes(one)
+            at_fine[one] = forms(2j * math.pi * one) @ near_modes(one) + offsets
     sizes = np.abs(np.array([at_fine[one] for one in fine.tolist()]))
     peaks = []
     for index, name in enumerate(names):
 
-        def size(frequency: float, own: Array = rows[index]) -> float:
-            return float(abs(own @ near_modes(frequency)))
+        def size(frequency: float, index: int = index) -> float:
+            every = forms(2j * math.pi * frequency)[index] @ near_modes(frequency)
+            return float(abs(every + np.broadcast_to(offsets, len(names))[index]))
 
         peaks += find_peaks(name, fine, sizes[:, index], size, known)
     return ResponseTable(
@@ -142,6 +155,20 @@ def harmonic_force(
     ValueError
         For a text that says something else.
     """
+    where, amplitude = _place_and_amplitude(text)
+    if where == GROUND:
+        along = per_coordinate(ground_direction, scene.dimension)
+        return np.asarray(-amplitude * times(along, scene.inertia.form))
+    return np.asarray(amplitude * forms_of([where], coordinates)[0])
+
+
+def ground_amplitude(texts: Sequence[str]) -> float:
+    """The acceleration of the ground among forces, as :func:`harmonic_force` reads them."""
+    pairs = map(_place_and_amplitude, texts)
+    return sum(amplitude for where, amplitude in pairs if where == GROUND)
+
+
+def _place_and_amplitude(text: str) -> tuple[str, float]:
     where, equals, size = text.partition("=")
     try:
         amplitude = float(size) if equals else 1.0
@@ -149,10 +176,7 @@ def harmonic_force(
         amplitude = math.nan
     if not math.isfinite(amplitude):
         raise ValueError(f"{text!r}: write a number after =")
-    if where.strip() == GROUND:
-        along = per_coordinate(ground_direction, scene.dimension)
-        return np.asarray(-amplitude * times(along, scene.inertia.form))
-    return np.asarray(amplitude * forms_of([where], coordinates)[0])
+    return where.strip(), amplitude
 
 
 def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
