@@ -28,7 +28,10 @@ def check_figures(
     """Complain of figures, which stand at `at`, of what is not there."""
     names: list[str] = []
     for index, one in enumerate(figures):
-        if not isinstance(one, FigureSettings) or not (one.section or (one.plot and one.against)):
+        is_told = isinstance(one, FigureSettings) and (
+            one.section or one.quantities or (one.plot and one.against)
+        )
+        if not isinstance(one, FigureSettings) or not is_told:
             continue
         here = at.under(index)
         if one.file_name in names:
@@ -38,6 +41,10 @@ def check_figures(
         quantities = list(observed.quantities or {})
         if one.section is not None:
             _check_word(one.section, events, "an event", here.under("section"), _EVENTS)
+        elif one.quantities is not None:
+            for number, name in enumerate(one.quantities):
+                under = here.under("quantities", number)
+                _check_word(name, quantities, "a quantity", under, _QUANTITIES)
         else:
             _check_plot(one, quantities, events, here)
             keys = _swept(members)

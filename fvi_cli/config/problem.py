@@ -132,6 +132,7 @@ def _check_sizes(problem: Kind, at: Cursor) -> None:
         if size != sized[0][1]:
             first = ".".join(map(str, sized[0][0])) or f"kind {problem.kind}"
             comma = _decimal_comma(at.under(*path), sized[0][1])
+            comma = comma or _decimal_comma(at.under(*sized[0][0]), size)
             at.refuse(f"is for {_coordinates(size)}, but {first} for {sized[0][1]}{comma}", *path)
 
 
@@ -141,7 +142,8 @@ def _decimal_comma(at: Cursor, count: int) -> str:
     tight = [
         (one.text, other.text)
         for one, other in itertools.pairwise(nodes)
-        if one.place.line == other.place.line > 0
+        if (one.text + other.text[:1]).isdecimal()
+        and one.place.line == other.place.line > 0
         and other.place.column == one.place.column + len(one.text) + 1
     ]
     # of numbers with blanks behind their commas, those without one are meant as one

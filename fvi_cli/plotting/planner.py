@@ -171,7 +171,8 @@ def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Itera
         start = f"{experiment.name}: the {kind} figure shows"
         count, shown, what = counts.get(kind, (0, 0, ""))
         if count > shown:
-            yield f"{start} {shown} of {count} {what}"
+            choice = "; write figures: [{quantities: [...]}] for others" * (kind == "quantities")
+            yield f"{start} {shown} of {count} {what}{choice}"
         is_sweep = experiment.members and experiment.accuracy is None
         if is_sweep and methods > 1 and kind in _OF_FIRST_METHOD:
             yield f"{start} the first of {methods} methods"

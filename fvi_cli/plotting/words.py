@@ -43,6 +43,15 @@ def typeset_sum(words: str) -> str:
     return f"${inner}$"
 
 
+def quantity_in_words(name: str) -> str:
+    """``base shear`` for ``base_shear``, ``force of wall 3`` for ``force_wall_3``."""
+    kind, _, rest = name.partition("_")
+    words = rest.replace("_", " ")
+    if kind not in ("force", "deformation", "work") or not words:
+        return name.replace("_", " ")
+    return f"{kind} of {'damper ' if words[0].isdecimal() else ''}{words}"
+
+
 def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...]:
     """Names of the coordinates; of what has none ``x``."""
     problem = experiment.problem

@@ -14,7 +14,11 @@ from dataclasses import replace
 from fvi_cli.config import method_named
 from fvi_cli.integrator.method_names import MethodName, method_name, method_names
 from fvi_cli.reports.document import Grid
-from fvi_cli.reports.kinds.quantities import EXTENT_COLUMNS, design_blocks, design_sheet
+from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
+from fvi_cli.reports.kinds.quantities import (
+    EXTENT_COLUMNS,
+    shown_errors,
+)
 from fvi_cli.reports.table import About, Column, grid_of
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.reports.writers.text import to_text
@@ -23,6 +27,7 @@ from fvi_cli.storage import Entry, StoredFile
 from fvi_cli.storage.records.fields import summary_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words
+from fvi_cli.studies.peak_errors import with_peak_errors
 
 
 def columns_of_words(rows: Sequence[Sequence[str]]) -> str:
@@ -110,7 +115,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
         )
         for outcome in outcomes
         for labels in (_labels(outcome),)
-        for one in outcome.finished
+        for one in with_peak_errors(outcome.finished)
         if one.run.member is None
     )
 
@@ -142,8 +147,10 @@ def _quantities_as_text(runs: Iterable[About]) -> list[str]:
             for run in found
             for name, seen in getattr(run.observed, what).items()
         ]
-        is_known = any(math.isfinite(one.error) for one in items)
-        shown = [one for one in columns if one.name != "error" or is_known]
+        extents = [one.found for one in items if what == "extents"]
+        is_own, is_of_position = shown_errors(extents, [one.error for one in items])
+        left_out = ("peak_error",) * (not is_own) + ("error",) * (not is_of_position)
+        shown = [one for one in columns if one.name not in left_out]
         if items:
             texts.append(_as_text(grid_of([*named, *shown], items)))
     return texts

@@ -5,19 +5,25 @@ from __future__ import annotations
 import re
 from typing import Annotated, Final
 
+from fvi_cli.keys.containers import ListOf
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import NotNegative, Setting, key
 
 EXTENTS: Final = ("peak", "rms", "least", "greatest")
 """What is known of a quantity over a whole run: ``plot: peak_drift``."""
+LONGEST_NAME: Final = 100
+"""Characters of what stands behind the name of the experiment in that of a file."""
+_QUANTITIES: Final = ListOf(
+    shape=Text(what="the name of a quantity"), most=12, example="[drift, base_shear]"
+)
 EXAMPLE: Final = "{plot: peak_drift, against: problem.damping.0.coefficient}"
 
 
 class FigureSettings(
     Setting,
-    forms=(("plot", "against", "of?", "after?"), ("section", "after?")),
-    expected=f"a figure such as {EXAMPLE} or {{section: turn, after: 50}}",
+    forms=(("plot", "against", "of?", "after?"), ("section", "after?"), ("quantities",)),
+    expected=f"a figure such as {EXAMPLE}, {{section: turn, after: 50}} or {{quantities: [drift]}}",
     refused={
         **dict.fromkeys(("y", "quantity"), "not a key: write plot"),
         **dict.fromkeys(("x", "over", "by", "versus", "vs"), "not a key: write against"),
@@ -44,17 +50,22 @@ class FigureSettings(
         "In place of plot: velocity against position at every occurrence of this event.",
         default=None,
     )
+    quantities: Annotated[tuple[str, ...] | None, _QUANTITIES] = key(
+        "In place of plot: these quantities over time, a panel for each.", default=None
+    )
     after: NotNegative = key(
         "Of events: those before this time are left out.", unit="time", default=0.0
     )
 
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
-        """Either something against a key, or a section."""
-        if at.has("section"):
-            for name in ("plot", "against", "of"):
+        """Either something against a key, or a section, or quantities."""
+        alone = next((one for one in ("section", "quantities") if at.has(one)), "")
+        if alone:
+            others = {"plot", "against", "of", "section", "quantities", "after"} - {alone}
+            for name in sorted(others - {"after"} if alone == "section" else others):
                 if at.has(name):
-                    at.refuse_key(name, "not together with section: write two figures")
+                    at.refuse_key(name, f"not together with {alone}: write two figures")
         else:
             for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
                 if not at.has(name):
@@ -70,7 +81,11 @@ class FigureSettings(
     def file_name(self) -> str:
         """What stands behind the name of the experiment in those of files."""
         words = f"section-{self.section}"
-        if self.plot is not None:
+        if self.quantities is not None:
+            words = "-".join(("quantities", *self.quantities))
+            if len(words) > LONGEST_NAME:
+                words = f"quantities-{self.quantities[0]}-and-{len(self.quantities) - 1}-more"
+        elif self.plot is not None:
             of = f"-{self.of_}" if self.of_ else ""
             words = f"{self.plot}{of}-against-{(self.against or '').removeprefix('problem.')}"
         return re.sub(r"[^A-Za-z0-9]+", "-", words).strip("-")

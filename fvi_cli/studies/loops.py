@@ -14,6 +14,7 @@ linear law in steady harmonic motion these are :math:`\mathrm{Re}\,g` and
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -27,6 +28,9 @@ SAMPLES = 4000
 """Points of the closed polygon whose area is the work of a loop: it errs by (2 pi / n)^2 / 6."""
 LEAST_AMPLITUDE = 1e-3
 """Part of the largest range below which a loop is of the decay behind a test, not of the test."""
+WIDER = 1.01
+"""By so much the largest loop is wider than the last one, or not worth a row of its own."""
+LAST, LARGEST = "last", "largest"
 LEAST_POINTS = 20
 """Stored points of a loop: of 20, the stiffness of a viscous damper errs by 0.002 of its size."""
 MOST_DIFFERENCE = 0.05
@@ -82,50 +86,66 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
     such as those that round-off makes of rest, do not count; None where there is no other. Of too
     few points its numbers are nan. A stiffness that is not known from 0 is 0, its loss factor inf.
     """
+    return last_and_largest_loop(time, deformation, force).get(LAST)
+
+
+def last_and_largest_loop(time: Array, deformation: Array, force: Array) -> dict[str, DamperLoop]:
+    """:func:`last_loop`, and in the same way that of the widest deformation where it is wider.
+
+    By the words :data:`LAST` and :data:`LARGEST`; empty where there is no loop.
+    """
     finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
     t, y, f = time[finite], deformation[finite], force[finite]
     if t.size < 4:
-        return None
-    least = LEAST_AMPLITUDE * np.ptp(y)
+        return {}
     middle = 0.5 * (y.max() + y.min())
     above = y - middle > 0
     rises = np.flatnonzero(~above[:-1] & above[1:])
-    for first, last in zip(rises[-2::-1], rises[:0:-1], strict=False):
-        if np.ptp(y[first : last + 1]) <= least:
-            continue
-        if last - first < LEAST_POINTS:
-            return DamperLoop(begin=float(t[first]), end=float(t[last]))
-        # a few points more on both sides, for the slopes
-        near = slice(max(first - 4, 0), last + 6)
-        t, y, f = t[near], y[near], f[near]
-        begin, end = (_rise(t, y, middle, place - near.start) for place in (first, last))
-        amplitude, stiffness, work = _around(t, y, f, begin, end)
-        size = float(np.ptp(f) / np.ptp(y))
-        noise = LEAST_STIFFNESS * size
-        # what every other point says of the same loop differs by more than it errs
-        for skipped in (0, 1):
-            kept = np.ones(t.size, dtype=bool)
-            kept[1 + skipped : -1 : 2] = False
-            _, other, its_work = _around(t[kept], y[kept], f[kept], begin, end)
-            noise = max(noise, abs(other - stiffness))
-            if not abs(its_work - work) <= MOST_DIFFERENCE * np.ptp(f) * np.ptp(y):
-                return DamperLoop(begin=begin, end=end)
-        if not noise <= MOST_DIFFERENCE * size:
+    pairs = list(itertools.pairwise(rises.tolist()))
+    widths = np.array([np.ptp(y[first : last + 1]) for first, last in pairs])
+    wide = np.flatnonzero(widths > LEAST_AMPLITUDE * np.ptp(y))
+    if not wide.size:
+        return {}
+    chosen = {LAST: int(wide[-1])}
+    if widths.max() > WIDER * widths[wide[-1]]:
+        chosen[LARGEST] = int(widths.argmax())
+    return {word: _loop(t, y, f, middle, *pairs[index]) for word, index in chosen.items()}
+
+
+def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) -> DamperLoop:
+    """The loop between the rises behind two points."""
+    if last - first < LEAST_POINTS:
+        return DamperLoop(begin=float(t[first]), end=float(t[last]))
+    # a few points more on both sides, for the slopes
+    near = slice(max(first - 4, 0), last + 6)
+    t, y, f = t[near], y[near], f[near]
+    begin, end = (_rise(t, y, middle, place - near.start) for place in (first, last))
+    amplitude, stiffness, work = _around(t, y, f, begin, end)
+    size = float(np.ptp(f) / np.ptp(y))
+    noise = LEAST_STIFFNESS * size
+    # what every other point says of the same loop differs by more than it errs
+    for skipped in (0, 1):
+        kept = np.ones(t.size, dtype=bool)
+        kept[1 + skipped : -1 : 2] = False
+        _, other, its_work = _around(t[kept], y[kept], f[kept], begin, end)
+        noise = max(noise, abs(other - stiffness))
+        if not abs(its_work - work) <= MOST_DIFFERENCE * np.ptp(f) * np.ptp(y):
             return DamperLoop(begin=begin, end=end)
-        if abs(stiffness) <= noise:
-            stiffness = 0.0
-        lost = work / (math.pi * amplitude**2)
-        # a damper whose force is zero has no loss factor
-        without = math.inf if f.any() else math.nan
-        return DamperLoop(
-            amplitude=amplitude,
-            stiffness=stiffness,
-            loss_factor=lost / stiffness if stiffness else without,
-            work=work,
-            begin=begin,
-            end=end,
-        )
-    return None
+    if not noise <= MOST_DIFFERENCE * size:
+        return DamperLoop(begin=begin, end=end)
+    if abs(stiffness) <= noise:
+        stiffness = 0.0
+    lost = work / (math.pi * amplitude**2)
+    # a damper whose force is zero has no loss factor
+    without = math.inf if f.any() else math.nan
+    return DamperLoop(
+        amplitude=amplitude,
+        stiffness=stiffness,
+        loss_factor=lost / stiffness if stiffness else without,
+        work=work,
+        begin=begin,
+        end=end,
+    )
 
 
 def _rise(t: Array, y: Array, middle: float, place: int) -> float:

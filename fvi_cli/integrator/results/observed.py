@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -17,6 +18,7 @@ class Extent:
     least: float
     greatest: float
     rms: float  # root of the mean square over the run
+    error: float = math.nan  # estimated, of the peak; nan where no second run says it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,10 +14,10 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.motions.section import section_figure
-from fvi_cli.plotting.motions.time_series import observed_of
+from fvi_cli.plotting.motions.time_series import observed_of, quantities_figure
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import coordinates_of, typeset_name
+from fvi_cli.plotting.words import coordinates_of, quantity_in_words, typeset_name
 from fvi_cli.reports.naming import DESIGN, key_in_words, key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
@@ -65,6 +65,8 @@ def settings_figure(
     """Draw what a mapping under ``figures`` asks for."""
     if settings.section is not None:
         return section_figure(experiment, events_of(finished, settings.section, settings.after))
+    if settings.quantities is not None:
+        return quantities_figure(experiment, finished, settings.quantities)
     return against_figure(experiment, finished, settings)
 
 
@@ -94,7 +96,7 @@ def against_figure(
     which, quantity = settings.extent
     x = key_label(key, experiment.units)
     if which:
-        label = _WORDS[which].format(quantity.replace("_", " "))
+        label = _WORDS[which].format(quantity_in_words(quantity))
         panel = Panel(
             curves=[_extent_curve(one, key, which, quantity, bar) for one in series],
             y=with_unit(label, experiment.units, quantity),

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.integrator.results.observed import Occurrences
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look, method_looks
 from fvi_cli.plotting.motions.paths import position_label
@@ -24,13 +25,14 @@ from fvi_cli.plotting.style import COLOURS, INK, MARKERS
 from fvi_cli.plotting.words import (
     coordinates_of,
     member_label,
+    quantity_in_words,
     swept_keys_in_words,
     swept_number,
     typeset_name,
 )
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
-from fvi_cli.studies.loops import deformation_against, forces_of
+from fvi_cli.studies.loops import deformation_against, forces_of, last_and_largest_loop
 
 MANY = 200
 """Points from which on they are drawn as dots."""
@@ -157,12 +159,24 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             elif not experiment.members:
                 curve = replace(curve, look=Look(colour=COLOURS[0], width=0.9))
             curves.append(curve)
+            if not experiment.members:
+                curves += _marked_loops(item.trajectory.time, x, y)
         panels.append(
             Panel(
                 curves=curves,
                 x=with_unit("deformation", experiment.units, "length"),
-                y=with_unit(name.replace("_", " "), experiment.units, name, "force"),
+                y=with_unit(quantity_in_words(name), experiment.units, name, "force"),
                 height=2.4,
             )
         )
     return plane(panels, columns=min(2, len(panels)), bar=bar, title=title)
+
+
+def _marked_loops(time: Array, x: Array, y: Array) -> list[Curve]:
+    """The loops that the table of quantities reports, on top of the whole motion."""
+    marked = []
+    for place, (word, loop) in enumerate(last_and_largest_loop(time, x, y).items(), start=1):
+        inside = (time >= loop.begin) & (time <= loop.end)
+        look = Look(colour=COLOURS[place], width=1.4)
+        marked.append(Curve(x=x[inside], y=y[inside], label=f"{word} loop", look=look))
+    return marked

@@ -17,7 +17,13 @@ from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_t
 from fvi_cli.plotting.looks import EXACT, Look, method_looks
 from fvi_cli.plotting.panels import MOST_LINES, over_time
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES
-from fvi_cli.plotting.words import coordinates_of, in_formula, time_label, typeset_name
+from fvi_cli.plotting.words import (
+    coordinates_of,
+    in_formula,
+    quantity_in_words,
+    time_label,
+    typeset_name,
+)
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
@@ -94,8 +100,12 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
     return _figure(experiment, shown, [Panel(y=label, curves=curves, is_log=True)])
 
 
-def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw every quantity over time, a panel for each (up to 6), with the last method's peak.
+def quantities_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], names: Sequence[str] = ()
+) -> Figure:
+    """Draw quantities over time, a panel for each, with the last method's peak.
+
+    Without `names` they are the first (up to 6).
 
     Of members of a sweep the first method is shown on the finest grid; lines that a member has for
     itself have their peaks.
@@ -107,10 +117,13 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     else:
         shown = select_runs(finished, has_quantities)
         peaked = shown[-1:]
-    names = list(observed_of(shown[0]).quantities)
+    every = list(observed_of(shown[0]).quantities)
+    is_whole = names or len(every) <= MOST_PANELS
+    more = "" if is_whole else f"the first {MOST_PANELS} of {len(every)} quantities"
+    names = names or every[:MOST_PANELS]
     forces = forces_of(experiment)
     panels = []
-    for name in names[:MOST_PANELS]:
+    for name in names:
         columns = [observed_of(item).quantities[name] for item in shown]
         if is_sweep:
             pairs = zip(shown, columns, strict=True)
@@ -126,7 +139,7 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
         panels.append(
             Panel(
                 y=with_unit(
-                    name.replace("_", " "),
+                    quantity_in_words(name),
                     experiment.units,
                     name,
                     "force" if name in forces else name,
@@ -137,8 +150,6 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
                 may_run_away=True,
             )
         )
-    many = len(names) > MOST_PANELS
-    more = f"the first {MOST_PANELS} of {len(names)} quantities" if many else ""
     return _figure(experiment, shown, panels, title=more, is_sweep=is_sweep)
 
 
@@ -251,7 +262,7 @@ def _figure(
         panels,
         x=time_label(experiment, shown),
         span=(0.0, experiment.problem.final_time),
-        title="; ".join([*words, *filter(None, [title])]),
+        title="; ".join(filter(None, [*words, title])),
         bar=bar_of(experiment, panels) if is_sweep else "",
         columns=columns,
     )

@@ -1,16 +1,17 @@
-"""How large quantities become in runs, how often events happen, and the comparison of designs."""
+"""How large quantities become in runs, how often events happen, and loops of dampers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from fvi_cli.integrator.method_names import method_names
-from fvi_cli.integrator.results.observed import Observed
+from fvi_cli.integrator.results.observed import Extent, Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
-from fvi_cli.reports.naming import DESIGN, columns_with_units, member_columns, with_unit
+from fvi_cli.reports.kinds.designs import CLOSE, GOOD, design_blocks, design_sheet
+from fvi_cli.reports.naming import columns_with_units, member_columns
 from fvi_cli.reports.table import (
     About,
     Column,
@@ -22,18 +23,16 @@ from fvi_cli.reports.table import (
     number_of,
     within,
 )
-from fvi_cli.studies.experiment import FinishedRun, finest_of_members
+from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.loops import (
     LEAST_POINTS,
     DamperLoop,
     deformation_against,
     forces_of,
-    last_loop,
+    last_and_largest_loop,
 )
 from fvi_cli.studies.members import label_of
-
-CLOSE = Within(relative=1e-3, absolute=1e-12)
-"""As for errors: other machines round otherwise."""
+from fvi_cli.studies.peak_errors import with_peak_errors
 
 LOOSE = Within(relative=1e-2, absolute=1e-12)
 """Of loops, which are taken from the stored points."""
@@ -49,13 +48,32 @@ _RUN = (
     Column("n_steps", "number N of steps", "N", get="of.run.n_steps"),
 )
 _KEYS = ("experiment", "member", "case", "n_steps")
-_GOOD = ("ok", "floor")
+
+
+def _estimate(value: float) -> str:
+    return f"{value:.1e}" if math.isfinite(value) else "-"
+
+
+def shown_errors(extents: Iterable[Extent], errors: Iterable[float]) -> tuple[bool, bool]:
+    """Whether people see the errors of the quantities themselves, and those of the position."""
+    is_own = any(math.isfinite(one.error) for one in extents)
+    return is_own, not is_own and any(map(math.isfinite, errors))
+
+
 EXTENT_COLUMNS = (
     Column("quantity", "its name", "quantity", get="name"),
     *within(
         "found",
         Column("peak", "largest absolute value", "peak", ".6g", CLOSE),
         Column("peak_time", "when it is reached first", "at t", ".6g", CLOSE, is_continuation=True),
+    ),
+    Column(
+        "peak_error",
+        "estimated error by a second run: for a tolerance of the quantity, in ladders of its peak",
+        "error",
+        _estimate,
+        None,
+        get="found.error",
     ),
     Column(
         "error",
@@ -106,6 +124,7 @@ EVENT_COLUMNS = (
 LOOP_COLUMNS = (
     *_RUN,
     Column("force", "name of the quantity that is the force", "force", get="name"),
+    Column("loop", "which one: the last, or the largest", "loop", get="which"),
     *within(
         "found",
         Column("amplitude", "half the range of the deformation", "amplitude", ".5g", LOOSE),
@@ -125,16 +144,21 @@ LOOP_COLUMNS = (
     ),
     _STATUS,
 )
-Found = Callable[[FinishedRun, Observed], Mapping[str, Any]]
+Found = Callable[[FinishedRun, Observed], Iterable[tuple[str, str, Any]]]
+"""From a run to names, a word beside each, and what was found."""
 
 
-def _loops(one: FinishedRun, observed: Observed) -> Mapping[str, DamperLoop]:
-    """The last loop of every damper whose force is a quantity, where there is one."""
-    names = [name for name in forces_of(one.run.experiment) if name in observed.quantities]
-    loops = {
-        name: last_loop(one.trajectory.time, *deformation_against(one, name)) for name in names
-    }
-    return {name: loop for name, loop in loops.items() if loop is not None}
+def _loops(one: FinishedRun, observed: Observed) -> Iterator[tuple[str, str, DamperLoop]]:
+    """The last loop of every damper whose force is a quantity, and its largest one."""
+    for name in forces_of(one.run.experiment):
+        if name in observed.quantities:
+            motion = deformation_against(one, name)
+            for word, loop in last_and_largest_loop(one.trajectory.time, *motion).items():
+                yield name, word, loop
+
+
+def _named(found: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    return ((name, "", one) for name, one in found.items())
 
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
@@ -142,12 +166,14 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
 
     Designs have a table of their own, which compares them.
     """
+    finished = with_peak_errors(finished)
     seen = [(one, one.trajectory.observed) for one in finished]
-    is_known = any(math.isfinite(one.error) for one in finished)
+    extents = [one for _, found in seen if found is not None for one in found.extents.values()]
+    is_own, is_of_position = shown_errors(extents, [one.error for one in finished])
     # people see the status where there is a run that did not come to its end in order
-    titles = {"status": "status"} if any(one.status not in _GOOD for one in finished) else {}
-    if not is_known:
-        titles["error"] = ""
+    titles = {"status": "status"} if any(one.status not in GOOD for one in finished) else {}
+    titles |= dict.fromkeys(("peak_error",) * (not is_own) + ("error",) * (not is_of_position), "")
+    advice = _advice(finished) if extents and not is_own else ""
 
     methods = method_names([one.run.method for one in finished])
 
@@ -171,7 +197,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     ):
         titles["unit"] = "unit"
 
-    def sheet(name: str, declared: tuple[Column, ...], of: Found, key: str) -> Sheet:
+    def sheet(name: str, declared: tuple[Column, ...], of: Found, *keys: str) -> Sheet:
         # names stand where people begin to read, values behind everything else
         first, *rest = declared
         named = [one for one in tells if one.title]
@@ -181,41 +207,61 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
             for one in every
         )
         items = (
-            About(of=one, name=name, found=found, error=one.error)
+            About(of=one, name=name, which=word, found=found, error=one.error)
             for one, observed in seen
             if observed is not None
-            for name, found in of(one, observed).items()
+            for name, word, found in of(one, observed)
         )
-        return Sheet.of(name, columns, items, (*_KEYS, *(one.name for one in named), key))
+        return Sheet.of(name, columns, items, (*_KEYS, *(one.name for one in named), *keys))
 
     sheets: tuple[Sheet, ...] = (
-        sheet("runs", COLUMNS, lambda _, observed: observed.extents, "quantity"),
-        sheet("events", EVENT_COLUMNS, lambda _, observed: observed.events, "event"),
+        sheet("runs", COLUMNS, lambda _, seen: _named(seen.extents), "quantity"),
+        sheet("events", EVENT_COLUMNS, lambda _, seen: _named(seen.events), "event"),
     )
     kinds = {"amplitude": "length", "stiffness": "stiffness", "work": "energy"}
-    loops = sheet("loops", columns_with_units(LOOP_COLUMNS, units, **kinds), _loops, "force")
+    loops = sheet(
+        "loops", columns_with_units(LOOP_COLUMNS, units, **kinds), _loops, "force", "loop"
+    )
     sheets = (*sheets, loops) if loops.rows else sheets
     designs = design_sheet(finished)
     return Report(
         name=f"{name}-quantities",
         sheets=(*sheets, designs) if designs else sheets,
-        words=lambda sheets: alike(_words(name, sheets)),
+        words=lambda sheets: alike(_words(name, sheets, advice)),
     )
 
 
-def _words(name: str, sheets: Sheets) -> Iterator[Block]:
+def _advice(finished: Sequence[FinishedRun]) -> str:
+    """Why errors of quantities are not known, and what to write; nothing where they have none."""
+    moving = [one for one in finished if getattr(one.run.problem.scene, "prescribed", 1) is None]
+    if not moving or any(one.run.is_search for one in moving):
+        return ""
+    return (
+        "Errors of these numbers are not known, since there is no second run; give a ladder of two "
+        "or more numbers of steps, or in its place "
+    )
+
+
+def _words(name: str, sheets: Sheets, advice: str) -> Iterator[Block]:
     yield Heading(level=1, words=("Quantities: ", CodeSpan(name)))
     yield Paragraph(
         words="Peaks, smallest and largest values and means are of the motion at all times, "
         "not of its stored points."
     )
+    if advice:
+        yield Paragraph(words=(advice, CodeSpan("accuracy: {tolerance: ...}"), "."))
     if designs := sheets.get("designs"):
         yield from design_blocks(designs)
     for sheet in (sheets[one] for one in ("runs", "events", "loops") if one in sheets):
+        if sheet.name == "loops":
+            yield Paragraph(
+                words="The last loop of every damper, and the largest one where that is wider; "
+                "figures mark them."
+            )
         # what distinguishes a run from the others, and names of quantities and events, are repeated
         # where a grid is split
         shown = [column.name for column in sheet.columns if column.title]
-        keys = shown.index("n_steps") + 2
+        keys = shown.index("n_steps") + 2 + ("loop" in shown)
         if sheet.rows:
             words = keys + (shown[keys] == "unit")
             yield sheet.grid(text_columns=words, key_columns=keys)
@@ -230,116 +276,3 @@ def _words(name: str, sheets: Sheets) -> Iterator[Block]:
                     " with a fortieth of its time or less.",
                 )
             )
-
-
-_CHANGE = Within(absolute=2e-3)
-
-
-def _peak(one: FinishedRun, quantity: str) -> float:
-    observed = one.trajectory.observed
-    found = None if observed is None else observed.extents.get(quantity)
-    return math.nan if found is None else float(found.peak)
-
-
-def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
-    """A row for every design, with peaks and changes in columns; None where nothing is named."""
-    named = [one for one in finished if one.run.member is not None and one.run.member.name]
-    by_experiment: dict[str, list[FinishedRun]] = {}
-    for one in named:
-        by_experiment.setdefault(one.run.experiment.name, []).append(one)
-    rows: list[About] = []
-    for own in by_experiment.values():
-        firsts: dict[str, FinishedRun] = {}
-        rows += [
-            About(of=one, first=firsts.setdefault(repr(_values(one)), one))
-            for one in finest_of_members(own)
-        ]
-    quantities = dict.fromkeys(
-        name
-        for one in rows
-        if one.of.trajectory.observed is not None
-        for name in one.of.trajectory.observed.extents
-    )
-    if not quantities:
-        return None
-    is_known = any(math.isfinite(one.of.error) for one in rows)
-    is_swept = any(_values(one.of) for one in rows)
-    is_good = all(one.of.status in _GOOD for one in rows)
-    several = "experiment" if len(by_experiment) > 1 else ""
-    units = rows[0].of.run.experiment.units if len(by_experiment) == 1 else {}
-    tells = member_columns(
-        [one.of.run.member for one in rows], lambda one: one.of.run.member, DESIGN
-    )
-    keys = [one for one in tells if one.title]
-    columns = (
-        Column("experiment", "name of the experiment", several, get="of.run.experiment.name"),
-        *keys,
-        Column("values", "swept values", "at" if is_swept else "", get=_label),
-        Column("case", "name of the method in files", get="of.run.method.case"),
-        Column("method", "its short name", get="of.run.method.label"),
-        Column("n_steps", "number N of steps", get="of.run.n_steps"),
-        *(column for quantity in quantities for column in _of_quantity(quantity, units)),
-        Column(
-            "error",
-            "error of the position in the experiment's norm, or its estimate for a tolerance",
-            "error of position" if is_known else "",
-            ".1e",
-            None,
-            get="of.error",
-        ),
-        Column("status", "what was observed", "" if is_good else "status", get="of.status"),
-        *(one for one in tells if not one.title),
-    )
-    return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"))
-
-
-def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, Column]:
-    def change(one: About) -> float | None:
-        if one.first is one.of:
-            return None
-        before = _peak(one.first, name)
-        return _peak(one.of, name) / before - 1.0 if before else math.nan
-
-    return (
-        Column(
-            f"peak_{name}",
-            with_unit("largest absolute value", units, name),
-            f"peak {name}",
-            ".4g",
-            CLOSE,
-            get=lambda one: _peak(one.of, name),
-        ),
-        Column(
-            f"peak_{name}_change",
-            "its change against the first design, as a fraction of that",
-            "change",
-            _percent,
-            _CHANGE,
-            is_continuation=True,
-            get=change,
-        ),
-    )
-
-
-def _percent(value: float | None) -> str:
-    return "-" if value is None or math.isnan(value) else f"{100 * value:+.1f} %"
-
-
-def _values(one: FinishedRun) -> Mapping[str, Any]:
-    return {} if one.run.member is None else one.run.member.unnamed
-
-
-def _label(one: Any) -> str:
-    member = one.of.run.member
-    return str(member.label).removeprefix(member.name).removeprefix(", ")
-
-
-def design_blocks(sheet: Sheet) -> list[Block]:
-    """The table of the designs, and what it says."""
-    words = sum(bool(one.title) for one in sheet.columns[:3])
-    row = sheet.rows[0]
-    how = f"by {row['method']}, N = {row['n_steps']}"
-    if len({(one["case"], one["n_steps"]) for one in sheet.rows}) > 1:
-        how = "each on its finest grid"
-    note = f"Designs: peaks ({how}) and their change against the first design."
-    return [Paragraph(words=note), sheet.grid(text_columns=words, key_columns=words)]

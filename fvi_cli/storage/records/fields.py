@@ -57,7 +57,8 @@ def read_extents(stored: Mapping[str, Any]) -> dict[str, Extent]:
     names = [one.name for one in fields(Extent)]
     return {
         escape_text(name): Extent(
-            **{k: math.nan if one[k] is None else float(one[k]) for k in names}
+            # files of old versions lack the error
+            **{k: math.nan if one.get(k) is None else float(one[k]) for k in names}
         )
         for name, one in stored.items()
     }

@@ -19,7 +19,7 @@ from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.runs import gauss
-from fvi_cli.studies.tolerance.search import solve
+from fvi_cli.studies.tolerance.search import ComparedRun, solve_by_two_runs
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -47,7 +47,7 @@ def run_for_tolerance(
         raise ValueError(f"{experiment.name}: no tolerance is asked for")
     unit, tolerance = 1.0, accuracy.tolerance
     if accuracy.mesh == "uniform":
-        method, found, truth = solve_on_equal_steps(
+        method, found, witness = solve_on_equal_steps(
             scene,
             accuracy.candidates,
             tolerance=tolerance,
@@ -57,15 +57,17 @@ def run_for_tolerance(
             log=log,
             checkpoints=checkpoints,
         )
+        compared = ComparedRun(run=found, other=witness)
     else:
         unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
-        found = truth = solve(
+        compared = solve_by_two_runs(
             scene,
             tolerance=None if tolerance is None else tolerance / unit,
             relative=accuracy.relative,
             log=log,
             checkpoints=checkpoints,
         )
+        found = compared.run
         method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
     known = found.assessment
     if known is None:  # pragma: no cover - a solved run has one
@@ -74,8 +76,10 @@ def run_for_tolerance(
     on_mesh = trajectory = _diagnosed(run, found, part_of(checkpoints, "diagnosed"))
     if not run.observations.is_empty and found.status == "ok":
         trajectory = _observed(run, on_mesh, part_of(checkpoints, "observed"))
-        if truth is found or experiment.norm == "max":
+        if accuracy.mesh != "uniform" or experiment.norm == "max":
+            truth = compared.other if accuracy.mesh == "uniform" else found
             known = _between_points(trajectory, truth, known)
+        trajectory = _with_errors(run, trajectory, compared)
     error, reference, exact = unit * known.estimate, "a second run, an estimate", run.problem.exact
     if exact is not None:
         measured = on_mesh if experiment.norm == "l2" else trajectory
@@ -149,9 +153,38 @@ def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Tra
     )[1]
 
 
-def _between_points(reported: Trajectory, truth: Trajectory, known: Assessment) -> Assessment:
+def _with_errors(run: Run, reported: Trajectory, compared: ComparedRun) -> Trajectory:
+    """The run with the errors of its quantities: a share of what they differ by in another one.
+
+    They are compared at the times that are reported and at the peaks.
+    """
+    observed, other = reported.observed, compared.other
+    if observed is None or not observed.quantities or other is None or other.steps is None:
+        return reported
+    peaks = [one.peak_time for one in observed.extents.values()]
+    times = np.unique([*reported.time, *filter(math.isfinite, peaks)])
+    request = replace(run.observations, times=times, output=None, events={}, impacts={})
+    method = gauss(run.scene, other.steps.tables.degree)
+    ((_, there),) = observe_members([run.scene], method, [other], [request])
+    if there.observed is None:  # pragma: no cover - it was asked for
+        return reported
+    at, extents = np.searchsorted(times, reported.time), {}
+    for name, extent in observed.extents.items():
+        values = there.observed.quantities[name]
+        gaps = np.abs(observed.quantities[name] - values[at])
+        at_peak = min(int(np.searchsorted(times, extent.peak_time)), times.size - 1)
+        gap = abs(extent.peak - abs(values[at_peak]))
+        # infinite forces at the start have no difference
+        worst = float(np.nanmax([*gaps, gap])) if np.isfinite([*gaps, gap]).any() else math.nan
+        extents[name] = replace(extent, error=compared.share * worst)
+    return replace(reported, observed=replace(observed, extents=extents))
+
+
+def _between_points(
+    reported: Trajectory, truth: Trajectory | None, known: Assessment
+) -> Assessment:
     """What is known of the error at the times that are reported, held against polynomials."""
-    if truth.steps is None or known.outcome != "met" or not reported.time.size:
+    if truth is None or truth.steps is None or known.outcome != "met" or not reported.time.size:
         return known
     gaps = np.abs(reported.position - truth(reported.time)).max(axis=1)
     worst = int(np.argmax(np.where(np.isnan(gaps), math.inf, gaps)))

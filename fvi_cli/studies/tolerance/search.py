@@ -107,8 +107,37 @@ def solve(
     ValueError
         If not exactly one of the two is given, or it is not a positive number.
     """
+    return solve_by_two_runs(
+        scene, tolerance=tolerance, relative=relative, log=log, checkpoints=checkpoints
+    ).run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedRun:
+    """A run with its assessment, and the worse one of whose error it is thought to have a share."""
+
+    run: Trajectory
+    other: Trajectory | None = None
+    share: float = 1.0
+
+
+def solve_by_two_runs(
+    scene: Scene,
+    *,
+    tolerance: float | None = None,
+    relative: float | None = None,
+    log: Callable[[str], object] = lambda line: None,
+    checkpoints: RunKeeper | None = None,
+) -> ComparedRun:
+    """As :func:`solve`, with the second run."""
     wanted = Accuracy(tolerance=tolerance, relative=relative)
-    return _Search(scene=scene, wanted=wanted, log=log, checkpoints=checkpoints).result()
+    search = _Search(scene=scene, wanted=wanted, log=log, checkpoints=checkpoints)
+    run, given = search.result(), search.given
+    return ComparedRun(
+        run=run,
+        other=None if given is None else given.other,
+        share=1.0 if given is None else given.share,
+    )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -120,6 +149,7 @@ class _Search:
     log: Callable[[str], object]
     checkpoints: RunKeeper | None = None
     best: Round | None = None
+    given: Round | None = None  # what the result is made of
     worst_since: float = 0.0
     rounding: tuple[Array, Array] | None = None
     lines: list[str] = field(default_factory=list)
@@ -237,6 +267,8 @@ class _Search:
         steps = "the same" if run.n_steps == coarse.n_steps else f"{run.n_steps}"
         return Round(
             run=run,
+            other=coarse,
+            share=gain,
             times=times,
             differences=differences,
             at_points=at_points,
@@ -332,6 +364,7 @@ class _Search:
         time: float | None = None,
         place: tuple[float, ...] | None = None,
     ) -> Trajectory:
+        self.given = one
         target = self.target(one.amplitude)
         if outcome == "met" and self.pulses.unresolved_at is not None:
             time = self.pulses.unresolved_at

@@ -1,0 +1,144 @@
+"""The table that compares designs: peaks of quantities, and their change against the first one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fvi_cli.reports.document import Block, Paragraph
+from fvi_cli.reports.naming import DESIGN, member_columns, with_unit
+from fvi_cli.reports.table import About, Column, Sheet, Within
+from fvi_cli.studies.experiment import FinishedRun, finest_of_members
+
+GOOD = ("ok", "floor")
+"""Statuses of runs whose numbers stand for themselves."""
+CLOSE = Within(relative=1e-3, absolute=1e-12)
+"""As for errors: other machines round otherwise."""
+_CHANGE = Within(absolute=2e-3)
+LARGE_CHANGE = 100.0
+"""Changes from which on people see a power of ten."""
+
+
+def _peak(one: FinishedRun, quantity: str) -> float:
+    observed = one.trajectory.observed
+    found = None if observed is None else observed.extents.get(quantity)
+    return math.nan if found is None else float(found.peak)
+
+
+def _peak_error(one: FinishedRun, quantity: str) -> float:
+    observed = one.trajectory.observed
+    found = None if observed is None else observed.extents.get(quantity)
+    return math.nan if found is None else found.error
+
+
+def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
+    """A row for every design, with peaks and changes in columns; None where nothing is named."""
+    named = [one for one in finished if one.run.member is not None and one.run.member.name]
+    by_experiment: dict[str, list[FinishedRun]] = {}
+    for one in named:
+        by_experiment.setdefault(one.run.experiment.name, []).append(one)
+    rows: list[About] = []
+    for own in by_experiment.values():
+        firsts: dict[str, FinishedRun] = {}
+        rows += [
+            About(of=one, first=firsts.setdefault(repr(_values(one)), one))
+            for one in finest_of_members(own)
+        ]
+    quantities = dict.fromkeys(
+        name
+        for one in rows
+        if one.of.trajectory.observed is not None
+        for name in one.of.trajectory.observed.extents
+    )
+    if not quantities:
+        return None
+    is_known = any(math.isfinite(one.of.error) for one in rows)
+    is_swept = any(_values(one.of) for one in rows)
+    is_good = all(one.of.status in GOOD for one in rows)
+    several = "experiment" if len(by_experiment) > 1 else ""
+    units = rows[0].of.run.experiment.units if len(by_experiment) == 1 else {}
+    tells = member_columns(
+        [one.of.run.member for one in rows], lambda one: one.of.run.member, DESIGN
+    )
+    keys = [one for one in tells if one.title]
+    columns = (
+        Column("experiment", "name of the experiment", several, get="of.run.experiment.name"),
+        *keys,
+        Column("values", "swept values", "at" if is_swept else "", get=_label),
+        Column("case", "name of the method in files", get="of.run.method.case"),
+        Column("method", "its short name", get="of.run.method.label"),
+        Column("n_steps", "number N of steps", get="of.run.n_steps"),
+        *(column for quantity in quantities for column in _of_quantity(quantity, units)),
+        Column(
+            "error",
+            "error of the position in the experiment's norm, or its estimate for a tolerance",
+            "error of position" if is_known else "",
+            ".1e",
+            None,
+            get="of.error",
+        ),
+        Column("status", "what was observed", "" if is_good else "status", get="of.status"),
+        *(one for one in tells if not one.title),
+    )
+    return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"))
+
+
+def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
+    def change(one: About) -> float | None:
+        if one.first is one.of or one.of.status not in GOOD:
+            # what a run that is not sound has reached compares with nothing
+            return None
+        before = _peak(one.first, name)
+        return _peak(one.of, name) / before - 1.0 if before else math.nan
+
+    return (
+        Column(
+            f"peak_{name}",
+            with_unit("largest absolute value", units, name),
+            f"peak {name}",
+            ".4g",
+            CLOSE,
+            get=lambda one: _peak(one.of, name),
+        ),
+        Column(
+            f"peak_{name}_error",
+            "estimated error of the quantity",
+            get=lambda one: _peak_error(one.of, name),
+        ),
+        Column(
+            f"peak_{name}_change",
+            "its change against the first design, as a fraction of that",
+            "change",
+            _percent,
+            _CHANGE,
+            is_continuation=True,
+            get=change,
+        ),
+    )
+
+
+def _percent(value: float | None) -> str:
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{100 * value:+.1f} %" if abs(value) < LARGE_CHANGE else f"{100 * value:+.1e} %"
+
+
+def _values(one: FinishedRun) -> Mapping[str, Any]:
+    return {} if one.run.member is None else one.run.member.unnamed
+
+
+def _label(one: Any) -> str:
+    member = one.of.run.member
+    return str(member.label).removeprefix(member.name).removeprefix(", ")
+
+
+def design_blocks(sheet: Sheet) -> list[Block]:
+    """The table of the designs, and what it says."""
+    words = sum(bool(one.title) for one in sheet.columns[:3])
+    row = sheet.rows[0]
+    how = f"by {row['method']}, N = {row['n_steps']}"
+    if len({(one["case"], one["n_steps"]) for one in sheet.rows}) > 1:
+        how = "each on its finest grid"
+    note = f"Designs: peaks ({how}) and their change against the first design."
+    return [Paragraph(words=note), sheet.grid(text_columns=words, key_columns=words)]
