@@ -28,7 +28,7 @@ class FigureSettings(
         **dict.fromkeys(("y", "quantity"), "not a key: write plot"),
         **dict.fromkeys(("x", "over", "by", "versus", "vs"), "not a key: write against"),
         **dict.fromkeys(("skip", "transient", "from"), "not a key: write after, a time"),
-        "kind": "not a key: write the word which, such as figures: [trajectory]",
+        "kind": "not a key: write the word alone, such as figures: [trajectory]",
     },
 ):
     """A figure of what an experiment observes."""
