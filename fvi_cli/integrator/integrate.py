@@ -74,8 +74,9 @@ def integrate(
     Raises
     ------
     ValueError
-        If N or `every` is no positive integer, a break point lies between two steps of a method of
-        equal ones, or it is not made for a general Lagrangian, laws, or diagnostics.
+        If N or `every` is no positive integer, a break point lies inside a step of a method that
+        takes equal steps only, or the method does not support a general Lagrangian, laws, or
+        diagnostics.
     """
     is_given = isinstance(n_steps, Mesh | AdaptiveSteps)
     check_counts(1 if is_given else n_steps, every)

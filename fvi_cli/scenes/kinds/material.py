@@ -89,7 +89,7 @@ class Material(
                     "displacement",
                 )
             values.setdefault("final_time", float(time[-1]))
-        elif "final_time" not in values and isinstance(given, str):
+        elif "final_time" not in values and isinstance(given, str | Mapping):
             values["final_time"] = at.refuse("missing; it must be a positive number", "final_time")
         return values
 
