@@ -22,6 +22,7 @@ from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.studies.stability_study import (
+    StabilityTable,
     distinct_regions,
     observe_growth,
     stability_maps,
@@ -326,8 +327,6 @@ def test_methods_that_differ_in_start_have_one_region():
 
 
 def test_tables_hold_every_row():
-    from fvi_cli.studies.stability_study import StabilityTable
-
     (experiment,) = parse_config(STUDY, "quick.yaml").experiments
     rows = tuple(stability_rows(experiment, with_observation=False))
     table = StabilityTable(experiment=experiment, rows=rows)
@@ -338,6 +337,21 @@ def test_tables_hold_every_row():
     found = json.loads(texts["quick-stability.json"])["sheets"]["runs"]["rows"]
     assert [row["predicted"] for row in found] == [row.verdict for row in rows]
     assert found[0]["observed_growth_per_step"] is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_nonlinear"), [("pendulum", True), ("damped-oscillator", False)]
+)
+def test_a_nonlinear_scene_is_judged_by_its_linearisation_which_is_said(kind, is_nonlinear):
+    text = (
+        f"name: a\nproblem: {{kind: {kind}, damping: [{{order: 0.5, coefficient: 0.3}}], "
+        "initial: {position: 1.0}, final_time: 6}\nmethod: gauss3\nladder: {steps: [6]}\n"
+    )
+    (experiment,) = parse_config(text, "a").experiments
+    rows = tuple(stability_rows(experiment, with_observation=False))
+    table = StabilityTable(experiment=experiment, rows=rows)
+    words = rendered(stability_report("a", [table]))["a-stability.md"]
+    assert ("linearisation at the start" in words) == is_nonlinear
 
 
 @pytest.mark.parametrize("method", [Method(cq="gauss", degree=1), Baseline(name="implicit-euler")])

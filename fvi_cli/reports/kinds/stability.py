@@ -154,6 +154,11 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
     )
     for table in tables:
         yield Heading(level=2, words=(CodeSpan(table.experiment.name),))
+        scene = table.experiment.problem.scene
+        if scene is not None and not scene.is_linear:
+            yield Paragraph(
+                words="The scene is nonlinear: this holds for its linearisation at the start."
+            )
         yield from _rows(table)
         yield from _regions(table)
 
