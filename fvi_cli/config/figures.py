@@ -28,10 +28,10 @@ def check_figures(
     """Complain of figures, which stand at `at`, of what is not there."""
     names: list[str] = []
     for index, one in enumerate(figures):
-        is_described = isinstance(one, FigureSettings) and (
+        is_complete = isinstance(one, FigureSettings) and (
             one.section or one.quantities or (one.plot and one.against)
         )
-        if not isinstance(one, FigureSettings) or not is_described:
+        if not isinstance(one, FigureSettings) or not is_complete:
             continue
         here = at.under(index)
         if one.file_name in names:

@@ -40,8 +40,9 @@ def find_config(name: str) -> Path:
             return path
         is_folder, exists = path.is_dir(), path.exists()
         completed = [name + suffix for suffix in SUFFIXES if Path(name + suffix).is_file()]
+        neighbours = sorted(str(one) for one in path.parent.glob("*.y*ml"))
     except (OSError, ValueError):
-        is_folder, exists, completed = False, False, []
+        is_folder, exists, completed, neighbours = False, False, [], []
     known = shipped_configs()
     plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
     if plain in known:
@@ -54,7 +55,8 @@ def find_config(name: str) -> Path:
         return path
     raise RequestError(
         f"{shown}: no such file, and no shipped configuration has this name"
-        f"{suggestion(plain, known)} (shipped: {listed(known)})"
+        f"{suggestion(plain, neighbours if path.parent.name else (*known, *neighbours))}; "
+        "`fvi list` lists them"
     )
 
 

@@ -286,7 +286,8 @@ class Store:
             )
             if others:
                 _logger.info(
-                    "%s: also holds %d runs of other configurations; `fvi show` lists them, "
+                    "%s: also holds %d runs of other configurations, whose tables and figures have "
+                    "the same names (another name: keeps both); `fvi show` lists the runs, "
                     "`fvi forget` removes them",
                     self.path,
                     others,

@@ -47,6 +47,15 @@ def test_quantities_over_time_with_their_peaks(outcome):
         assert peak_time == observed.extents[name].peak_time
 
 
+def test_chosen_quantities_stand_in_a_figure_of_their_own():
+    figures = [{"quantities": ["a"]}, {"quantities": ["a", "force"]}]
+    drawn = fvi.figures(fvi.run({**CONFIG, "figures": figures}))
+    assert {name: [axes.get_ylabel() for axes in one.axes] for name, one in drawn.items()} == {
+        "seen-quantities-a": ["a"],
+        "seen-quantities-a-force": ["a", "force"],
+    }
+
+
 def test_a_section_has_a_point_for_every_event(outcome):
     (axes,) = fvi.figures(outcome)["seen-section"].axes
     observed = outcome.finished[0].trajectory.observed
@@ -172,8 +181,10 @@ def test_what_a_figure_leaves_out_is_said():
     config = {**CONFIG, "quantities": many, "method": {"rk": "gauss", "degree": 3}}
     (outcome,) = fvi.run({**config, "figures": ["quantities"]})
     study = (outcome.experiment, outcome.finished)
-    (words,) = left_out([study])
-    assert words.startswith("seen: the quantities figure shows 6 of 9 quantities; write figures: ")
+    assert left_out([study]) == [
+        "seen: the quantities figure shows 6 of 9 quantities; "
+        "write figures: [{quantities: [...]}] for others"
+    ]
     (figure,) = fvi.figures(outcome).values()
     assert len(figure.axes) == 6
     assert figure.legends[0].get_title().get_text() == "the first 6 of 9 quantities"

@@ -1,6 +1,9 @@
 """Tables of quantities and events: what the command writes, and that a check can fail."""
 
 import csv
+import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,8 +12,11 @@ from command_line import fvi as command
 from scipy.sparse import csr_array
 
 import fvi_cli as fvi
+from fvi_cli.config import parse_config
 from fvi_cli.reports.document import Grid, split_wide
+from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.quantities import quantities_report
+from fvi_cli.reports.writers.text import to_text
 
 TEXT = configuration(
     "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
@@ -78,34 +84,42 @@ def test_sparse_matrices_stand_in_mappings():
 
 
 @pytest.mark.parametrize(
-    ("how", "is_known"),
+    ("how", "exact", "stored"),
     [
-        ("ladder: {steps: [6, 12]}\n", True),
-        ("accuracy: {tolerance: 1.0e-5}\n", True),
-        ("ladder: {steps: [6, 12]}\nexact: none\n", True),
-        ("ladder: {steps: [12]}\n", False),
+        # what finer runs say is not stored, but the error of the position is
+        ("ladder: {steps: [6, 12]}\n", "", "error"),
+        ("ladder: {steps: [6, 12]}\n", ", exact: none", ""),
+        ("accuracy: {tolerance: 1.0e-5}\n", "", "peak_error"),
     ],
 )
-def test_errors_stand_beside_peaks_wherever_they_are_known(tmp_path, how, is_known):
-    exact = "exact: none\n" in how
+def test_errors_stand_beside_peaks_wherever_they_are_known(tmp_path, how, exact, stored):
     text = configuration(
         "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
-        f"final_time: 6.0{', exact: none' if exact else ''}",
+        f"final_time: 6.0{exact}",
         name="known",
         method="{rk: gauss, degree: 3}" if "ladder" in how else "",
         more="quantities: {torque: dx}\n",
-    ).replace("ladder: {steps: [8, 16]}\n", how.replace("exact: none\n", ""))
+    ).replace("ladder: {steps: [8, 16]}\n", how)
     (tmp_path / "known.yaml").write_text(text)
     ran = command("run", tmp_path / "known.yaml", "-o", tmp_path, code=0).output
     table = command("quantities", tmp_path / "known.yaml", "-o", tmp_path, code=0).output
+    shown = command("show", tmp_path / "known.h5", code=0).output
     with (tmp_path / "tables/known-quantities.csv").open() as file:
-        errors = [float(row["peak_error"]) for row in csv.DictReader(file)]
-    for words in (ran, table, (tmp_path / "tables/known-quantities.md").read_text()):
+        rows = list(csv.DictReader(file))
+    written = (tmp_path / "tables/known-quantities.md").read_text()
+    for words, known in (
+        (ran, "peak_error"),
+        (table, "peak_error"),
+        (written, "peak_error"),
+        (shown, stored),
+    ):
         lines = [line for line in words.splitlines() if "torque" in line]
         # a table in two blocks has the names of its rows in both
-        assert len(lines) in (len(errors), 2 * len(errors))
-        for line, error in zip(lines, errors, strict=False):
-            assert (f"{error:.1e}" in line) == is_known
+        assert len(lines) in (len(rows), 2 * len(rows))
+        assert ("error of position" in words) == (known == "error")
+        for line, row in zip(lines, rows, strict=False):
+            for name in ("error", "peak_error"):
+                assert (f" {float(row[name]):.1e} " in line) == (name == known)
 
 
 def test_runs_that_fail_are_named_in_every_table(tmp_path):
@@ -167,3 +181,64 @@ def test_blocks_of_a_split_table_begin_with_what_tells_its_rows_apart(tmp_path):
     for block in blocks:
         header = block.split("\\toprule\n")[1].split(" \\\\")[0].split(" & ")
         assert "design" in header[0] or "quantity" in header or "event" in header, header
+
+
+DRIVEN = configuration(
+    "kind: duffing, damping: [{order: 0.5, coefficient: 0.2}], forcing: cos(t), "
+    "initial: {position: 1.0}, final_time: 20.0, exact: none",
+    name="driven",
+    method="gauss3",
+    steps="30, 60, 90",
+    more="quantities: {speed: abs(vx), a: ax}\noutput: {step: 0.1}\n",
+)
+
+
+def errors_and_peaks(text: str) -> dict[tuple[int, str], tuple[float, float]]:
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    rows = quantities_report("a", outcome.finished).sheets[0].rows
+    return {(one["n_steps"], one["quantity"]): (one["peak_error"], one["peak"]) for one in rows}
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7])
+def test_errors_of_peaks_are_near_those_that_a_far_finer_run_finds(tolerance):
+    truth = errors_and_peaks(DRIVEN.replace("30, 60, 90", "600"))
+    peaks = {name: peak for (_, name), (error, peak) in truth.items()}
+    # a single run says nothing of its errors
+    assert all(math.isnan(error) for error, _ in truth.values())
+    ladder = errors_and_peaks(DRIVEN)
+    assert len(ladder) == 6
+    for (steps, name), (error, peak) in ladder.items():
+        true = abs(peak - peaks[name])
+        assert true <= 1.2 * error
+        assert steps == 90 or error <= 1.5 * true
+    given = errors_and_peaks(
+        re.sub(r"(?m)^method:.*\n|^ladder:.*$", "", DRIVEN)
+        + f"accuracy: {{tolerance: {tolerance}}}\n"
+    )
+    for (_, name), (error, peak) in given.items():
+        assert abs(peak - peaks[name]) <= error < 1e2 * tolerance
+
+
+def test_designs_and_members_have_errors_of_their_own_ladders():
+    (outcome,) = fvi.run(parse_config(DRIVEN + "designs: {a: {}, b: {problem.damping: []}}", "a"))
+    report = quantities_report("a", outcome.finished)
+    of_runs = {
+        (one["design"], one["quantity"]): one["peak_error"]
+        for one in report.sheets[0].rows
+        if one["n_steps"] == 90
+    }
+    for row in report.sheets[-1].rows:
+        assert row["peak_speed_error"] == of_runs[row["design"], "speed"] > 0
+    assert of_runs["a", "speed"] != of_runs["b", "speed"]
+
+
+def test_a_change_of_any_size_has_a_narrow_column_and_a_lost_run_none():
+    text = DRIVEN.replace("30, 60, 90", "90").replace("cos(t)", "0") + (
+        "designs: {a: {problem.initial.position: 1e-9}, b: {}}"
+    )
+    (outcome,) = fvi.run(parse_config(text, "a"))
+    shown = to_text(design_blocks(design_sheet(outcome.finished)))
+    assert re.search(r"\+\d\.\de\+1\d %", shown)
+    assert max(map(len, shown.splitlines())) < 100
+    lost = [replace(one, status="diverged") for one in outcome.finished]
+    assert "%" not in to_text(design_blocks(design_sheet(lost)))

@@ -8,7 +8,12 @@ from command_line import fvi as command
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.studies.loops import LEAST_POINTS, deformation_against, last_loop
+from fvi_cli.studies.loops import (
+    LEAST_POINTS,
+    deformation_against,
+    last_and_largest_loop,
+    last_loop,
+)
 
 ORDERS = [0.05, 0.5, 0.99, 0.999, 1.001, 1.5, *np.random.default_rng(5).uniform(0.02, 0.98, 6)]
 
@@ -107,3 +112,35 @@ def test_with_points_between_its_steps_a_run_has_the_loop_of_its_law():
     assert loop.stiffness == pytest.approx(modulus.real, rel=5e-3)
     assert loop.loss_factor == pytest.approx(1.0, rel=5e-3)
     assert loop.work == pytest.approx(np.pi * 1e-4 * modulus.imag, rel=5e-3)
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 3.0, 2.0), (3.0, 1.0, 2.0), (1.0, 2.0, 3.0)])
+def test_the_largest_loop_stands_beside_the_last_where_it_is_another(sizes):
+    rng = np.random.default_rng(14)
+    time = np.linspace(0, 1, 400, endpoint=False)
+    shift = rng.uniform(0.1, 0.4)
+    # whole loops from rise to rise, the first and the last of them cut
+    turns = [(0.5, 1.0), *((size, 1.0) for size in sizes), (sizes[-1], 0.5)]
+    t, y, f = (
+        np.concatenate(columns)
+        for columns in zip(
+            *(
+                (
+                    index + time[time < length],
+                    size * np.sin(2 * np.pi * time[time < length] - 1e-3),
+                    5 * size * np.sin(2 * np.pi * time[time < length] + shift - 1e-3),
+                )
+                for index, (size, length) in enumerate(turns)
+            ),
+            strict=True,
+        )
+    )
+    found = last_and_largest_loop(t, y, f)
+    assert list(found) == (["last"] if sizes[-1] == max(sizes) else ["last", "largest"])
+    assert found["last"].amplitude == pytest.approx(sizes[-1], rel=1e-3)
+    assert found["last"] == last_loop(t, y, f)
+    if "largest" in found:
+        largest = found["largest"]
+        assert largest.amplitude == pytest.approx(3.0, rel=1e-3)
+        assert largest.begin == pytest.approx(1 + sizes.index(3.0), abs=0.01)
+        assert largest.work == pytest.approx(np.pi * 9 * 5 * math.sin(shift), rel=0.02)

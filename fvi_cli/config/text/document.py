@@ -204,6 +204,10 @@ def _advice(problem: str) -> str:
         return "; indent with blanks, not with tabs"
     if "mapping values are not allowed" in problem:
         return "; is the indentation right, or does a text with ':' need quotes?"
+    if "expected <block end>" in problem:
+        return "; begin it in the column of those before it, or is the key above it missing?"
+    if "but got '<stream end>'" in problem:
+        return "; a bracket is not closed"
     if "could not find expected ':'" in problem:
         return "; write a blank behind the colon, as in `mass: 1.0`"
     return ""

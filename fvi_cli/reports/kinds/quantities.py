@@ -232,7 +232,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
 
 
 def _advice(finished: Sequence[FinishedRun]) -> str:
-    """Why errors of quantities are not known, and what to write; empty where there are none."""
+    """Why errors of quantities are not known, and what to write, if they could be."""
     moving = [one for one in finished if getattr(one.run.problem.scene, "prescribed", 1) is None]
     if not moving or any(one.run.is_search for one in moving):
         return ""

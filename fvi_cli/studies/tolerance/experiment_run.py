@@ -19,7 +19,7 @@ from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.runs import gauss
-from fvi_cli.studies.tolerance.search import ComparedRun, solve_by_two_runs
+from fvi_cli.studies.tolerance.search import solve_by_two_runs
 
 EPSILON = float(np.finfo(float).eps)
 
@@ -46,8 +46,9 @@ def run_for_tolerance(
     if accuracy is None:
         raise ValueError(f"{experiment.name}: no tolerance is asked for")
     unit, tolerance = 1.0, accuracy.tolerance
+    other: Trajectory | None
     if accuracy.mesh == "uniform":
-        method, found, witness = solve_on_equal_steps(
+        method, found, other = solve_on_equal_steps(
             scene,
             accuracy.candidates,
             tolerance=tolerance,
@@ -57,17 +58,15 @@ def run_for_tolerance(
             log=log,
             checkpoints=checkpoints,
         )
-        compared = ComparedRun(run=found, other=witness)
     else:
         unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
-        compared = solve_by_two_runs(
+        found, other = solve_by_two_runs(
             scene,
             tolerance=None if tolerance is None else tolerance / unit,
             relative=accuracy.relative,
             log=log,
             checkpoints=checkpoints,
         )
-        found = compared.run
         method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
     known = found.assessment
     if known is None:  # pragma: no cover - a solved run has one
@@ -77,9 +76,9 @@ def run_for_tolerance(
     if not run.observations.is_empty and found.status == "ok":
         trajectory = _observed(run, on_mesh, part_of(checkpoints, "observed"))
         if accuracy.mesh != "uniform" or experiment.norm == "max":
-            truth = compared.other if accuracy.mesh == "uniform" else found
+            truth = other if accuracy.mesh == "uniform" else found
             known = _between_points(trajectory, truth, known)
-        trajectory = _with_errors(run, trajectory, compared)
+        trajectory = _with_errors(run, trajectory, other, known.estimate)
     error, reference, exact = unit * known.estimate, "a second run, an estimate", run.problem.exact
     if exact is not None:
         measured = on_mesh if experiment.norm == "l2" else trajectory
@@ -153,30 +152,31 @@ def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Tra
     )[1]
 
 
-def _with_errors(run: Run, reported: Trajectory, compared: ComparedRun) -> Trajectory:
-    """The run with the errors of its quantities: a share of what they differ by in another one.
+def _with_errors(
+    run: Run, reported: Trajectory, other: Trajectory | None, error: float
+) -> Trajectory:
+    """The run with the errors of its quantities: what they differ by in the `other` run.
 
-    They are compared at the times that are reported and at the peaks.
+    They are compared at the times that are reported and by their peaks, and enlarged by as much as
+    the estimated `error` of the position is larger than its difference.
     """
-    observed, other = reported.observed, compared.other
+    observed = reported.observed
     if observed is None or not observed.quantities or other is None or other.steps is None:
         return reported
-    peaks = [one.peak_time for one in observed.extents.values()]
-    times = np.unique([*reported.time, *filter(math.isfinite, peaks)])
+    times = np.unique(reported.time)
     request = replace(run.observations, times=times, output=None, events={}, impacts={})
     method = gauss(run.scene, other.steps.tables.degree)
     ((_, there),) = observe_members([run.scene], method, [other], [request])
     if there.observed is None:  # pragma: no cover - it was asked for
         return reported
     at, extents = np.searchsorted(times, reported.time), {}
+    difference = float(np.abs(reported.position - there.position[at]).max(initial=0.0))
+    factor = max(1.0, error / difference) if difference else 1.0
     for name, extent in observed.extents.items():
-        values = there.observed.quantities[name]
-        gaps = np.abs(observed.quantities[name] - values[at])
-        at_peak = min(int(np.searchsorted(times, extent.peak_time)), times.size - 1)
-        gap = abs(extent.peak - abs(values[at_peak]))
+        gaps = observed.quantities[name] - there.observed.quantities[name][at]
         # infinite forces at the start have no difference
-        worst = float(np.nanmax([*gaps, gap])) if np.isfinite([*gaps, gap]).any() else math.nan
-        extents[name] = replace(extent, error=compared.share * worst)
+        gaps = np.append(gaps[np.isfinite(gaps)], extent.peak - there.observed.extents[name].peak)
+        extents[name] = replace(extent, error=factor * float(np.abs(gaps).max()))
     return replace(reported, observed=replace(observed, extents=extents))
 
 

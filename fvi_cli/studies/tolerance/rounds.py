@@ -27,8 +27,7 @@ class Round:
 
     run: Trajectory
     line: str
-    other: Trajectory | None = None  # the worse run, of whose error this one has a share
-    share: float = 1.0
+    other: Trajectory | None = None  # the second run, which errs more
     times: Array = field(default_factory=lambda: np.zeros(1))
     differences: Array = field(default_factory=lambda: np.array([math.inf]))
     at_points: float = math.inf

@@ -109,16 +109,7 @@ def solve(
     """
     return solve_by_two_runs(
         scene, tolerance=tolerance, relative=relative, log=log, checkpoints=checkpoints
-    ).run
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ComparedRun:
-    """A run with its assessment, and the worse one of whose error it is thought to have a share."""
-
-    run: Trajectory
-    other: Trajectory | None = None
-    share: float = 1.0
+    )[0]
 
 
 def solve_by_two_runs(
@@ -128,16 +119,12 @@ def solve_by_two_runs(
     relative: float | None = None,
     log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
-) -> ComparedRun:
-    """As :func:`solve`, with the second run."""
+) -> tuple[Trajectory, Trajectory | None]:
+    """As :func:`solve`, with the second run, which errs more."""
     wanted = Accuracy(tolerance=tolerance, relative=relative)
     search = _Search(scene=scene, wanted=wanted, log=log, checkpoints=checkpoints)
-    run, given = search.result(), search.given
-    return ComparedRun(
-        run=run,
-        other=None if given is None else given.other,
-        share=1.0 if given is None else given.share,
-    )
+    run = search.result()
+    return run, None if search.given is None else search.given.other
 
 
 @dataclass(kw_only=True, eq=False)
@@ -268,7 +255,6 @@ class _Search:
         return Round(
             run=run,
             other=coarse,
-            share=gain,
             times=times,
             differences=differences,
             at_points=at_points,
