@@ -104,6 +104,7 @@ def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
         Column(
             f"peak_{name}_error",
             "estimated error of the quantity",
+            compared=None,
             get=lambda one: _peak_error(one.of, name),
         ),
         Column(
