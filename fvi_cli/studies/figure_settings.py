@@ -60,12 +60,12 @@ class FigureSettings(
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
         """Either something against a key, or a section, or quantities."""
-        form = next((one for one in ("section", "quantities") if at.has(one)), "")
-        if form:
-            for name in {"plot", "against", "of", "section", "quantities"} - {form}:
+        which = next((one for one in ("section", "quantities") if at.has(one)), "")
+        if which:
+            for name in sorted({"plot", "against", "of", "section", "quantities"} - {which}):
                 if at.has(name):
-                    at.refuse_key(name, f"not together with {form}: write two figures")
-            if form == "quantities" and at.has("after"):
+                    at.refuse_key(name, f"not together with {which}: write two figures")
+            if which == "quantities" and at.has("after"):
                 at.refuse_key("after", "for events only: leave it out")
         else:
             for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
