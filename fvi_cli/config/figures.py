@@ -49,7 +49,9 @@ def check_figures(
             _check_plot(one, quantities, events, here)
             keys = _swept(members)
             if not keys:
-                here.refuse(_SWEEP.format(key=excerpt(one.against or "")), "against")
+                key = one.against or ""
+                is_key = key.startswith("problem.")
+                here.refuse(_SWEEP.format(key=excerpt(key)) if is_key else _OVER_TIME, "against")
             else:
                 _check_word(one.against, keys, "a swept key", here.under("against"))
         if one.of_ is not None and isinstance(problem, Problem):
@@ -79,6 +81,7 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
 _EVENTS = "; give events: {turn: {when: vx, direction: falling}}"
 _QUANTITIES = "; give quantities: {drift: x2 - x1}"
 _NO_SWEEP = "it is drawn against a swept key, and nothing is swept; it is in fvi.quantities(...)"
+_OVER_TIME = "must be a swept key, such as problem.stiffness; write figures: [quantities] over time"
 _SWEEP = "the experiment has no sweep; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"
 
 

@@ -286,10 +286,8 @@ def _advice(name: str, own: str, names: Sequence[str], at: Cursor) -> str:
     """What to write in place of a name in the formula `own` that is not known; nothing: unsure."""
     if name != own and at.under("quantities").has(name):
         return "quantities are not known in other formulas; write its expression"
-    for pattern, words in _MEANT.items():
-        found = re.fullmatch(pattern, name, re.IGNORECASE)
-        if found and (instead := words.format(*found.groups())).partition(",")[0] in names:
-            return f"write {instead}"
+    if meant := meant_name(name, names):
+        return meant
     if not re.match("(force|deformation|work)_", name):
         return ""
     designs = [(one, [key for key, _ in under.entries()]) for one, under in _entries(at, DESIGNS)]
@@ -300,6 +298,15 @@ def _advice(name: str, own: str, names: Sequence[str], at: Cursor) -> str:
         )
     if parts := [one for one in names if one.startswith(f"{name}_")]:
         return f"it has components: write {listed_words(parts[:6])}{', ...' * (len(parts) > 6)}"
+    return ""
+
+
+def meant_name(name: str, names: Sequence[str]) -> str:
+    """Which of the known names of a frame to write in place of another; empty: unsure."""
+    for pattern, words in _MEANT.items():
+        found = re.fullmatch(pattern, name, re.IGNORECASE)
+        if found and (instead := words.format(*found.groups())).partition(",")[0] in names:
+            return f"write {instead}"
     return ""
 
 

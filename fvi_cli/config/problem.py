@@ -133,7 +133,9 @@ def _check_sizes(problem: Kind, at: Cursor) -> None:
             first = ".".join(map(str, sized[0][0])) or f"kind {problem.kind}"
             comma = _decimal_comma(at.under(*path), sized[0][1])
             comma = comma or _decimal_comma(at.under(*sized[0][0]), size)
-            at.refuse(f"is for {_coordinates(size)}, but {first} for {sized[0][1]}{comma}", *path)
+            words = f"is for {_coordinates(size)}, but {first} for {sized[0][1]}"
+            many = "as many in both" if sized[0][0] else sized[0][1]
+            at.refuse(words + (comma or f"; give {many}"), *path)
 
 
 def _decimal_comma(at: Cursor, count: int) -> str:

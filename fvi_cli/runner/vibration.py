@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.config.observations import names_along
+from fvi_cli.config.observations import meant_name, names_along
 from fvi_cli.errors import RequestError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.scenes.problem import Problem
@@ -215,6 +216,9 @@ def response(
             names = names_along(one.problem, one.problem.ready)
             quantities = one.experiment.observations.quantities or {}
             outputs = harmonic_outputs(at, names, one.problem, quantities) if at else None
+        except ExpressionError as error:
+            advice = meant_name(error.unknown, names) if option == "--at" else ""
+            raise RequestError(f"{option}: {error}" + f"; {advice}" * bool(advice)) from None
         except ValueError as error:
             raise RequestError(f"{option}: {error}") from None
         try:

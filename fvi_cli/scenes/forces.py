@@ -38,6 +38,7 @@ from fvi_cli.scenes.records.data_files import (
     end_of_samples,
     file_under,
     filled_in,
+    no_such_file,
     read_once,
     sampled_component,
     samples_as_text,
@@ -82,7 +83,7 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
         return at.refuse(f"{name}: {NO_TEXT}", "file")
     elif is_at2 == ("column" in values):
         if not is_at2 and not file.exists():
-            return at.refuse(f"{name}: cannot be read: no such file", "file")
+            return at.refuse(no_such_file(file, name), "file")
         wrong = (
             "missing; it must be the name of a column (records in AT2 need none: their names end "
             "in .at2)"

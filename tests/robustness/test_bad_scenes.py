@@ -64,7 +64,7 @@ BEFORE = [
     (FORCED.format(forcing="sqrt(1 - t)"),
      "bad.yaml:2:41: problem.forcing: is not a real number at t = ", ""),
     (FORCED.format(forcing="{file: none.csv, column: a}"),
-     "bad.yaml:2:48: problem.forcing.file: none.csv: cannot be read", "No such file"),
+     "bad.yaml:2:48: problem.forcing.file: none.csv: cannot be read", "no such file"),
 ]  # fmt: skip
 
 

@@ -61,6 +61,13 @@ _REFUSED: Final = {
         ("variants", "cases", "scenarios", "members", "design"),
         "not a key: write designs: {bare: {problem.damping: []}, ...}",
     ),
+    **{
+        name: f"not a key here: it stands under problem; with --set it is problem.{name}"
+        for name in (
+            *("kind", "masses", "stiffnesses", "stiffness", "damping", "dampers", "rayleigh"),
+            *("final_time", "initial", "forcing", "ground_acceleration", "exact"),
+        )
+    },
     **dict.fromkeys(
         ("plot", "plots", "figure"), "not a key: write figures, such as figures: [convergence]"
     ),

@@ -44,7 +44,7 @@ def _between_floors(count: int, term: Term, factor: float) -> Coefficient:
     for index, storey in enumerate(storeys or ()):
         place = "storey" if len(storeys or ()) == 1 else f"storey.{index}"
         if storey > count:
-            raise ArgumentError(place, f"{storey} is not allowed; there are {count} storeys")
+            raise ArgumentError(place, f"{storey} is not allowed; write 1 to {count}, the storeys")
         if storey in (storeys or ())[:index]:
             raise ArgumentError(place, f"{storey} is given twice; write a damper of its own for it")
     labels = storeys or tuple(range(1, count + 1))

@@ -45,7 +45,9 @@ class ColumnOfFile(
             found = read_csv_columns(file, name, (column,))
             for value, line in zip(found.table[:, 0].tolist(), found.lines, strict=True):
                 if not value > 0:
-                    raise DataFileError(f"{name}:{line}: {column} = {value:g} is not positive")
+                    raise DataFileError(
+                        f"{name}:{line}: {column} = {value:g}; write a number greater than 0"
+                    )
             text = " ".join(map(repr, found.table[:, 0].tolist()))
             return found.sha256, text, f"its {len(found.lines)} numbers"
 

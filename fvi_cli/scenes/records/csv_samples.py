@@ -111,7 +111,7 @@ def read_csv_columns(
             # the line before alone is compared: one time at a wrong place is one mistake
             wrong = [
                 f"{increasing} = {numbers[0]:g} is not after {found[-1][0]:g} in line "
-                f"{lines[-1]}; times must increase"
+                f"{lines[-1]}; sort the lines, times must increase"
             ]
         count += len(wrong)
         mistakes += [f"{name}:{line}: {one}" for one in wrong[: MOST_MISTAKES - len(mistakes)]]

@@ -16,7 +16,7 @@ import numpy as np
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import excerpt
+from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import key
@@ -52,6 +52,13 @@ def file_under(given: str, at: Cursor) -> tuple[Path, str]:
     return Path(given) if folder is None else folder / given, excerpt(given, 200)
 
 
+def no_such_file(path: Path, name: str) -> str:
+    """The complaint of a file that does not exist, with the nearest one in its folder."""
+    files = [one.name for one in path.parent.glob("*") if one.is_file()]
+    near = suggestion(path.name, files) or "; paths begin at the folder of the configuration"
+    return f"{name}: cannot be read: no such file{near}"
+
+
 def read_content(path: Path, name: str, largest: int) -> bytes:
     """The bytes of a file that has no more than `largest`."""
     try:
@@ -60,6 +67,8 @@ def read_content(path: Path, name: str, largest: int) -> bytes:
             raise DataFileError(f"{name}: not a file")
         with path.open("rb") as file:
             content = file.read(largest + 1)
+    except FileNotFoundError:
+        raise DataFileError(no_such_file(path, name)) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__
         raise DataFileError(f"{name}: cannot be read: {reason}") from None

@@ -55,7 +55,7 @@ def rayleigh_damping(
     size = mass.shape[0]
     if max(modes) > size:
         raise ArgumentError(
-            "rayleigh.modes", f"mode {max(modes)} does not exist; the structure has {size}"
+            "rayleigh.modes", f"mode {max(modes)} does not exist; write 1 to {size}"
         )
     found = natural_frequencies(mass, stiffness, max(modes))
     first, second = (float(found[number - 1]) for number in modes)
