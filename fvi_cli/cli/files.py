@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +44,13 @@ def show(
     from fvi_cli.storage import escape_text, list_runs, read_configuration
 
     if config and file.suffix != STORED_SUFFIX:
-        print(find_config(str(file)).read_text(encoding="utf-8"), end="")
+        path = find_config(str(file))
+        text = path.read_text(encoding="utf-8")
+        print(text, end="")
+        # records and matrices are looked for in the folder of the configuration
+        names = dict.fromkeys(re.findall(r"\bfile: ([^,}\s]+)", text))
+        if files := [str(path.with_name(one)) for one in names if path.with_name(one).is_file()]:
+            _logger.info("copy the files that it reads to its folder: %s", " ".join(files))
         return DONE
     if config:
         made_by = read_configuration(file)

@@ -47,5 +47,9 @@ def test_an_unknown_page_is_answered_with_the_nearest():
 def test_the_page_of_pages_and_shipped_configurations_are_printed():
     assert fvi("guide", "index").stdout.strip() == (DOCS / "index.md").read_text().strip()
     shown = fvi("show", "three-designs", "--config").stdout
+    assert "copy" not in fvi("show", "duffing", "--config").stderr
+    told = fvi("show", "five-storeys", "--config").stderr.split()
+    assert [Path(one).name for one in told[-2:]] == ["five-storeys.csv", "ground-motion.csv"]
+    assert all(Path(one).is_file() for one in told[-2:])
     assert shown == (DOCS.parent / "configs" / "three-designs.yaml").read_text(encoding="utf-8")
     assert "did you mean 'three-designs'?" in fvi("show", "tree-designs", "--config", code=2).stderr
