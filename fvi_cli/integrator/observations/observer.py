@@ -209,7 +209,7 @@ class Observer:
             is_known = is_separable(scene)
             if one.kind == "force":
                 found.append(
-                    f"{name} is infinite at t = 0, and with it its peak; its rms leaves that out"
+                    f"{name} is infinite at t = 0, and with it its peak; its rms is not known"
                 )
             else:
                 is_known = len(rough) == 1 and loses_by_dampers(scene, self.motion.steps[index])

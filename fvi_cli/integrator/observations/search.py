@@ -137,9 +137,9 @@ def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list
     with np.errstate(all="ignore"):
         starts = np.asarray(along(motion.firsts[:-1], np.zeros(q)), dtype=float)
     for k in np.flatnonzero(np.isinf(starts)).tolist():
-        # no station is there
+        # no station is there, and how much of the square lies beside it is not known
         side = int(starts[k] < 0)
-        least[side, k], at[side, k] = -math.inf, 0.0
+        least[side, k], at[side, k], square[k] = -math.inf, 0.0, math.nan
     return [
         _extent(*(float(one) for one in (*least[:, k], *at[:, k], square[k], length[k])))
         for k in range(q)

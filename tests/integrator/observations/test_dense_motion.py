@@ -146,8 +146,10 @@ def test_what_is_infinite_at_the_start_is_infinite(order, side):
         assert (extent.peak, extent.peak_time) == (np.inf, 0.0)
         assert (extent.least if side > 0 else extent.greatest) == -side * np.inf
         assert np.isfinite(extent.greatest if side > 0 else extent.least)
+        # of orders of .5 and more infinite, of others a matter of the first step
+        assert np.isnan(extent.rms)
     assert found.extents["size"].greatest == np.inf
-    assert np.isfinite(found.extents["v"].peak)
+    assert np.isfinite([found.extents["v"].peak, found.extents["v"].rms]).all()
 
 
 def test_a_caputo_force_is_finite_at_the_start():
