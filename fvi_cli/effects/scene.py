@@ -90,6 +90,7 @@ class Scene:
     linear_potential: LinearPotential | None = None
     # the motion itself, of one coordinate, where it is given: only the forces are sought
     prescribed: PrescribedMotion | None = None
+    coordinates: tuple[str, ...] = ()  # what expressions call them by, where that is given
 
     def __post_init__(self) -> None:
         d = self.inertia.dimension

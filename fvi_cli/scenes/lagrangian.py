@@ -118,9 +118,10 @@ def lagrangian_scene(
     if mass is None:  # pragma: no cover - one of the two is there
         raise ArgumentError("lagrangian", "no mass matrix")
     data["forcing"] = _with(given_force(data.get("forcing")), found.forcing)
-    return make_scene(
+    made = make_scene(
         mass, found.potential, lagrangian=found.general, linear_potential=found.linear, **data
     )
+    return replace(made, coordinates=names)
 
 
 @scene_function

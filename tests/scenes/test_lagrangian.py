@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from letters import spring, swing
 
+import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -110,6 +111,23 @@ def test_a_configuration_names_its_coordinates():
     scene = experiment.problem.scene
     assert scene.damping[0].coefficient.tolist() == [[1.0, -1.0], [-1.0, 1.0]]
     assert scene.potential.stiffness.tolist() == [[2.0, -2.0], [-2.0, 2.0]]
+
+
+@pytest.mark.parametrize("names", [("x0", "x1"), ("x2", "x1"), ("phi", "s")])
+@pytest.mark.parametrize("energy", ["-({0}**2 + 4*{1}**2)/2", "cos({0}) - {1}**4", "{0}*v{1}**2/9"])
+def test_expressions_along_a_scene_know_the_names_that_it_was_made_with(names, energy):
+    one, two = names
+    scene = fvi.lagrangian(
+        coordinates=names,
+        lagrangian=f"v{one}**2/2 + v{two}**2/2 + {energy.format(one, two)}",
+        initial_position=[0.3, -0.4],
+        initial_velocity=[0.1, 0.2],
+        final_time=1.0,
+    )
+    run = fvi.integrate(scene, "gauss3", 10, quantities={"first": one, "second": f"v{two}"})
+    assert run.observed.quantities["first"] == pytest.approx(run.position[:, 0], abs=1e-12)
+    assert run.observed.quantities["second"][0] == pytest.approx(0.2)
+    assert run.coordinates == names
 
 
 def test_a_dense_relaxed_stiffness_beside_a_formula():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, TypeVar, get_args
@@ -30,10 +31,11 @@ def coordinate_names(dimension: int) -> tuple[str, ...]:
 
 
 def names_of(scene: Scene) -> tuple[str, ...]:
-    """Names of the coordinates of a scene: those of its formulas, or ``x1``, ``x2``, ..."""
-    if scene.lagrangian is not None:
-        return scene.lagrangian.coordinates
-    return coordinate_names(scene.dimension)
+    """Names of the coordinates of a scene: those that it was made with, or ``x1``, ``x2``, ..."""
+    own = scene.coordinates
+    if not own and scene.lagrangian is not None:
+        own = scene.lagrangian.coordinates
+    return own or coordinate_names(scene.dimension)
 
 
 def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) -> tuple[str, ...]:
@@ -45,7 +47,9 @@ def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) ->
     for prefix in PREFIXES[1:]:
         for name in coordinates:
             derived = prefix + name
-            if derived not in FUNCTION_NAMES and derived != "pi":
+            # a Python keyword is "as", of a coordinate s
+            is_taken = derived in FUNCTION_NAMES or derived == "pi" or keyword.iskeyword(derived)
+            if not is_taken:
                 found.setdefault(derived)
     return tuple(found)
 
