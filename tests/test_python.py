@@ -178,6 +178,8 @@ def test_a_frame_of_motions_has_the_points_of_every_run(outcome):
         level=("design", "problem.omega", "n_steps"),
     )
     assert np.array_equal(own["x"], one.trajectory.position[:, 0])
+    with pytest.raises(ValueError, match="'events' is not known; write 'runs' or 'motions'"):
+        outcome.to_dataframe("events")
 
 
 def test_quantities_are_a_report_of_the_outcome(outcome, tmp_path):

@@ -95,7 +95,11 @@ class Outcome:
         ------
         ImportError
             If pandas is not installed.
+        ValueError
+            For another word.
         """
+        if what not in ("runs", "motions"):
+            raise ValueError(f"what: {what!r} is not known; write 'runs' or 'motions'")
         import pandas
 
         runs = [self._row(one) for one in self.finished]

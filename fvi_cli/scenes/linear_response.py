@@ -48,8 +48,8 @@ class ExactSolution:
 
     # times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative
     position: Callable[[Array], Array]
-    # how far these may be wrong by the sums that they are, ``(n, d)``
-    uncertainty: Callable[[Array], Array]
+    # the same, and how far these may be wrong by the sums that they are, ``(n, d)``
+    with_uncertainty: Callable[[Array], tuple[Array, Array]]
     source: str  # where it comes from, in words, for tables
 
 
@@ -173,14 +173,15 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     def exact(time: Array) -> Array:
         return np.stack([response(time) for response in responses], axis=-1) @ shapes.T
 
-    def uncertainty(time: Array) -> Array:
+    def with_uncertainty(time: Array) -> tuple[Array, Array]:
         with np.errstate(invalid="ignore"):
-            found = [response.uncertainty(time) for response in responses]
+            pairs = np.array([one.with_uncertainty(time) for one in responses])
+            along, unsure = pairs[:, 0].T, pairs[:, 1].T
             for i, one in moved.items():
-                found[i] = found[i] + np.abs(one(time) - responses[i](time))
-            return np.stack(found, axis=-1) @ np.abs(shapes.T)
+                unsure[:, i] += np.abs(one(time) - along[:, i])
+            return along @ shapes.T, unsure @ np.abs(shapes.T)
 
-    return ExactSolution(position=exact, uncertainty=uncertainty, source=SOURCE)
+    return ExactSolution(position=exact, with_uncertainty=with_uncertainty, source=SOURCE)
 
 
 def trusted_solution(scene: Scene) -> tuple[Callable[[Array], Array] | None, str, float]:
@@ -195,7 +196,7 @@ def trusted_solution(scene: Scene) -> tuple[Callable[[Array], Array] | None, str
     times = scene.final_time * PROBED
     for begin in scene.break_points[:MOST_PROBED_BREAKS]:
         times = np.append(times, begin + (scene.final_time - begin) * PROBED[:2])
-    position, unsure = solution.position(times), solution.uncertainty(times)
+    position, unsure = solution.with_uncertainty(times)
     is_finite = np.isfinite(position)
     size = float(np.abs(position[is_finite]).max(initial=0.0))
     error = float(np.where(np.isnan(unsure), math.inf, unsure)[is_finite].max(initial=0.0))

@@ -62,15 +62,15 @@ class LinearResponse:
         """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
         return self._summed(time, SPACINGS)[0]
 
-    def uncertainty(self, time: Array) -> Array:
-        """How far the position at `time` may be wrong, by the sums that it is; same shape.
+    def with_uncertainty(self, time: Array) -> tuple[Array, Array]:
+        """The position at `time`, and how far it may be wrong by the sums that it is; same shapes.
 
         Twice the difference of two ways to take the integrals, but at least what rounding leaves.
         """
         one, rounding = self._summed(time, SPACINGS)
         other, _ = self._summed(time, OTHER_SPACINGS)
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.maximum(2.0 * np.abs(one - other), rounding))
+            return one, np.asarray(np.maximum(2.0 * np.abs(one - other), rounding))
 
     def _summed(self, time: Array, spacings: tuple[float, float]) -> tuple[Array, Array]:
         """The position, and what rounding leaves of its sums."""

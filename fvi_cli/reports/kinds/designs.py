@@ -20,16 +20,10 @@ LARGE_CHANGE = 100.0
 """Changes from which on people see a power of ten."""
 
 
-def _peak(one: FinishedRun, quantity: str) -> float:
+def _of_extent(one: FinishedRun, quantity: str, what: str) -> float:
     observed = one.trajectory.observed
     found = None if observed is None else observed.extents.get(quantity)
-    return math.nan if found is None else float(found.peak)
-
-
-def _peak_error(one: FinishedRun, quantity: str) -> float:
-    observed = one.trajectory.observed
-    found = None if observed is None else observed.extents.get(quantity)
-    return math.nan if found is None else found.error
+    return math.nan if found is None else float(getattr(found, what))
 
 
 def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
@@ -89,8 +83,8 @@ def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
         if one.first is one.of or one.of.status not in GOOD:
             # what a run that is not sound has reached compares with nothing
             return None
-        before = _peak(one.first, name)
-        return _peak(one.of, name) / before - 1.0 if before else math.nan
+        before = _of_extent(one.first, name, "peak")
+        return _of_extent(one.of, name, "peak") / before - 1.0 if before else math.nan
 
     return (
         Column(
@@ -99,13 +93,13 @@ def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
             f"peak {name}",
             ".4g",
             CLOSE,
-            get=lambda one: _peak(one.of, name),
+            get=lambda one: _of_extent(one.of, name, "peak"),
         ),
         Column(
             f"peak_{name}_error",
             "estimated error of the quantity",
             compared=None,
-            get=lambda one: _peak_error(one.of, name),
+            get=lambda one: _of_extent(one.of, name, "error"),
         ),
         Column(
             f"peak_{name}_change",

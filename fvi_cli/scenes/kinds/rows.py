@@ -170,9 +170,8 @@ class FrameKind(
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
         """A list of storeys stands in place of the number or list under the other name."""
-        for one, several in cls.alternatives.items():
-            if one == "storeys":
-                continue
+        for one in ("mass", "stiffness"):
+            several = cls.alternatives[one]
             if at.has(several) and at.has(one) and at.under(one).scalar != 1.0:
                 at.refuse_key(several, f"give this or {one}, not both")
 

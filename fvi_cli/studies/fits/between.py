@@ -74,6 +74,8 @@ def between_samples(best: Minimum, variance: float) -> tuple[str, ...]:
     change = at.residuals - other.evaluate(best.point, with_jacobian=False).residuals
     _, errors, _ = covariance(at, variance)
     moved = np.abs(np.linalg.lstsq(at.jacobian, change, rcond=None)[0]) / errors
+    # parameters without errors are left out
+    moved = np.nan_to_num(moved, nan=0.0)
     worst = int(np.argmax(moved))
     if not moved[worst] > NEGLIGIBLE:
         return ()

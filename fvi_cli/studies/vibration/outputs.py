@@ -27,7 +27,6 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import Problem
 
-GROUND_NAME: Final = "ground_acceleration"
 QUALITIES: Final = {"": "displacement", "v": "velocity", "a": "acceleration"}
 """What an output of coordinates with one prefix is."""
 

@@ -106,15 +106,13 @@ def harmonic_response(
         rows = np.zeros((1, load.size))
         rows[0, most] = 1.0
         names = (names[most],)
-    if callable(rows):
-        forms = rows
-        s = 2j * math.pi * hertz
-        values = np.array([forms(complex(o)) @ q for o, q in zip(s, full, strict=True)])
-    else:
-        constant = rows
-        forms = lambda s: constant  # noqa: E731
-        values = np.asarray(full @ rows.T, dtype=complex)
-    values = np.asarray(values + offsets, dtype=complex)
+    given = rows
+
+    def forms(hertz: float) -> Array | ComplexArray:
+        return given(2j * math.pi * hertz) if callable(given) else given
+
+    along = [forms(f) @ q + offsets for f, q in zip(hertz.tolist(), full, strict=True)]
+    values: ComplexArray = np.array(along, dtype=complex)
     if not np.any(values):
         raise ValueError("the load moves no coordinate")
     known = modes_in_range(scene, float(hertz[0]), float(hertz[-1]))
@@ -122,13 +120,13 @@ def harmonic_response(
     at_fine = dict(zip(hertz.tolist(), values, strict=True))
     for one in fine.tolist():
         if one not in at_fine:
-            at_fine[one] = forms(2j * math.pi * one) @ near_modes(one) + offsets
+            at_fine[one] = forms(one) @ near_modes(one) + offsets
     sizes = np.abs(np.array([at_fine[one] for one in fine.tolist()]))
     peaks = []
     for index, name in enumerate(names):
 
         def size(frequency: float, index: int = index) -> float:
-            every = forms(2j * math.pi * frequency)[index] @ near_modes(frequency)
+            every = forms(frequency)[index] @ near_modes(frequency)
             return float(abs(every + np.broadcast_to(offsets, len(names))[index]))
 
         peaks += find_peaks(name, fine, sizes[:, index], size, known)
