@@ -1,7 +1,10 @@
 """Searches end where nothing moves, where steps run out, and where round-off has to be probed."""
 
+import re
+
 import numpy as np
 import pytest
+from command_line import fvi as command
 from letters import spring
 from oracles.volterra import solve_volterra
 
@@ -97,3 +100,19 @@ def test_a_run_that_fails_at_once_says_why(speed: float, steps: int | fvi.Adapti
         assert found.outcome == "refused"
         assert found.assessment is not None
         assert "t = 0:" in found.assessment.reason
+
+
+def test_a_tolerance_below_round_off_is_refused_in_every_table(tmp_path):
+    (tmp_path / "found.yaml").write_text(
+        "name: found\nproblem: {kind: damped-oscillator, "
+        "damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, final_time: 4.0}\naccuracy: {tolerance: 1e-18}\n"
+    )
+    ran = command("run", tmp_path / "found.yaml", "-q", "-o", tmp_path)
+    # at which step the digits end depends on the machine
+    words = r"found +Gauss\d+ +\d+ +[\d.]+ +[\d.e-]+ +refused"
+    assert re.search(words, ran.stdout)
+    assert re.search(r"1e-18 .* for a tolerance of 1e-18, refused after \d rounds", ran.stdout)
+    # the control: one within reach is met
+    given = ("--set", "accuracy.tolerance=1e-8")
+    met = command("run", tmp_path / "found.yaml", "-q", "-o", tmp_path, *given, code=0).stdout
+    assert "refused" not in met
