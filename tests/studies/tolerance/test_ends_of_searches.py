@@ -105,7 +105,8 @@ def test_a_run_that_fails_at_once_says_why(speed: float, steps: int | fvi.Adapti
 def test_a_tolerance_below_round_off_is_refused_in_every_table(tmp_path):
     (tmp_path / "found.yaml").write_text(
         "name: found\nproblem: {kind: damped-oscillator, "
-        "damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, final_time: 4.0}\naccuracy: {tolerance: 1e-18}\n"
+        "damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, final_time: 4.0}\n"
+        "accuracy: {tolerance: 1e-18}\n"
     )
     ran = command("run", tmp_path / "found.yaml", "-q", "-o", tmp_path)
     # at which step the digits end depends on the machine
