@@ -125,6 +125,16 @@ def test_counts_do_not_depend_on_where_the_points_begin(p, degree, order, growth
     assert np.array_equal(count_zeros(plane, radius), count_zeros(dense, radius))
 
 
+def test_a_turn_beside_a_fast_change_is_counted():
+    """Three zeros outside at 1.57 rad: half an interval turns by 6 and seems to turn by 0.3."""
+    stiffness, damping = np.full(41, 5841.28), 929.889 * np.linspace(0.98, 1.02, 41)
+    method = Method(cq="bdf4", degree=3, sampling="points")
+    plane = plane_determinants(method, 1.9, stiffness, damping)
+    dense = dataclasses.replace(plane, degree=16 * plane.degree)
+    radius = math.exp(-0.1)
+    assert np.array_equal(count_zeros(plane, radius), count_zeros(dense, radius))
+
+
 def test_too_few_points_to_begin_with_would_be_noticed():
     random = np.random.default_rng(6)
     stiffness, damping = 10.0 ** random.uniform(-2, 4, 4000), 10.0 ** random.uniform(-3, 3, 4000)
