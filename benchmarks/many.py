@@ -15,10 +15,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.observe import (
-    integrate_observed,
-    integrate_observed_members,
-)
+from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
 from fvi_cli.integrator.observations.request import observations
 from fvi_cli.scenes.chains import chain
@@ -193,12 +190,12 @@ def measure_many(case: ManyCase, count: int, n_steps: int) -> ManyRow:
         asked = [request] * count
 
         def observe() -> list[Pair]:
-            return integrate_observed_members(members, method, n_steps, asked)
+            return integrate_requested(members, method, [n_steps] * count, asked)
 
         together = least_seconds(observe, 2)
         on_mesh, at_times = observe()[-1]
-        single = integrate_observed(members[-1], method, n_steps, request)[1].position
-        difference = _relative(at_times.position, single)
+        ((_, last),) = integrate_requested(members[-1:], method, [n_steps], [request])
+        difference = _relative(at_times.position, last.position)
         operations = count * on_mesh.history_operations
     elif case.kind in ("members", "pendulums"):
         together = least_seconds(lambda: integrate_members(members, method, n_steps), 2)

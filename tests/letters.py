@@ -7,6 +7,11 @@ from typing import Any
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.observations.observe import integrate_requested
+from fvi_cli.integrator.observations.observer import Pair
+from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.scenes import data as scenes
 
 WORDS = {
@@ -37,6 +42,14 @@ def in_pieces(*parts: str | float) -> Forcing:
             for text, end in zip(parts[::2], ends, strict=True)
         )
     )
+
+
+def observe_one(
+    scene: Scene, method: AnyMethod, n_steps: AnySteps, request: Observations, **options: Any
+) -> Pair:
+    """One scene integrated and observed."""
+    (found,) = integrate_requested([scene], method, [n_steps], [request], **options)
+    return found
 
 
 def in_words(damping: tuple[tuple[float, Any], ...], data: dict[str, Any]) -> dict[str, Any]:

@@ -10,15 +10,11 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.observations.observe import (
-    integrate_observed,
-    integrate_observed_members,
-)
+from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.run.on_mesh import AnySteps
 
 FIRST_STEPS, LONGER = 16, 4
 """Steps of the first short run, and how many times longer each other one is (guessed)."""
@@ -96,33 +92,29 @@ def short_job(
     method: AnyMethod,
     n_steps: int,
     *,
+    observations: Sequence[Observations],
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
-    observations: Sequence[Observations] = (),
     grading: float = 1.0,
 ) -> Callable[[int], object]:
     """The first steps of a run, or of a batch of members, with all its requested outputs.
 
     Steps have the size of the whole job; those of graded meshes go to the end of the motion.
     """
-    first = scenes[0]
 
     def run(short: int) -> object:
-        if grading != 1.0:
-            mesh = graded_mesh(first.final_time, short, grading, first.break_points)
-            if observations:
-                return integrate_observed(first, method, mesh, observations[0])
-            return integrate(first, method, mesh, every=every, diagnostics=diagnostics)
-        share = short / n_steps
-        own = [replace(one, final_time=share * one.final_time) for one in scenes]
+        own, steps = scenes, list[AnySteps]([short] * len(scenes))
+        if grading == 1.0:
+            share = short / n_steps
+            own = [replace(one, final_time=share * one.final_time) for one in scenes]
+        else:
+            steps = [
+                graded_mesh(one.final_time, short, grading, one.break_points) for one in scenes
+            ]
         requests = [_until(one, own[0].final_time) for one in observations]
-        if requests and (len(own) == 1 or requests[0].impacts):
-            return integrate_observed(own[0], method, short, requests[0], diagnostics=diagnostics)
-        if requests:
-            return integrate_observed_members(own, method, short, requests)
-        if len(own) > 1:
-            return integrate_members(own, method, short, every=every)
-        return integrate(own[0], method, short, every=every, diagnostics=diagnostics)
+        return integrate_requested(
+            own, method, steps, requests, every=every, diagnostics=diagnostics
+        )
 
     return run
 

@@ -180,7 +180,7 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
         run.n_steps,
         every=experiment.store_every,
         diagnostics=experiment.diagnostics if isinstance(run.method, Method) else NO_DIAGNOSTICS,
-        observations=[] if run.observations.is_empty else [one.observations for one in batch],
+        observations=[one.observations for one in batch],
         grading=experiment.grading,
     )
     is_quadratic = bool(plan.history_operations) and plan.mesh.n_lags == plan.mesh.n_steps

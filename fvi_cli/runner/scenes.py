@@ -11,12 +11,11 @@ from numpy.typing import ArrayLike
 from fvi_cli.config import method_named
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.dampers import damper_values
-from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
@@ -98,16 +97,17 @@ def integrate(
         parameters=parameters,
         further=tuple(damper_values(scene)),
     )
-    if not request.is_empty:
-        _, reported = integrate_observed(
-            scene, chosen, n_steps, request, every=every, diagnostics=diagnostics
-        )
-        steps = reported.steps if with_steps else None
-        return replace(reported, steps=steps, coordinates=request.coordinates)
-    found = engine.integrate(
-        scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
+    ((_, found),) = integrate_requested(
+        [scene],
+        chosen,
+        [n_steps],
+        [request],
+        every=every,
+        diagnostics=diagnostics,
+        with_steps=with_steps,
     )
-    return replace(found, coordinates=request.coordinates)
+    steps = found.steps if with_steps else None
+    return replace(found, steps=steps, coordinates=request.coordinates)
 
 
 def integrate_part(

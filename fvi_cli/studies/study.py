@@ -13,12 +13,11 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.integrator.break_points import interpolation_remarks
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
-from fvi_cli.integrator.integrate import integrate, start_only
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.integrate import start_only
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.observe import integrate_observed, integrate_observed_members
+from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.stability.limits import refusal
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,
@@ -93,7 +92,23 @@ def execute_batch(
         for run, one in zip(runs, predictions, strict=True)
         if run.experiment.allow_unstable or one.verdict != "unstable"
     ]
-    found = dict(zip(going, _integrate(going, checkpoints), strict=True))
+    found = {
+        run: _differentiate(run.problem, run)
+        for run in going
+        if isinstance(run.problem, DerivativeProblem)
+    }
+    moving = [run for run in going if run not in found]
+    method, diagnostics = runs[0].method, runs[0].experiment.diagnostics
+    pairs = integrate_requested(
+        [run.scene for run in moving],
+        method,
+        [run.steps for run in moving],
+        [run.observations for run in moving],
+        every=_thinning(runs[0]),
+        diagnostics=diagnostics if isinstance(method, Method) else NO_DIAGNOSTICS,
+        checkpoints=checkpoints,
+    )
+    found |= zip(moving, pairs, strict=True)
     return [
         assessed(run, found[run], prediction, reference or reference_of(run))
         if run in found
@@ -104,45 +119,7 @@ def execute_batch(
     ]
 
 
-def _integrate(runs: Sequence[Run], checkpoints: RunKeeper | None) -> Sequence[Trajectory | Pair]:
-    """The motions; of observed runs on their mesh, and at the times that are asked for."""
-    if len(runs) == 1:
-        return [_integrate_one(runs[0], checkpoints)]
-    scenes = [run.problem.scene for run in runs if run.problem.scene is not None]
-    if not scenes or runs[0].experiment.grading != 1.0 or runs[0].observations.impacts:
-        own = [part_of(checkpoints, f"from {index}") for index in range(len(runs))]
-        return list(map(_integrate_one, runs, own))
-    method, n_steps, requests = runs[0].method, runs[0].n_steps, [run.observations for run in runs]
-    if requests[0].is_empty:
-        every = _thinning(runs[0])
-        return integrate_members(scenes, method, n_steps, every=every, checkpoints=checkpoints)
-    return integrate_observed_members(scenes, method, n_steps, requests, checkpoints=checkpoints)
-
-
-def _integrate_one(run: Run, checkpoints: RunKeeper | None) -> Trajectory | Pair:
-    problem, request, diagnostics = run.problem, run.observations, run.experiment.diagnostics
-    if isinstance(problem, DerivativeProblem):
-        return _differentiate(problem, run)
-    if request.is_empty:
-        return integrate(
-            problem.scene,
-            run.method,
-            run.steps,
-            every=_thinning(run),
-            diagnostics=diagnostics if isinstance(run.method, Method) else NO_DIAGNOSTICS,
-            checkpoints=checkpoints,
-        )
-    return integrate_observed(
-        problem.scene,
-        run.method,
-        run.n_steps if request.impacts else run.steps,
-        request,
-        diagnostics=diagnostics,
-        checkpoints=checkpoints,
-    )
-
-
-def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
+def _differentiate(problem: DerivativeProblem, run: Run) -> Pair:
     """Convolution quadrature of the known function on the grid."""
     method = run.method
     if not isinstance(method, Method) or method.is_runge_kutta:
@@ -151,7 +128,7 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
     grid = h * np.arange(run.n_steps + 1, dtype=float)
     began = time.perf_counter()
     values = left_operator(method.bdf_order, problem.order, h, problem.function(grid))
-    return Trajectory(
+    derivative = Trajectory(
         time=grid,
         position=values,
         n_steps=run.n_steps,
@@ -159,18 +136,20 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
         history_operations=values.size * (run.n_steps + 2) // 2,
         stepping_seconds=time.perf_counter() - began,
     )
+    return derivative, derivative
 
 
 def _thinning(run: Run) -> int:
     """n: every n-th point is in memory; 1 unless there is no room for all and the method can.
 
-    Errors are those of all points wherever these are in memory.
+    Errors are those of all points wherever these are in memory, as they are of observed runs.
     """
     method, scene = run.method, run.problem.scene
     is_memory_free = isinstance(method, Method) and method.history == "exponentials"
     dimension = 1 if scene is None else scene.dimension
     fits = 8 * (run.n_steps + 1) * (2 * dimension + 2) <= KEPT_BYTES
-    return run.experiment.store_every if is_memory_free and not fits else 1
+    is_thinned = is_memory_free and not fits and run.observations.is_empty
+    return run.experiment.store_every if is_thinned else 1
 
 
 def prediction_of(run: Run) -> StabilityPrediction:
@@ -182,10 +161,10 @@ def prediction_of(run: Run) -> StabilityPrediction:
 
 
 def assessed(
-    run: Run, found: Trajectory | Pair, prediction: StabilityPrediction, reference: Reference
+    run: Run, found: Pair, prediction: StabilityPrediction, reference: Reference
 ) -> FinishedRun:
     """The run with its error against `reference` on its mesh, and what is to be said of it."""
-    trajectory, reported = found if isinstance(found, tuple) else (found, found)
+    trajectory, reported = found
     exact = reference.at(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     spacing = point_weights(

@@ -6,14 +6,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from letters import in_pieces, spring, swing
+from letters import in_pieces, observe_one, spring, swing
 from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.observations.request import observations
 from fvi_cli.integrator.run import loop
 from fvi_cli.integrator.run.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
@@ -134,8 +133,8 @@ def test_what_is_observed_of_a_run_that_was_stopped_is_the_same():
         quantities={"force": "dx", "speed": "abs(vx)"},
         events={"down": {"when": "x", "direction": "falling"}},
     )
-    straight = integrate_observed(PENDULUM, NONE, N, asked)
-    resumed = stopped_twice(PENDULUM, NONE, asked, run=integrate_observed)
+    straight = observe_one(PENDULUM, NONE, N, asked)
+    resumed = stopped_twice(PENDULUM, NONE, asked, run=observe_one)
     for one, other in zip(resumed, straight, strict=True):
         assert_same(one, other)
     found, expected = resumed[1].observed, straight[1].observed
@@ -176,23 +175,21 @@ WALLS = {
 
 def test_a_motion_that_comes_to_rest_does_so_behind_a_checkpoint():
     asked = observations(("x",), impacts={"floor": {"when": "x", "restitution": 0.5}})
-    straight = integrate_observed(BALL, NONE, FEW, asked)
+    straight = observe_one(BALL, NONE, FEW, asked)
     assert any("at rest on floor" in one for one in straight[0].remarks)
-    resumed = stopped_twice(
-        BALL, NONE, asked, run=integrate_observed, steps=FEW, stops=(3, 3), pause=17
-    )
+    resumed = stopped_twice(BALL, NONE, asked, run=observe_one, steps=FEW, stops=(3, 3), pause=17)
     assert_same(resumed[0], straight[0])
     assert resumed[0].remarks == straight[0].remarks
 
 
 def test_the_run_between_the_points_goes_on_too():
     asked = observations(("x",), quantities={"force": "dx"})
-    straight = integrate_observed(PENDULUM, NONE, N, asked)
+    straight = observe_one(PENDULUM, NONE, N, asked)
     kept = Kept(stops=(20,))
     with pytest.raises(InterruptedRunError):
-        integrate_observed(PENDULUM, NONE, N, asked, checkpoints=kept)
+        observe_one(PENDULUM, NONE, N, asked, checkpoints=kept)
     assert set(kept.contents) == {"a run", "a run between the points"}
-    resumed = integrate_observed(PENDULUM, NONE, N, asked, checkpoints=kept)
+    resumed = observe_one(PENDULUM, NONE, N, asked, checkpoints=kept)
     assert kept.taken_up == [384, 256]
     assert np.array_equal(*(one[1].observed.quantities["force"] for one in (resumed, straight)))
 
@@ -247,7 +244,7 @@ def test_a_checkpoint_of_other_adaptive_steps_or_of_other_flights_is_not_believe
     walls = observations(("x",), impacts=WALLS)
     for run, scene, asked, other in [
         (integrate, PENDULUM, (AdaptiveSteps(tolerance=1e-6),), (AdaptiveSteps(tolerance=1e-7),)),
-        (integrate_observed, BALL, (FEW, walls), (FEW // 2, walls)),
+        (observe_one, BALL, (FEW, walls), (FEW // 2, walls)),
     ]:
         kept = Kept(stops=(1,), pause=9)
         with pytest.raises(InterruptedRunError):

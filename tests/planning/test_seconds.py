@@ -7,7 +7,7 @@ from letters import spring, swing
 
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.request import observations
+from fvi_cli.integrator.observations.request import Observations, observations
 from fvi_cli.planning.seconds import short_job, time_runs
 
 GAUSS = Method(cq="gauss", degree=2, start="none")
@@ -68,9 +68,9 @@ def test_a_short_job_is_run_itself_and_a_slow_one_twice():
 def test_a_short_job_does_all_that_is_asked_in_steps_of_the_same_size(scene, asked):
     """Twice the stages for what lies between the points of its mesh, and none where it is not."""
     wanted = {
-        "": [],
-        "output": [observations(("x",), output=[0.01, 3.0, 50.0])],
-        "quantities": [observations(("x",), quantities={"speed": "vx"})],
+        "": Observations(),
+        "output": observations(("x",), output=[0.01, 3.0, 50.0]),
+        "quantities": observations(("x",), quantities={"speed": "vx"}),
     }[asked]
     made = []
 
@@ -80,7 +80,7 @@ def test_a_short_job_does_all_that_is_asked_in_steps_of_the_same_size(scene, ask
 
     begin = Engine.__init__
     with patch.object(Engine, "__init__", noted):
-        short_job([scene], GAUSS, 1000, observations=wanted)(40)
+        short_job([scene], GAUSS, 1000, observations=[wanted])(40)
     degrees = [2, 4] if asked else [2]
     assert [degree for degree, *_ in made] == degrees
     assert all(n == 40 and h == pytest.approx(0.05) for _, n, h in made)

@@ -212,7 +212,7 @@ def test_a_reference_that_is_no_better_than_the_runs_is_called_unreliable(error,
     reference = Reference(
         values=lambda times: times[:, None] ** 3, error=error, source="refined run"
     )
-    finished = assessed(run, trajectory, prediction_of(run), reference)
+    finished = assessed(run, (trajectory, trajectory), prediction_of(run), reference)
     told = [
         text for text in finished.trajectory.remarks if text.startswith("reference: unreliable")
     ]

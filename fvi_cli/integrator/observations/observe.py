@@ -23,74 +23,76 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 
-def integrate_observed(
-    scene: Scene,
+def integrate_requested(
+    scenes: Sequence[Scene],
     method: AnyMethod,
-    n_steps: AnySteps,
-    request: Observations,
+    steps: Sequence[AnySteps],
+    requests: Sequence[Observations],
     *,
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
+    with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
-) -> Pair:
-    """Integrate a scene and observe it, as :func:`observe_members` says.
+) -> list[Pair]:
+    """Integrate scenes by one method, each in its steps, and observe what is requested of it.
 
-    `every`, `diagnostics` and `checkpoints` as for
-    :func:`fvi_cli.integrator.integrate.integrate`; a run with impacts has the last alone.
+    Numbers of steps are the same for all, and so is what is requested; where it is nothing, both
+    of a pair are the run itself. Scenes with impacts, diagnostics or a mesh of their own are
+    integrated individually, each with a part of the checkpoint; others in batches
+    (:func:`fvi_cli.integrator.members.integrate_members`). `with_steps` keeps the steps of runs
+    that are not observed; a run with impacts takes neither `every` nor `diagnostics`.
 
     Raises
     ------
     ValueError
-        For methods whose steps are no polynomials, and impacts on a mesh of the caller's own.
+        For observations by a method whose steps are no polynomials, and impacts on a mesh of the
+        caller's own.
     """
-    check_observable(method)
-    impacts: Mapping[str, Array] = {}
-    if not request.impacts or not isinstance(method, Method):
-        run = integrate(
-            scene,
-            method,
-            n_steps,
-            every=every,
-            diagnostics=diagnostics,
-            with_steps=True,
-            checkpoints=checkpoints,
+    is_observed = any(not one.is_empty for one in requests)
+    if is_observed:
+        check_observable(method)
+        with_steps = True
+    is_individual = any(one.impacts for one in requests) or not diagnostics.is_empty
+    if len(scenes) > 1 and isinstance(steps[0], int) and not is_individual:
+        runs = integrate_members(
+            scenes, method, steps[0], every=every, with_steps=with_steps, checkpoints=checkpoints
         )
-    elif isinstance(n_steps, int):
-        run, impacts = integrate_with_impacts(
-            scene,
-            method,
-            n_steps,
-            request.impacts,
-            coordinates=request.coordinates,
-            parameters=request.parameters,
-            checkpoints=checkpoints,
-        )
-    else:
-        raise ValueError("impacts: steps are cut where these are; give a number of steps")
-    (found,) = observe_members(
-        [scene], method, [run], [request], impacts=impacts, checkpoints=checkpoints
-    )
+        if not is_observed:
+            return [(run, run) for run in runs]
+        return observe_members(scenes, method, runs, requests, checkpoints=checkpoints)
+    found: list[Pair] = []
+    for index, (scene, n_steps, request) in enumerate(zip(scenes, steps, requests, strict=True)):
+        own = checkpoints if len(scenes) == 1 else part_of(checkpoints, f"from {index}")
+        impacts: Mapping[str, Array] = {}
+        if not request.impacts or not isinstance(method, Method):
+            run = integrate(
+                scene,
+                method,
+                n_steps,
+                every=every,
+                diagnostics=diagnostics,
+                with_steps=with_steps,
+                checkpoints=own,
+            )
+        elif isinstance(n_steps, int):
+            run, impacts = integrate_with_impacts(
+                scene,
+                method,
+                n_steps,
+                request.impacts,
+                coordinates=request.coordinates,
+                parameters=request.parameters,
+                checkpoints=own,
+            )
+        else:
+            raise ValueError("impacts: steps are cut where these are; give a number of steps")
+        if is_observed:
+            found += observe_members(
+                [scene], method, [run], [request], impacts=impacts, checkpoints=own
+            )
+        else:
+            found.append((run, run))
     return found
-
-
-def integrate_observed_members(
-    scenes: Sequence[Scene],
-    method: AnyMethod,
-    n_steps: int,
-    requests: Sequence[Observations],
-    *,
-    every: int = 1,
-    checkpoints: RunKeeper | None = None,
-) -> list[Pair]:
-    """Integrate many scenes and observe them, without impacts, those of one kind as one batch.
-
-    As :func:`fvi_cli.integrator.members.integrate_members` and :func:`observe_members`.
-    """
-    check_observable(method)
-    runs = integrate_members(
-        scenes, method, n_steps, every=every, with_steps=True, checkpoints=checkpoints
-    )
-    return observe_members(scenes, method, runs, requests, checkpoints=checkpoints)
 
 
 def observe_members(

@@ -21,6 +21,7 @@ from fvi_cli.runner.executors.jobs import (
     JobQueue,
     Lookup,
     References,
+    Result,
     Results,
     Watch,
     crash,
@@ -137,29 +138,32 @@ def _finished(job: Job, answer: Results | Crash) -> FinishedJob:
     return FinishedJob(job=job, results=results)
 
 
-def attempt(job: Job, references: References, compute: ComputeJob) -> Results:
-    """Compute a job; where that raises an exception, every run by itself.
+def compute_individually(
+    error: Exception, job: Job, references: References, compute: ComputeJob
+) -> Results:
+    """Compute every run of a job by itself, after computing the job has raised an exception.
 
     Raises
     ------
     MemoryError
         If there is not enough memory: that is the fault of none of the runs.
     """
-    try:
-        return compute(job, references)
-    except MemoryError:
-        raise
-    except Exception as error:
-        if len(job.runs) == 1:
-            return [crash(error)]
-        _logger.debug("%d runs together: %s", len(job.runs), crash(error).trace)
-        _logger.warning("%d runs are computed one by one: %s", len(job.runs), crash(error).message)
-        given: Sequence[Sequence[Reference | None]] = [[one] for one in references]
-        return [
-            one
-            for run, own in zip(job.runs, given or [()] * len(job.runs), strict=True)
-            for one in attempt(replace(job, runs=(run,)), own, compute)
-        ]
+    if isinstance(error, MemoryError):
+        raise error
+    if len(job.runs) == 1:
+        return [crash(error)]
+    _logger.debug("%d runs together: %s", len(job.runs), crash(error).trace)
+    _logger.warning("%d runs are computed one by one: %s", len(job.runs), crash(error).message)
+    given: Sequence[Sequence[Reference | None]] = [[one] for one in references]
+    found: list[Result] = []
+    for run, own in zip(job.runs, given or [()] * len(job.runs), strict=True):
+        try:
+            found += compute(replace(job, runs=(run,)), own)
+        except MemoryError:
+            raise
+        except Exception as mistake:
+            found.append(crash(mistake))
+    return found
 
 
 @dataclass(kw_only=True, eq=False)
@@ -184,7 +188,10 @@ class InProcess(Executor):
         ((job, references),) = self.given
         try:
             with on_progress(partial(self.watch, job)) if self.watch else nullcontext():
-                answer: Answer = attempt(job, references, self.compute_job)
+                try:
+                    answer: Answer = self.compute_job(job, references)
+                except Exception as error:
+                    answer = compute_individually(error, job, references, self.compute_job)
         except MemoryError as error:
             answer = no_memory(error)
         self.given = []

@@ -70,7 +70,8 @@ class Crash:
     trace: str = ""
 
 
-Results = Sequence[FinishedRun | Reference | CostRow | ToleranceRow | Crash | None]
+Result = FinishedRun | Reference | CostRow | ToleranceRow | Crash | None
+Results = Sequence[Result]
 """One for each run of a job; None: the scene has an exact solution."""
 References = Sequence[Reference | None]
 """What the errors of runs are measured against; None: it is found where they are computed."""

@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.observations.observe import integrate_observed, observe_members
+from fvi_cli.integrator.observations.observe import integrate_requested, observe_members
 from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
@@ -142,14 +142,15 @@ def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Tra
             [run.scene], run.method, [found], [request], checkpoints=checkpoints
         )
         return reported
-    return integrate_observed(
-        run.scene,
+    ((_, reported),) = integrate_requested(
+        [run.scene],
         run.method,
-        run.n_steps,
-        request,
+        [run.n_steps],
+        [request],
         diagnostics=diagnostics,
         checkpoints=checkpoints,
-    )[1]
+    )
+    return reported
 
 
 def _with_errors(

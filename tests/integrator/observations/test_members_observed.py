@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from letters import spring, swing
+from letters import observe_one, spring, swing
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations import motion
-from fvi_cli.integrator.observations.observe import (
-    integrate_observed,
-    integrate_observed_members,
-)
+from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
 from fvi_cli.integrator.observations.pieces import AT_A_TIME
 from fvi_cli.integrator.observations.request import Observations, observations
@@ -82,10 +79,10 @@ def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
         scene, k = member(kind, rng)
         scenes.append(scene)
         asked.append(wanted(k))
-    whole = integrate_observed_members(scenes, method, 60, asked)
+    whole = integrate_requested(scenes, method, [60] * COUNT, asked)
     chosen = [*range(COUNT - 1, 0, -1)]
-    part = integrate_observed_members(
-        [scenes[k] for k in chosen], method, 60, [asked[k] for k in chosen]
+    part = integrate_requested(
+        [scenes[k] for k in chosen], method, [60] * len(chosen), [asked[k] for k in chosen]
     )
     for place, index in enumerate(chosen):
         expected, found = numbers(whole[index]), numbers(part[place])
@@ -93,7 +90,7 @@ def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
         for key, one in expected.items():
             assert np.array_equal(one, found[key], equal_nan=True), key
     for index in (0, 5, COUNT - 1):
-        alone = numbers(integrate_observed(scenes[index], method, 60, asked[index]))
+        alone = numbers(observe_one(scenes[index], method, 60, asked[index]))
         for key, one in numbers(whole[index]).items():
             assert one.shape == alone[key].shape, key
             scale = np.abs(alone[key]).max(initial=1.0)
@@ -117,7 +114,7 @@ def test_evaluations_of_the_motion_do_not_grow_with_the_members(monkeypatch):
         monkeypatch.setattr(motion, "evaluate_series", counted)
         scenes, asked = [one for one, _ in drawn[:count]], [wanted(k) for _, k in drawn[:count]]
         # all of them within one part
-        integrate_observed_members(scenes, METHODS["gauss2"], AT_A_TIME // 40, asked)
+        integrate_requested(scenes, METHODS["gauss2"], [AT_A_TIME // 40] * count, asked)
         counts.append(len(calls))
     few, many = counts
     # a root among more takes more sweeps, and an event that stops a run is found for each
