@@ -190,8 +190,7 @@ def test_the_lists_find_what_they_are_for():
 
 
 FRONT_DOORS = {
-    "compare", "hard_cases", "integrate", "integrate_members", "integrate_part",
-    "predict_stability", "run", "show", "write",
+    "compare", "hard_cases", "integrate", "run", "show", "write",
 }  # fmt: skip
 """Public functions of the package that check what users give, and call one of the same name."""
 

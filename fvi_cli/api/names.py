@@ -4,7 +4,6 @@ from fvi_cli.api.derivatives import Gradient as Gradient
 from fvi_cli.api.derivatives import gradient as gradient
 from fvi_cli.config import LoadedConfig as LoadedConfig
 from fvi_cli.config import json_schema as json_schema
-from fvi_cli.config import method_named as method_named
 from fvi_cli.config import shipped_configs as _shipped_configs
 from fvi_cli.config import shipped_titles as shipped_titles
 from fvi_cli.config import starter_config as starter_config
@@ -35,6 +34,7 @@ from fvi_cli.integrator.gradients.quantity import position_at as position_at
 from fvi_cli.integrator.gradients.quantity import quantity_at as quantity_at
 from fvi_cli.integrator.gradients.quantity import smoothed_peak as smoothed_peak
 from fvi_cli.integrator.gradients.quantity import velocity_at as velocity_at
+from fvi_cli.integrator.members import integrate_members as integrate_members
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps as AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh as Mesh
 from fvi_cli.integrator.meshes.mesh import graded_mesh as graded_mesh
@@ -42,8 +42,11 @@ from fvi_cli.integrator.meshes.mesh import mesh_of as mesh_of
 from fvi_cli.integrator.meshes.mesh import uniform_mesh as uniform_mesh
 from fvi_cli.integrator.method import Baseline as Baseline
 from fvi_cli.integrator.method import Method as Method
+from fvi_cli.integrator.method_by_name import method_named as method_named
 from fvi_cli.integrator.run.checkpoint import Checkpoint as Checkpoint
+from fvi_cli.integrator.run.parts import integrate_part as integrate_part
 from fvi_cli.integrator.stability.prediction import StabilityPrediction as StabilityPrediction
+from fvi_cli.integrator.stability.prediction import predict_stability as predict_stability
 from fvi_cli.integrator.trajectory import Assessment as Assessment
 from fvi_cli.integrator.trajectory import Trajectory as Trajectory
 from fvi_cli.render.results import as_text as as_text
@@ -64,9 +67,6 @@ from fvi_cli.runner.plan import PlannedRun as PlannedRun
 from fvi_cli.runner.plan import plan as plan
 from fvi_cli.runner.request import load as load
 from fvi_cli.runner.scenes import integrate as integrate
-from fvi_cli.runner.scenes import integrate_members as integrate_members
-from fvi_cli.runner.scenes import integrate_part as integrate_part
-from fvi_cli.runner.scenes import predict_stability as predict_stability
 from fvi_cli.runner.stability import stability as stability
 from fvi_cli.runner.vibration import modes as modes
 from fvi_cli.runner.vibration import response as response

@@ -1,6 +1,5 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
-from fvi_cli.config.keys.methods import method_named
 from fvi_cli.config.load import LoadedConfig, load_config, load_stored, parse_config
 from fvi_cli.config.reference import (
     SCHEMA_FILE,
@@ -29,7 +28,6 @@ __all__ = [
     "json_schema",
     "load_config",
     "load_stored",
-    "method_named",
     "parse_config",
     "schema_text",
     "shipped_configs",

@@ -18,6 +18,7 @@ from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_by_name import as_method
 from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.step_tables import step_tables
@@ -36,7 +37,7 @@ MOST_TOGETHER = 512
 
 def integrate_members(
     scenes: Sequence[Scene],
-    method: AnyMethod,
+    method: AnyMethod | str,
     n_steps: int | Mesh,
     *,
     every: int = 1,
@@ -45,16 +46,17 @@ def integrate_members(
 ) -> list[Trajectory]:
     """Integrate every scene, those of one kind (:func:`batch_kind`) as one batch.
 
-    Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all; each
-    batch has a part of the checkpoint. One trajectory per scene, in their order: what `integrate`
-    gives, to round-off, and the same to the last bit whatever others are in its batch, with a
-    status of its own; times are the equal shares of those of the batch.
+    Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all, the
+    method also by its name; each batch has a part of the checkpoint. One trajectory per scene, in
+    their order: what `integrate` gives, to round-off, and the same to the last bit whatever others
+    are in its batch, with a status of its own; times are the equal shares of those of the batch.
 
     Raises
     ------
     ValueError
         As `integrate` does, for the first scene that is not allowed.
     """
+    method = as_method(method)
     if isinstance(n_steps, int):
         check_counts(n_steps, every)
     found: dict[int, Trajectory] = {}

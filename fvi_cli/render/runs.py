@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from fvi_cli.config import method_named
+from fvi_cli.integrator.method_by_name import method_named
 from fvi_cli.integrator.method_names import MethodName, method_name, method_names
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet

@@ -2,8 +2,9 @@
 
 import pytest
 
-from fvi_cli.config import method_named, parse_config
+from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
+from fvi_cli.integrator.method_by_name import method_named
 
 FRAME = """\
 problem: {{kind: pendulum, final_time: 1.0}}

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fvi_cli.config.keys.methods import method_named
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_batch
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.method_by_name import method_named
 from fvi_cli.scenes.data import kepler
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final, Literal, get_args
@@ -15,16 +14,14 @@ from fvi_cli.integrator.method import (
     BDF_NAMES,
     RUNGE_KUTTA_NAMES,
     AnyMethod,
-    Baseline,
     ForcingQuadrature,
     History,
     Method,
-    RuleSpecification,
     Sampling,
     Start,
 )
+from fvi_cli.integrator.method_by_name import EXAMPLES, keys_of_name, make_method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
@@ -32,74 +29,6 @@ from fvi_cli.keys.scalars import Choice, Integer, Number, Schema, Shape
 from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
-
-EXAMPLES: Final = "gauss3, radau-iia2, bdf2, bdf2-nodes"
-_FAMILY: Final = re.compile(
-    r"bdf-?(?P<bdf>[1-6])|(?:(?P<gauss>gauss)|(?P<radau>radau(?:-?iia)?)|lobatto(?:-?iiic)?)"
-    r"(?:-?(?P<degree>\d{1,3}))?"
-)
-_WORDS: Final[Mapping[str, tuple[str, ...]]] = {
-    "sampling": get_args(Sampling),
-    "start": ("none", "graded"),
-    "forcing_quadrature": get_args(ForcingQuadrature),
-    "history": get_args(History),
-}
-_NUMBERED: Final = re.compile(r"(s|gauss|lobatto)(\d{1,3})")
-
-
-def keys_of_name(name: str) -> dict[str, Any]:
-    """Keys of a method, with their values, that its name stands for."""
-    words_of = re.sub(r"[\s_]+", "-", name.strip().lower())
-    if words_of in BASELINE_NAMES:
-        return {"baseline": words_of}
-    plain = re.sub(r"[\s_]", "", name.lower())
-    family = _FAMILY.match(plain)
-    words = plain[family.end() :].split("-") if family else [""]
-    if family is None or words[0]:
-        raise ValueError(_no_method(name))
-    values: dict[str, Any] = {}
-    if family["bdf"]:
-        values["bdf"] = int(family["bdf"])
-    else:
-        short = "gauss" if family["gauss"] else "radau-iia" if family["radau"] else "lobatto-iiic"
-        values["rk"] = short
-        if family["degree"]:
-            values["degree"] = int(family["degree"])
-    for word in words[1:]:
-        key, value = _entry_of(word)
-        if not key or key in values:
-            raise ValueError(_no_method(name))
-        values[key] = value
-    if not 1 <= values.get("degree", 1) <= LARGEST_DEGREE:
-        raise ValueError(f"the degree in {excerpt(name)!r} must be from 1 to {LARGEST_DEGREE}")
-    return values
-
-
-def _entry_of(word: str) -> tuple[str, Any]:
-    """Key and value that a part of a name stands for; no key where it stands for none."""
-    numbered = _NUMBERED.fullmatch(word)
-    if numbered is None:
-        return next((key for key, words in _WORDS.items() if word in words), ""), word
-    what, number = numbered[1], int(numbered[2])
-    return ("degree", number) if what == "s" else ("quadrature", {"rule": what, "points": number})
-
-
-def _no_method(name: str) -> str:
-    if re.fullmatch(r"(?i)bdf-?\d+", name.strip()):
-        return f"{excerpt(name)!r} is not the name of a method; there are bdf1 to bdf6"
-    number = re.search(r"[1-6]", name)
-    # as tables write it: BDF2 points, degree 1
-    sampled = re.match(r"(?i)bdf([1-6])[- ]?(node|point)", name.strip())
-    if sampled:
-        meant = f"bdf{sampled[1]}" + "-nodes" * (sampled[2].lower() == "node")
-        return f"{excerpt(name)!r} is not the name of a method; write {meant}"
-    degree = number[0] if number else "3"
-    families = (f"{one}{degree}" for one in ("gauss", "radau-iia", "lobatto-iiic", "bdf"))
-    near = suggestion(name, (*BASELINE_NAMES, *families))
-    return (
-        f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
-        f"bdf2-nodes-s1-gauss1-none, {', '.join(BASELINE_NAMES)})"
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,11 +63,6 @@ class Rule(Setting):
     points: Annotated[int | None, Integer(least=1, most=LARGEST_RULE)] = key(
         "Number of points; default: degree for gauss, degree + 1 for lobatto.", default=None
     )
-
-    def specification(self, degree: int) -> RuleSpecification:
-        """The rule of a method of so high a degree."""
-        usual = degree + (1 if self.rule == "lobatto" else 0)
-        return RuleSpecification(rule=self.rule, points=self.points or usual)
 
 
 class Weights(Setting):
@@ -315,60 +239,6 @@ def _complain(error: ArgumentError, chosen: Mapping[str, int], at: Cursor) -> No
         at.refuse(error.message, key)
 
 
-def make_method(
-    values: Mapping[str, Any], *, usual_start: Start = "graded"
-) -> tuple[AnyMethod, dict[str, Any]]:
-    """The method with its defaults, and the keys that say it in full.
-
-    `usual_start` is what Runge-Kutta methods do by default.
-    """
-    if "baseline" in values:
-        baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
-        tolerance = {} if baseline.tolerance is None else {"tolerance": baseline.tolerance}
-        return baseline, {"baseline": baseline.name, **tolerance}
-    sampling = values.get("sampling", "points")
-    resolved: dict[str, Any]
-    if "bdf" in values:
-        order, nodes = values["bdf"], sampling == "nodes"
-        cq, resolved = BDF_NAMES[order - 1], {"bdf": order}
-        degree = values.get("degree", 1 if nodes else math.ceil(order / 2))
-        usual_start, usual_quadrature = "none", "galerkin" if nodes else "exact"
-    else:
-        cq = values.get("rk", "gauss")
-        resolved = {"rk": cq}
-        stages = values.get("stages", 3 + (cq == "lobatto-iiic"))
-        degree = values.get("degree", stages - (cq == "lobatto-iiic"))
-        usual_start, usual_quadrature = usual_start if cq == "gauss" else "none", "galerkin"
-    start = values.get("start", usual_start)
-    exponents: tuple[float, ...] = ()
-    if start == "graded" and cq != "gauss":
-        raise ArgumentError("start", "graded is for rk: gauss only; use none")
-    if isinstance(start, Mapping):
-        exponents, start = tuple(start["weights"]), "weights"
-        if len(set(exponents)) != len(exponents):
-            raise ArgumentError("start", "every exponent must be given once")
-    rule = values.get("quadrature")
-    rule = {"rule": rule} if isinstance(rule, str) else rule
-    method = Method(
-        cq=cq,
-        degree=degree,
-        quadrature=None if rule is None else Rule.of(rule).specification(degree),
-        sampling=sampling,
-        start=start,
-        start_exponents=exponents,
-        forcing_quadrature=values.get("forcing_quadrature", usual_quadrature),
-        history=values.get("history", "auto"),
-    )
-    resolved["degree"] = degree
-    if "bdf" in values:
-        resolved["sampling"] = sampling
-        resolved["quadrature"] = {"rule": method.rule.rule, "points": method.rule.points}
-    resolved["start"] = {"weights": list(exponents)} if exponents else start
-    resolved["forcing_quadrature"] = method.forcing_quadrature
-    resolved["history"] = method.history
-    return method, resolved
-
-
 def objection_to_grading(method: AnyMethod) -> str:
     """Why the steps of a method may not differ, and what to do; empty where they may."""
     if not isinstance(method, Method) or method.cq != "gauss":
@@ -376,24 +246,3 @@ def objection_to_grading(method: AnyMethod) -> str:
     if method.start == "graded":
         return f"{method_name(method)} makes its own mesh; leave grading out, or give start: none"
     return ""
-
-
-def method_named(name: str) -> AnyMethod:
-    """The method of a short name, or of the name that it has in files.
-
-    ``bdf1`` to ``bdf6``; ``gauss``, ``radau-iia`` or ``lobatto-iiic`` with the degree, as in
-    ``gauss3``; or a baseline. What is to be other than by default is joined by ``-``: ``nodes`` or
-    ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``,
-    ``galerkin``, ``exact`` or ``projected``, ``direct`` or ``exponentials``. ``bdf2-nodes``,
-    ``gauss-s3-graded`` and ``Gauss3`` are such names.
-
-    Raises
-    ------
-    ValueError
-        For a name that says no method.
-    """
-    try:
-        values = keys_of_name(name)
-    except ValueError as error:
-        raise ValueError(f"method: {error}") from None
-    return make_method(values)[0]

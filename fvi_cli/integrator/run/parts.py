@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method_by_name import as_method
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.run.checkpoint import Checkpoint, fingerprint
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.on_mesh import mesh_for, prepare
@@ -27,7 +29,7 @@ class Part:
 
 def integrate_part(
     scene: Scene,
-    method: Method,
+    method: AnyMethod | str,
     n_steps: int,
     *,
     until: int | None = None,
@@ -41,31 +43,38 @@ def integrate_part(
     momenta and energies are those of the steps, which keep the error of the first one. A run that
     diverges may stop a step earlier in parts: its bound has the largest force that was met so far.
 
-    Arguments as for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run.
-    It begins at the checkpoint, or the start, and stops when `until` steps of the mesh are done, or
-    up to 4096 later.
+    Arguments as for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run;
+    the method also by its name, and no baseline. It begins at the checkpoint, which knows the
+    method and the number of steps, not the scene; by default at the start. It stops when `until`
+    steps of the mesh are done, or up to 4096 later; by default at the end.
 
     Raises
     ------
     ValueError
-        If the checkpoint belongs to another run, or a number is outside of its range.
+        If the checkpoint belongs to another run, the method is a baseline, or a number is outside
+        of its range.
     """
+    chosen = as_method(method)
+    if not isinstance(chosen, Method):
+        raise ValueError(
+            f"method: {method_name(chosen)} cannot stop and resume; take a variational method"
+        )
     if every < 1:
         raise ValueError(f"every: {every} is not allowed; it must be at least 1")
     began = clock.perf_counter()
-    mesh = mesh_for(scene, method, n_steps)
+    mesh = mesh_for(scene, chosen, n_steps)
     step_size = scene.final_time / n_steps
-    run_key = (method.case, n_steps, step_size, fingerprint(scene, method, mesh))
+    run_key = (chosen.case, n_steps, step_size, fingerprint(scene, chosen, mesh))
     if checkpoint is not None and checkpoint.run != run_key:
         own = f"{checkpoint.case} N={checkpoint.n_steps}"
         raise ValueError(
             f"checkpoint: it belongs to a run {own} of another scene, method or mesh, not to "
-            f"{method.case} N={n_steps}"
+            f"{chosen.case} N={n_steps}"
         )
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
-    this = prepare([scene], method, mesh, every=every)
+    this = prepare([scene], chosen, mesh, every=every)
     if checkpoint is None:
         this.begin()
     else:

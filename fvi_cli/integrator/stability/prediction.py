@@ -27,6 +27,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method_by_name import as_method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.stability.determinants import step_determinants
 from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
@@ -82,16 +83,18 @@ NO_GAIN = StabilityPrediction(
 )
 
 
-def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> StabilityPrediction:
-    """Tell whether a run of `scene` by `method` in `n_steps` steps would blow up.
+def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> StabilityPrediction:
+    """Tell whether a run of `scene` by `method` in `n_steps` steps would blow up, and why.
 
-    Of a nonlinear scene there are the numbers of the scene linearised at its start, and no verdict.
+    A method may be given by its name. Of a nonlinear scene there are the numbers of the scene
+    linearised at its start, and no verdict.
 
     Raises
     ------
     ValueError
         If N is not positive.
     """
+    method = as_method(method)
     if n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     if not has_patterns(method):
