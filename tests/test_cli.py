@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 import fvi_cli
 from benchmarks.robustness import LADDER
 from fvi_cli.cli.app import app
+from fvi_cli.integrator.observations import observe
 from fvi_cli.integrator.run import loop
 from fvi_cli.runner import request
 from fvi_cli.storage.code import own_code
 from fvi_cli.storage.digests import SOLVER_VERSION
-from fvi_cli.studies import study
 from fvi_cli.studies.tolerance import runs as tolerance_runs
 
 QUICK = LADDER.replace("1, 2, 3]", "1, 2]").replace("16, 24, 32, 48]", "16, 32]")
@@ -134,7 +134,7 @@ def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monke
 
         return made_up
 
-    for module, name in ((study, "integrate"), (tolerance_runs, "engine_for")):
+    for module, name in ((observe, "integrate"), (tolerance_runs, "engine_for")):
         monkeypatch.setattr(module, name, mistaken(getattr(module, name)))
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml", code=1)

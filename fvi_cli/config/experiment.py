@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import logging
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from fractions import Fraction
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +15,6 @@ from fvi_cli.config.keys.designs import DESIGNS
 from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.fit import Fit
 from fvi_cli.config.keys.ladder import (
-    MOST_STEPS,
     Ladder,
     accuracy_of,
     check_accuracy,
@@ -32,10 +29,10 @@ from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.config.observations import check_member, read_observations, read_units
-from fvi_cli.config.problem import break_points, make_problem, problem_keys
+from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
-from fvi_cli.integrator.break_points import ON_GRID
+from fvi_cli.integrator.break_points import between_steps
 from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.method_names import method_name
@@ -43,7 +40,6 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.settings import as_plain
-from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form
 from fvi_cli.studies.accuracy_settings import Accuracy
@@ -52,10 +48,6 @@ from fvi_cli.studies.experiment import Experiment
 _logger = logging.getLogger(__name__)
 _OF_DAMPING: Final = re.compile(r"(problem\.)?(damping|dampers|internal_damping)\b")
 _FACTOR: Final = re.compile(_OF_DAMPING.pattern + r"\.\d+\.(coefficient|matrix)")
-
-# Break points are taken for fractions of the interval with denominators up to this.
-_LARGEST_DENOMINATOR: Final = 2**20
-
 
 ReadExperiment = tuple[Mapping[str, Any], Experiment | None]
 """What was read of an experiment, with defaults, and the experiment if that is complete."""
@@ -82,10 +74,10 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         start="none" if ladder is not None and ladder.grading is not None else "graded",
     )
     check_accuracy(at, problem)
-    ends = () if problem is None or keys is None else (*break_points(keys), problem.final_time)
-    check_grading(grading, steps, methods, ends, at)
-    if keys is not None and grading == 1.0:
-        _check_break_points(keys, methods, steps, at)
+    if problem is None:
+        check_grading(grading, steps, methods, (), at)
+    else:
+        _check_grid(problem, methods, steps, grading, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
     if is_described and settings.allow_unstable is False:
@@ -221,24 +213,33 @@ def _make_members(
 ) -> ReadMembers | None:
     """The members of the sweep, checked like the experiment without one."""
 
-    def check(keys: Kind, problem: AnyProblem, at: Cursor) -> None:
-        breaks = tuple(break_points(keys))
-        if grading == 1.0:
-            # members are stored at the same times
-            are_shared = first.scene is None or breaks == first.scene.break_points
-            _check_break_points(keys, methods, steps, at, may_be_between=are_shared)
-        ends = (*breaks, problem.final_time)
-        check_grading(grading, steps, methods, ends, at)
+    def check(problem: AnyProblem, at: Cursor) -> None:
+        # members are stored at the same times
+        are_shared = (
+            problem.scene is None
+            or first.scene is None
+            or problem.scene.break_points == first.scene.break_points
+        )
+        _check_grid(problem, methods, steps, grading, at, may_be_between=are_shared)
         _check_meeting(problem, methods, at)
         check_member(observed, first, problem, at)
 
     return make_members(template, first, at, check)
 
 
-def _check_break_points(
-    keys: Kind,
+def _break_points(problem: AnyProblem) -> tuple[float, ...]:
+    """Where the forcing jumps, or a displacement that is given; not where its samples turn."""
+    scene = problem.scene
+    if scene is None or scene.prescribed is None:
+        return () if scene is None else scene.break_points
+    return tuple(t for t in scene.prescribed.displacement.break_points if t < scene.final_time)
+
+
+def _check_grid(
+    problem: AnyProblem,
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
+    grading: float,
     at: Cursor,
     *,
     may_be_between: bool = True,
@@ -247,48 +248,19 @@ def _check_break_points(
 
     Methods that take any mesh have points of their own there, and need steps on either side only.
     """
-    ends = break_points(keys)
-    if not ends:
+    ends = _break_points(problem)
+    if grading != 1.0:
+        check_grading(grading, steps, methods, (*ends, problem.final_time), at)
         return
-    if may_be_between and all(
+    are_own_points = may_be_between and all(
         isinstance(m.method, Method) and m.method.is_runge_kutta for m in methods
-    ):
-        for index, n_steps in enumerate(steps):
-            if n_steps <= len(ends):
-                refuse_step(
-                    at,
-                    index,
-                    f"{n_steps} steps are too few for {len(ends) + 1} parts between break points",
-                )
-        return
-    parts = [until / keys.final_time for until in ends]
-    divisor = math.lcm(
-        *(Fraction(part).limit_denominator(_LARGEST_DENOMINATOR).denominator for part in parts)
     )
-    for index, n_steps in enumerate(steps):
-        between = [end for end, part in zip(ends, parts, strict=True) if _misses(part, n_steps)]
-        if not between:
-            continue
-        below = n_steps // divisor * divisor
-        near = [n for n in (below, below + divisor) if 0 < n <= MOST_STEPS]
-        near = [n for n in near if not any(_misses(part, n) for part in parts)]
-        hint = (
-            f"the nearest that fit are {' and '.join(map(str, near))}"
-            if len(near) > 1
-            else f"the nearest that fits is {near[0]}"
-            if near
-            else "no number of steps fits"
-        )
-        refuse_step(
-            at,
-            index,
-            f"{n_steps} steps put the break point t = {between[0]:g} between two steps; {hint}",
-        )
-
-
-def _misses(part: float, n_steps: int) -> bool:
-    place = part * n_steps
-    return abs(place - round(place)) > ON_GRID * max(1.0, place)
+    for index, n_steps in enumerate(steps if ends else ()):
+        if are_own_points and n_steps <= len(ends):
+            parts = f"{len(ends) + 1} parts between break points"
+            refuse_step(at, index, f"{n_steps} steps are too few for {parts}")
+        elif not are_own_points and (words := between_steps(ends, problem.final_time, n_steps)):
+            refuse_step(at, index, f"{n_steps} steps put {words}")
 
 
 def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> None:

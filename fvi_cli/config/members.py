@@ -22,7 +22,6 @@ from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.keys.complaints import Complaints, excerpt, no_member, not_known
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
-from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
@@ -83,7 +82,7 @@ MANY: Final = 5000
 
 _logger = logging.getLogger(__name__)
 
-CheckMember = Callable[[Kind, AnyProblem, Cursor], None]
+CheckMember = Callable[[AnyProblem, Cursor], None]
 
 
 ReadMembers = tuple[tuple[Member, ...], dict[str, Any]]
@@ -227,12 +226,11 @@ def _check_members(
 def _check_member(
     specification: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
 ) -> None:
-    keys = problem_keys(specification)
-    problem = make_problem(keys, at.under(PROBLEM), search=False)
+    problem = make_problem(problem_keys(specification), at.under(PROBLEM), search=False)
     if problem is None:
         return
     if _dimension(problem) == _dimension(first):
-        check(keys, problem, at)
+        check(problem, at)
         return
     at.refuse(
         f"has {_dimension(problem)} degrees of freedom, the first member "

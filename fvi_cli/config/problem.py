@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +23,6 @@ from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.kinds.oscillators import DampedOscillator
 from fvi_cli.scenes.kinds.shared_keys import Initial
 from fvi_cli.scenes.problem import AnyProblem
-from fvi_cli.scenes.records.data_files import end_of_samples
 from fvi_cli.scenes.registry import PROBLEM
 from fvi_cli.scenes.structures.matrix_keys import matrix_size
 
@@ -65,33 +64,6 @@ def _pieces(force: object) -> list[tuple[Any, Any]]:
         (piece.get("until"), piece.get("value")) if isinstance(piece, Mapping) else (INVALID,) * 2
         for piece in (pieces if isinstance(pieces, list | tuple) else ())
     ]
-
-
-def break_points(problem: Kind) -> list[float]:
-    """Ends of the pieces of the forcing, as far as they are valid and inside of (0, T)."""
-    final_time: Any = problem.final_time
-    force = _force(problem)
-    if not isinstance(final_time, float):
-        return []
-    every = (*(until for until, _ in _pieces(force)), *_ends_of_samples(force, final_time))
-    return [end for end in every if isinstance(end, float) and end < final_time]
-
-
-def _ends_of_samples(forcing: object, final_time: float) -> list[float]:
-    """Where samples of the forcing end with nothing behind them, in order."""
-    inner = forcing.get("at") if isinstance(forcing, Mapping) else None
-    entries: Iterable[Any] = (forcing,)
-    if isinstance(inner, Mapping):
-        entries = inner.values()
-    elif isinstance(forcing, tuple):
-        entries = forcing
-    return sorted(
-        {
-            end_of_samples(one, final_time)
-            for one in entries
-            if isinstance(one, Mapping) and is_complete(one)
-        }
-    )
 
 
 def make_problem(problem: Kind, at: Cursor, *, search: bool = True) -> AnyProblem | None:

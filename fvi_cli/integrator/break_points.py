@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,8 @@ from fvi_cli.mathematics.arrays import Array
 
 ON_GRID = 1e-9
 """What is as close to a multiple of the step as this, in steps, lies on the grid."""
+MOST_STEPS, LARGEST_DENOMINATOR = 2**30, 2**20
+"""What is looked for: steps at most, and fractions of the interval."""
 
 
 def are_on_grid(places: Array) -> NDArray[np.bool_]:
@@ -28,26 +32,43 @@ def steps_at_break_points(scene: Scene, n_steps: int) -> tuple[int, ...]:
     ValueError
         If a break point lies between two steps; the message names the nearest N that fit.
     """
+    if words := between_steps(scene.break_points, scene.final_time, n_steps):
+        raise ValueError(f"n_steps: {n_steps} puts {words}")
     places = np.array(scene.break_points) / scene.final_time * n_steps
-    for break_point, fits in zip(scene.break_points, are_on_grid(places), strict=True):
-        if not fits:
-            below, above = nearest_fitting(scene, n_steps)
-            known = " and ".join(str(n) for n in (below, above) if n)
-            hint = f"the nearest that fit are {known}" if known else "no number of steps fits"
-            raise ValueError(
-                f"n_steps: {n_steps} puts the break point t = {break_point:g} between two steps; "
-                f"{hint}"
-            )
     return tuple(np.rint(places).astype(int).tolist())
 
 
-def nearest_fitting(scene: Scene, n_steps: int, *, limit: int = 2**20) -> tuple[int, int]:
-    """The nearest step counts below and above that put every break point on the grid (0: none)."""
-    fits = [
-        next((n for n in range(n_steps, end, step) if fits_break_points(scene, n)), 0)
-        for end, step in ((max(0, n_steps - limit), -1), (n_steps + limit, 1))
-    ]
-    return fits[0], fits[1]
+def between_steps(break_points: Sequence[float], final_time: float, n_steps: int) -> str:
+    """Which break point lies between two of N equal steps, and which N fit; empty: none does."""
+    places = np.array(break_points) / final_time * n_steps
+    between = np.array(break_points)[~are_on_grid(places)]
+    if not between.size:
+        return ""
+    near = [n for n in nearest_fitting(break_points, final_time, n_steps) if n]
+    hint = "no number of steps fits"
+    if near:
+        hint = f"the nearest that fits is {near[0]}"
+    if len(near) > 1:
+        hint = f"the nearest that fit are {near[0]} and {near[1]}"
+    return f"the break point t = {between[0]:g} between two steps; {hint}"
+
+
+def nearest_fitting(
+    break_points: Sequence[float], final_time: float, n_steps: int
+) -> tuple[int, int]:
+    """The nearest step counts below and above that put every break point on the grid (0: none).
+
+    Break points are taken for fractions of the interval.
+    """
+    parts = np.array(break_points) / final_time
+    divisor = math.lcm(
+        *(Fraction(part).limit_denominator(LARGEST_DENOMINATOR).denominator for part in parts)
+    )
+    below, above = n_steps // divisor * divisor, -(-n_steps // divisor) * divisor
+    below, above = (
+        n if 0 < n <= MOST_STEPS and are_on_grid(parts * n).all() else 0 for n in (below, above)
+    )
+    return below, above
 
 
 def fits_break_points(scene: Scene, n_steps: int) -> bool:

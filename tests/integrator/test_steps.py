@@ -76,7 +76,7 @@ def test_break_points_on_the_grid():
     assert steps_at_break_points(scene, 600) == (200, 300)
     with pytest.raises(ValueError, match="between two steps; the nearest that fit are 6 and 12"):
         steps_at_break_points(scene, 8)
-    assert nearest_fitting(scene, 1) == (0, 6)
+    assert nearest_fitting(scene.break_points, scene.final_time, 1) == (0, 6)
     # break points beyond the end do not matter
     assert steps_at_break_points(piecewise(4.0), 7) == ()
     assert steps_at_break_points(piecewise(0.1, final_time=0.3), 3) == (1,)

@@ -142,7 +142,7 @@ def solve_on_equal_steps(
 
 def _first_steps(scene: Scene, method: AnyMethod) -> int:
     """The least number of steps that is tried; 0: none puts every break point on the grid."""
-    base = nearest_fitting(scene, 1)[1]
+    base = nearest_fitting(scene.break_points, scene.final_time, 1)[1]
     if not base and isinstance(method, Method) and method.cq == "gauss":
         # Gauss methods take break points between the points of the grid
         base = 1
