@@ -12,7 +12,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-from fvi_cli.runner.executors.batches import one_by_one_words, search_title
+from fvi_cli.runner.executors.batches import one_by_one_words
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.jobs import (
@@ -276,7 +276,7 @@ def _begun(
         checkpoints.remove(waiting)
     for search in (run for run in waiting if run.is_search):
         if words := checkpoints.resumed(search):
-            _logger.info("%s: %s", search_title(search), words)
+            _logger.info("%s: %s", search.name, words)
     begun: dict[Hashable, int] = {}
     runs = [one for one in waiting if not one.is_search]
     for run, reached in checkpoints.unfinished(runs).items():

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +15,7 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.members import Member
+from fvi_cli.studies.experiment import Subject
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.outputs import harmonic_outputs
 from fvi_cli.studies.vibration.response import (
@@ -35,24 +33,8 @@ MOST_FREQUENCIES = 100_000
 _FORM = "it must be frequency=FROM:TO:NUMBER or frequency=FROM:TO:NUMBER:log"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearScene:
-    """A linear scene: that of an experiment, or of one of its members."""
-
-    experiment: Experiment
-    member: Member | None
-    specification: Mapping[str, Any]
-    problem: Problem
-
-    @property
-    def title(self) -> str:
-        """Its name in messages."""
-        name = self.experiment.name
-        return name if self.member is None else f"{name} ({self.member.label})"
-
-
-def linear_scenes(request: Request) -> Iterator[LinearScene]:
-    """Every scene of a request, member by member.
+def linear_scenes(request: Request) -> Iterator[tuple[Subject, Problem]]:
+    """Every experiment or member of a request, with its linear scene.
 
     Raises
     ------
@@ -61,7 +43,8 @@ def linear_scenes(request: Request) -> Iterator[LinearScene]:
     """
     for experiment in request.loaded.experiments:
         for member in experiment.members or (None,):
-            problem = experiment.problem if member is None else member.problem
+            one = Subject(experiment=experiment, member=member)
+            problem = one.problem
             if not isinstance(problem, Problem):
                 raise RequestError(f"{experiment.name}: has no motion, and so no modes")
             if not problem.scene.is_linear:
@@ -69,14 +52,7 @@ def linear_scenes(request: Request) -> Iterator[LinearScene]:
                     f"{experiment.name}: {problem.kind} is not linear; modes and harmonic "
                     "responses need a linear scene"
                 )
-            yield LinearScene(
-                experiment=experiment,
-                member=member,
-                specification=(
-                    experiment.problem_specification if member is None else member.specification
-                ),
-                problem=problem,
-            )
+            yield one, problem
 
 
 def linear_tasks(request: Request, action: str) -> list[Task]:
@@ -85,10 +61,10 @@ def linear_tasks(request: Request, action: str) -> list[Task]:
         Task(
             experiment=one.experiment.name,
             action=action,
-            of=f"{one.problem.scene.dimension} degrees of freedom"
+            of=f"{problem.scene.dimension} degrees of freedom"
             + (f", {one.member.label}" if one.member else ""),
         )
-        for one in linear_scenes(request)
+        for one, problem in linear_scenes(request)
     ]
 
 
@@ -114,26 +90,26 @@ def modes(
     if near is not None and not near > 0:
         raise RequestError(f"--near: {near:g} is not allowed; it must be positive")
     tables = []
-    for one in linear_scenes(requested(source)):
-        d = one.problem.scene.dimension
+    for one, problem in linear_scenes(requested(source)):
+        d = problem.scene.dimension
         if count is not None and not 1 <= count <= d:
             raise RequestError(
                 f"--count: {count} is not allowed; {one.experiment.name} has 1 to {d} modes"
             )
         try:
-            table = find_modes(one.problem.scene, count or USUAL_COUNT, near=near)
+            table = find_modes(problem.scene, count or USUAL_COUNT, near=near)
         except ValueError as error:
-            raise RequestError(f"{one.title}: {error}") from None
+            raise RequestError(f"{one.name}: {error}") from None
         if table.counted is None:
             _logger.warning(
                 "%s: modes may be missing: they cannot be counted, one lies at the edge of the "
                 "region",
-                one.title,
+                one.name,
             )
         elif not table.is_complete:
             _logger.warning(
                 "%s: %d modes are found where the argument principle counts %d",
-                one.title,
+                one.name,
                 table.inside,
                 table.counted,
             )
@@ -143,7 +119,7 @@ def modes(
                 name=one.experiment.name,
                 of_member=one.member,
                 units=one.experiment.units,
-                coordinates=one.problem.coordinates or table.coordinates,
+                coordinates=problem.coordinates or table.coordinates,
             )
         )
     return tables
@@ -199,23 +175,23 @@ def response(
     """
     hertz = frequencies(over)
     tables = []
-    for one in linear_scenes(requested(source)):
-        name, scene, coordinates = one.experiment.name, one.problem.scene, one.problem.coordinates
-        wanted = list(force)
-        if not wanted and one.specification.get("ground_acceleration", "0") != "0":
+    for one, problem in linear_scenes(requested(source)):
+        name, scene, coordinates = one.experiment.name, problem.scene, problem.coordinates
+        wanted, specification = list(force), one.problem_specification
+        if not wanted and specification.get("ground_acceleration", "0") != "0":
             wanted = [GROUND]
         if not wanted:
             raise RequestError(
                 f"{name}: say where forces act, for example --force x1, or --force {GROUND}"
             )
-        direction = one.specification.get("ground_direction", 1.0)
+        direction = specification.get("ground_direction", 1.0)
         option = "--force"
         try:
             loads = [harmonic_force(text, scene, coordinates, direction) for text in wanted]
             option = "--at"
-            names = names_along(one.problem, one.problem.ready)
+            names = names_along(problem, problem.ready)
             quantities = one.experiment.observations.quantities or {}
-            outputs = harmonic_outputs(at, names, one.problem, quantities) if at else None
+            outputs = harmonic_outputs(at, names, problem, quantities) if at else None
         except ExpressionError as error:
             advice = meant_name(error.unknown, names) if option == "--at" else ""
             raise RequestError(f"{option}: {error}" + f"; {advice}" * bool(advice)) from None
@@ -232,7 +208,7 @@ def response(
                 load_words=", ".join(wanted),
             )
         except ValueError as error:
-            raise RequestError(f"{one.title}: {error}") from None
+            raise RequestError(f"{one.name}: {error}") from None
         tables.append(
             replace(
                 table,

@@ -154,22 +154,29 @@ def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
-class Run:
-    """One method with one number of steps, and one member where there is a sweep."""
+class Subject:
+    """What is studied: an experiment, or one member where there is a sweep."""
 
     experiment: Experiment
-    method: AnyMethod
-    n_steps: int
     member: Member | None = None
 
-    def __repr__(self) -> str:
-        """The run in one line."""
-        return f"<Run {self.title}>"
+    @property
+    def name(self) -> str:
+        """The experiment, and its member in parentheses."""
+        name = self.experiment.name
+        return name if self.member is None else f"{name} ({self.member.label})"
 
     @property
     def problem(self) -> AnyProblem:
-        """Scene and exact solution of this run."""
+        """Scene and exact solution."""
         return self.experiment.problem if self.member is None else self.member.problem
+
+    @property
+    def problem_specification(self) -> Mapping[str, Any]:
+        """The resolved mapping that made the problem."""
+        if self.member is None:
+            return self.experiment.problem_specification
+        return self.member.specification
 
     @property
     def scene(self) -> Scene:
@@ -184,6 +191,18 @@ class Run:
         if scene is None:
             raise ValueError(f"{self.experiment.name}: has no motion")
         return scene
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
+class Run(Subject):
+    """One method with one number of steps, and one member where there is a sweep."""
+
+    method: AnyMethod
+    n_steps: int
+
+    def __repr__(self) -> str:
+        """The run in one line."""
+        return f"<Run {self.title}>"
 
     @property
     def is_search(self) -> bool:
@@ -230,10 +249,8 @@ class Run:
 
     def specification(self) -> dict[str, Any]:
         """What determines the numbers, as JSON values."""
-        problem = self.experiment.problem_specification
-        if self.member is not None:
-            problem = self.member.specification
-        return {"problem": json.loads(json.dumps(problem)), **self.settings()}
+        problem = json.loads(json.dumps(self.problem_specification))
+        return {"problem": problem, **self.settings()}
 
     def settings(self) -> dict[str, Any]:
         """What determines the numbers beside the problem, as JSON values."""

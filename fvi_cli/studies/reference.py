@@ -18,7 +18,7 @@ from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem, Problem
-from fvi_cli.studies.experiment import Experiment, Run
+from fvi_cli.studies.experiment import Experiment, Run, Subject
 from fvi_cli.studies.members import Member, members_at_a_time
 from fvi_cli.studies.tolerance.rounds import likely_amplitude
 from fvi_cli.studies.tolerance.runs import AdaptiveRuns, knots_of
@@ -134,7 +134,7 @@ def reference_of(run: Run) -> Reference:
 
 @functools.lru_cache(maxsize=8)
 def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
-    problem = experiment.problem if member is None else member.problem
+    problem = Subject(experiment=experiment, member=member).problem
     if problem.scene is not None and experiment.observations.impacts:
         return _unknown(problem.scene, "none (a motion with impacts)")
     if member is not None and problem.exact is not None:

@@ -70,8 +70,3 @@ def one_by_one_words(experiment: Experiment) -> str:
         f"the {len(experiment.members)} members are integrated one by one, because of "
         "`impacts`; without impacts they would be integrated in batches"
     )
-
-
-def search_title(search: Run) -> str:
-    """A search, or the run that it came to, in one line."""
-    return search.experiment.name + (f" ({search.member.label})" if search.member else "")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.config.memory import machine_bytes
-from fvi_cli.runner.executors.batches import search_title
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.jobs import Job, References, Results
 from fvi_cli.studies.reference import refined_references
@@ -29,5 +28,5 @@ def execute_job(
         references,
         kept,
         available_bytes=machine_bytes() if first.is_search else None,
-        log=lambda line: _logger.info("%s: %s", search_title(first), line),
+        log=lambda line: _logger.info("%s: %s", first.name, line),
     )
