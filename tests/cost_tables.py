@@ -38,6 +38,7 @@ def table(*cases: CostCase, name: str = "one") -> CostTable:
         equation="x'' + x = 0",
         reference="closed form",
         gamma="0.5",
+        derivative="caputo",
         norm="max",
         final_time=1.0,
         cases=cases,
@@ -71,6 +72,7 @@ def committed_tables(name: str) -> list[CostTable]:
                 equation=experiment.problem.equation,
                 reference=experiment.problem.exact_source,
                 gamma=damping_orders(experiment),
+                derivative=experiment.problem.scene.derivative,
                 norm=experiment.norm,
                 final_time=experiment.problem.final_time,
                 cases=tuple(

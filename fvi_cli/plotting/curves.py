@@ -107,6 +107,14 @@ def _coincide(panel: Panel, first: int, second: int) -> bool:
     return bool(np.abs(a - b).max() <= _SAME * np.ptp([a, b]))
 
 
+def is_near(one: Curve, other: Curve) -> bool:
+    """Whether marks of two ladders lie upon each other at half of their points or more."""
+    shared, a, b = np.intersect1d(one.x, other.x, return_indices=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        distance = np.abs(np.log10(one.y[a] / other.y[b]))
+    return bool(shared.size and np.mean(distance < 0.06) >= 0.5)
+
+
 def join_labels(labels: Sequence[str]) -> str:
     """``BDF2 and BDF3, degree 1`` or ``BDF2, degrees 1 and 2`` for two names that share a part."""
     if len(labels) == 1:

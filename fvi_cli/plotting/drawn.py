@@ -27,7 +27,7 @@ MOST_POINTS = 257
 """Longer lines are thinned evenly, first and last point kept."""
 
 _FLOOR = re.compile(r"floor (\S+)")
-_SHARE = re.compile(r"(\d+) %( stable)?")
+_SHARE = re.compile(r"(\d+) %")
 # below this many times the floor the digits belong to the machine: what is near it for one may be
 # above for another
 _ABOVE_FLOOR = 2 * NEAR_FLOOR

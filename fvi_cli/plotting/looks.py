@@ -46,7 +46,7 @@ class Look:
     def properties(self) -> dict[str, Any]:
         """Keyword arguments of a line of this look."""
         # a white edge keeps filled marks apart that lie upon each other
-        has_edge = self.is_filled and self.marker not in "x+.*"
+        has_edge = self.is_filled and self.marker not in "x+.*|"
         sizes = {"linewidth": self.width, "markersize": self.size}
         return {
             "color": self.colour,
@@ -84,7 +84,11 @@ def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
     seen: dict[tuple[str, int], int] = {}
     found = {}
     for case, method in distinct.items():
-        key = (method.name, 0) if isinstance(method, Baseline) else (method.cq, method.degree)
+        if isinstance(method, Baseline):
+            key = (method.name, 0)
+        else:
+            # degrees 1 and 3 of BDF are both filled: one of them needs another mark
+            key = (method.cq, method.degree if method.is_runge_kutta else method.degree % 2)
         repeat = seen[key] = seen.get(key, -1) + 1
         found[case] = MethodLook(label=labels[case], look=_look(method, repeat))
     plain = [method for method in distinct.values() if isinstance(method, Method)]

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fvi_cli.plotting.curves import Curve, Panel, looks, merge_alike
+from fvi_cli.plotting.curves import Curve, Panel, is_near, looks, merge_alike
 from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
 from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
@@ -33,17 +33,18 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.plotting.ticks import (
     clear_factor,
-    few_decades,
     few_numbers,
+    limit_ladder,
     logarithmic_ticks,
-    short_numbers,
+    plain_numbers,
+    three_numbers,
 )
 
 MOST_LINES = 6
 """Members of a sweep that have a name of their own."""
 MOST_COLOURED = 100
 """Members that have a line with a colour of a bar; of more there are bands."""
-_MARKS = 12  # on one curve
+_MARKS, _FEWEST_MARKS = 12, 4  # on one curve
 _FINE_POINTS = 2001
 _ROUND_OFF = 1e-9  # of the largest value
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
@@ -73,12 +74,15 @@ def over_time(
     figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
     for axes, panel in zip(used, panels, strict=True):
         _limit_over_time(axes, panel)
+        if not panel.is_log:
+            three_numbers(axes.yaxis)
         axes.set_xlim(*(span or _ends(panels if shared else [panel])))
         if from_zero:
             axes.set_ylim(bottom=0.0)
         if logarithmic:
             axes.set_xscale("log")
-            short_numbers(axes.xaxis)
+            plain_numbers(axes.xaxis)
+    _clear_factors(figure, used, panels, columns)
     figure.align_ylabels(used)
     return figure
 
@@ -105,7 +109,7 @@ def ladders(
     )
     for axes, panel in zip(used, panels, strict=True):
         axes.set(xscale="log", yscale="log")
-        _limit_ladder(axes, panel.curves)
+        limit_ladder(axes, panel.curves)
     figure.draw_without_rendering()
     for axes, panel in zip(used, panels, strict=True):
         if panel.has_slopes and not panel.is_ensemble:
@@ -131,9 +135,7 @@ def plane(
             axes.set_aspect("equal", adjustable="datalim")
         if most_ticks:
             few_numbers(axes, most_ticks)
-    figure.draw_without_rendering()
-    for axes in used:
-        clear_factor(axes.xaxis)
+    _clear_factors(figure, used, panels, columns)
     return figure
 
 
@@ -158,12 +160,10 @@ def _drawn(
         _draw_curves(axes, panel, colours, nested=nested)
     _name_axes(figure, grid, used, panels, x)
     entries = _legend_entries(panels, used)
+    # an axis of the same numbers says which colour is which
+    if colours is not None and all(panel.x != bar for panel in panels):
+        _draw_bar(figure, used, colours, bar)
     if colours is not None:
-        shown = figure.colorbar(colours, ax=used, location="top", aspect=40, pad=0.02)
-        shown.set_label(wrap(bar, figure.get_figwidth() - 0.6))
-        shown.ax.set_gid("decoration")
-        if isinstance(colours.norm, LogNorm):
-            short_numbers(shown.ax.xaxis)
         # lines are distinguished by their colours; marks and dashes of different kinds have names
         entries = [
             one
@@ -176,6 +176,14 @@ def _drawn(
         entries = entries if len(entries) > 1 else []
     legend_of(figure, entries, title=title, above=above)
     return figure, used
+
+
+def _draw_bar(figure: Figure, used: Sequence[Axes], colours: ScalarMappable, words: str) -> None:
+    shown = figure.colorbar(colours, ax=list(used), location="top", aspect=40, pad=0.02)
+    shown.set_label(wrap(words, figure.get_figwidth() - 0.6))
+    shown.ax.set_gid("decoration")
+    if isinstance(colours.norm, LogNorm):
+        plain_numbers(shown.ax.xaxis)
 
 
 def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
@@ -204,10 +212,11 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             properties = look.properties()
         every = max(1, curve.x.size // _FINE_POINTS) if look.has_line else 1
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
-        stride = max(1, xs.size // _MARKS)
-        shifted = (((2 * position + 1) * stride // 6) % stride, stride)
+        # marks of different curves stand at different points, none at the first
+        stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
+        shifted = (-(-(2 * position + 1) * stride // (2 * len(curves))), stride)
         if nested:
-            later = sum(_is_near(curve, other) for other in curves[position + 1 :])
+            later = sum(is_near(curve, other) for other in curves[position + 1 :])
             if later:
                 properties["markersize"] = 4.0 + 0.9 * min(later, 3)
                 properties["linewidth"] = rcParams["lines.linewidth"] + 0.5 * min(later, 3)
@@ -240,14 +249,6 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
         line.set_gid("decoration")
 
 
-def _is_near(one: Curve, other: Curve) -> bool:
-    """Whether marks of two ladders lie upon each other at half of their points or more."""
-    shared, a, b = np.intersect1d(one.x, other.x, return_indices=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        distance = np.abs(np.log10(one.y[a] / other.y[b]))
-    return bool(shared.size and np.mean(distance < 0.06) >= 0.5)
-
-
 def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
     """The median of many members, and bands that hold 9 of 10 and all of them."""
     x = np.unique(np.concatenate([curve.x for curve in curves]))  # that may differ by round-off
@@ -273,6 +274,12 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
     size, width = rcParams["lines.markersize"], rcParams["lines.linewidth"]
     for line in (line for one in axes for line in one.lines):
         label = str(line.get_label())
+        named = entries.get(label.removeprefix("_"))
+        if isinstance(named, Line2D) and line.get_linestyle() == "None":
+            # a line in one panel, marks in another
+            named.set(marker=line.get_marker(), markersize=0.9 * size)
+            named.set_markerfacecolor(line.get_markerfacecolor())
+            named.set_markeredgecolor(line.get_markeredgecolor())
         if label.startswith("_") or label in entries:
             continue
         entries[label] = entry = Line2D([], [])
@@ -298,8 +305,7 @@ def _name_axes(
 ) -> None:
     """Words beside the panels, in lines that are no longer than these."""
     columns = len(grid)
-    factor = figure.get_figheight() / sum(panel.height for panel in panels[::columns])
-    wide = (figure.get_figwidth() - 0.6) / columns
+    wide = _panel_width(figure, columns)
     for position, (axes, panel) in enumerate(zip(used, panels, strict=True)):
         if panel.title:
             lines = panel.title.split("\n")
@@ -308,7 +314,7 @@ def _name_axes(
         if panel.remark:
             axes.set_title(panel.remark, loc="right", fontsize=small(), pad=2.5)
         if position % columns == 0 or panel.y != panels[position - 1].y:
-            label_axis(axes.yaxis, panel.y, 0.95 * panel.height * min(factor, 1.0))
+            label_axis(axes.yaxis, panel.y, _panel_height(figure, panels, position, columns))
         # a shorter column would keep a gap open for its words
         is_lowest = position + columns >= len(panels) and any(
             axes is column[-1] for column in grid if len(column) == len(grid[0])
@@ -317,23 +323,26 @@ def _name_axes(
             label_axis(axes.xaxis, panel.x or x, wide - 0.25 * (columns > 1))
 
 
-def _limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
-    """Fit limits and ticks of a log-log panel to all steps, and to the errors that there are."""
-    steps = [h for curve in curves for h in curve.x.tolist()]
-    errors = np.concatenate([curve.y for curve in curves])
-    errors = errors[np.isfinite(errors) & (errors > 0)]
-    low, high = (errors.min(), errors.max()) if errors.size else (1e-2, 1.0)
-    if high / low < 10:
-        low, high = low / 3, high * 3
-    margin = (high / low) ** 0.06
-    side_margin = (max(steps) / min(steps)) ** 0.06 if len(set(steps)) > 1 else 2.0
-    axes.set_xlim(min(steps) / side_margin, max(steps) * side_margin)
-    axes.set_ylim(low / margin, high * margin)
-    logarithmic_ticks(axes, steps)
-    if not errors.size:
-        # numbers beside an empty panel would claim a range that was not measured
-        axes.set_yticks([])
-        axes.set_yticks([], minor=True)
+def _panel_width(figure: Figure, columns: int) -> float:
+    """Inches for words above or below a panel."""
+    return (figure.get_figwidth() - 0.6) / columns
+
+
+def _panel_height(figure: Figure, panels: Sequence[Panel], position: int, columns: int) -> float:
+    """Inches for words beside a panel; a remark above it takes a line of it."""
+    one = panels[position]
+    factor = figure.get_figheight() / sum(panel.height for panel in panels[::columns])
+    return 0.95 * one.height * min(factor, 1.0) - 1.6 * bool(one.remark) * small() / 72
+
+
+def _clear_factors(
+    figure: Figure, used: Sequence[Axes], panels: Sequence[Panel], columns: int
+) -> None:
+    """Move common factors of numbers into the labels, once it is known which numbers there are."""
+    figure.draw_without_rendering()
+    for position, axes in enumerate(used):
+        clear_factor(axes.xaxis, _panel_width(figure, columns) - 0.25 * (columns > 1))
+        clear_factor(axes.yaxis, _panel_height(figure, panels, position, columns))
 
 
 def _limit_over_time(axes: Axes, panel: Panel) -> None:
@@ -357,7 +366,7 @@ def _limit_over_time(axes: Axes, panel: Panel) -> None:
         if panel.rounding:
             low, high = min(low, panel.rounding / 3), max(high, 30 * panel.rounding)
         axes.set_ylim(low / 2, high * 2)
-        few_decades(axes.yaxis, 6 if high / low > 1e2 else 3)
+        logarithmic_ticks(axes.yaxis, 6)
         return
     if not panel.may_run_away or not ranges:
         return

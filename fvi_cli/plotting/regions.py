@@ -10,6 +10,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
@@ -24,7 +25,7 @@ from fvi_cli.plotting.style import (
     panel_grid,
     small,
 )
-from fvi_cli.plotting.ticks import few_decades
+from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.plotting.words import fraction_in_words
 
 MOST_COLUMNS = 3
@@ -55,7 +56,7 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
     for column in grid:
         lowest = [axes for axes in column if axes.axison][-1]
         lowest.tick_params(labelbottom=True)
-        lowest.set_xlabel("$h^2 k / m$")
+    figure.supxlabel("stiffness $h^2 k / m$", fontsize=label_size())
     figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=label_size())
     undecided = any((one.level < 0).any() for one in maps)
     handles = [
@@ -84,6 +85,19 @@ def _lines(maps: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
     ]
 
 
+def _calmest_corner(level: NDArray[np.int_]) -> tuple[int, int]:
+    """Row and column, 0 or -1, of the corner where words hide least, the lower left first."""
+    height, width = max(1, level.shape[0] // 3), max(1, level.shape[1] // 2)
+    return min(
+        ((row, column) for row in (0, -1) for column in (0, -1)),
+        key=lambda at: (
+            np.unique(
+                level[-height if at[0] else None :, -width if at[1] else None :][:height, :width]
+            ).size
+        ),
+    )
+
+
 def _draw(axes: Axes, one: StabilityMap) -> None:
     """The plane with the share of it that is stable."""
     plane = (one.stiffness, one.damping)
@@ -94,8 +108,10 @@ def _draw(axes: Axes, one: StabilityMap) -> None:
     if 0 < one.share_stable < 1 and min(one.level.shape) > 1:
         stable = (one.level == 0).astype(float)
         axes.contour(*plane, stable, levels=[0.5], colors=[INK], linewidths=0.8)
-    share = f"{100 * one.share_stable:.0f} %"
-    note(axes, 0.05, 0.07, share, ha="left", va="bottom", paper={"alpha": 0.8, "pad": 1.0})
+    row, column = _calmest_corner(one.level)
+    place = (0.95 if column else 0.05, 0.93 if row else 0.07)
+    text = note(axes, *place, f"{100 * one.share_stable:.0f} %", paper={"alpha": 0.8, "pad": 1.0})
+    text.set(ha="right" if column else "left", va="top" if row else "bottom")
     for axis in (axes.xaxis, axes.yaxis):
-        few_decades(axis, 4)
+        logarithmic_ticks(axis, 4)
         axis.set_minor_locator(NullLocator())

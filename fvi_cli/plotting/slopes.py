@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import blended_transform_factory
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
 from fvi_cli.mathematics.arrays import Array
@@ -56,10 +57,10 @@ _BOX = np.stack(np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 4)), axis=-
 
 def explain(axes: Axes, curves: Sequence[Curve]) -> None:
     """Add to a panel whose layout has settled lost runs, the floor, and slope triangles."""
-    strip, floor = _draw_lost(axes, curves), _draw_floor(axes, curves)
+    (strip, leads), floor = _draw_lost(axes, curves), _draw_floor(axes, curves)
     ladders = [ladder for one in curves if (ladder := _Ladder.of(axes, one)).points.size]
     if ladders:
-        _draw_slopes(axes, ladders, floor, strip)
+        _draw_slopes(axes, ladders, floor, strip, [_places(axes, *lead) for lead in leads])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,10 +79,9 @@ class _Ladder:
         rising = np.argsort(curve.x)
         drawn = np.flatnonzero(curve.y[rising] > 0)
         x, y = curve.x[rising][drawn], curve.y[rising][drawn]
-        corner = axes.get_window_extent().p0
         width, height = _size(axes) / np.ptp(np.log10([axes.get_xlim(), axes.get_ylim()]), axis=1)
         return cls(
-            points=(axes.transData.transform(np.stack([x, y], axis=1)) - corner) * _per_dot(axes),
+            points=_places(axes, x, y),
             above=np.flatnonzero(y > curve.floor),
             orders=np.full_like(curve.x, curve.order)[rising][drawn],
             stated=curve.stated,
@@ -120,8 +120,15 @@ def _orders(ladders: Sequence[_Ladder]) -> list[float]:
     return sorted(expected or observed)[:_MOST_GUIDES]
 
 
-def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> float:
-    """Hollow marks beside their word in a strip at the top; returns where the strip begins."""
+def _places(axes: Axes, x: ArrayLike, y: ArrayLike) -> Array:
+    """Places of points in the panel, in points of type, shape ``(n, 2)``."""
+    places: Array = axes.transData.transform(np.stack([x, y], axis=1))
+    places -= axes.get_window_extent().p0
+    return places * _per_dot(axes)
+
+
+def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> tuple[float, list[tuple[Array, Array]]]:
+    """Hollow marks beside their word in a strip at the top; where it begins, and leads to it."""
     groups: dict[str, list[tuple[Curve, Look, list[float]]]] = {}
     shown = looks(curves, marked=True)
     for one, look in zip(curves, shown, strict=True):
@@ -151,12 +158,30 @@ def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> float:
         edge = axes.plot([0, 1], [bottom, bottom], transform=axes.transAxes, **DECORATION)[0]
         edge.set(color=GUIDE_COLOUR, linewidth=0.5, label="_edge")
         level = bottom
+    leads: list[tuple[Array, Array]] = []
     if groups:
         make_room(axes, 1 - level)
+        for one, look in zip(curves, shown, strict=True):
+            for lead in _leads_to_strip(axes, one, level):
+                line = axes.plot(*lead, gid="decoration", label="_lead to the strip")[0]
+                line.set(color=look.colour, linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=2.5)
+                leads.append(lead)
         strip = Rectangle((0, level), 1, 1 - level, transform=axes.transAxes, zorder=0)
         strip.set_facecolor("#f0f0f0")
         axes.add_patch(strip)
-    return level
+    return level, leads
+
+
+def _leads_to_strip(axes: Axes, one: Curve, level: float) -> Iterator[tuple[Array, Array]]:
+    """Ends of lines by which a curve leaves for the strip where it diverges, and comes back."""
+    bottom, top = axes.get_ylim()
+    edge = bottom * (top / bottom) ** level
+    diverged = {step for step, word in one.lost if word == "diverged"}
+    rising = np.argsort(one.x)
+    for pair in pairwise(zip(one.x[rising].tolist(), one.y[rising].tolist(), strict=True)):
+        if sum(step in diverged for step, _ in pair) == 1:
+            heights = [edge if step in diverged else value for step, value in pair]
+            yield np.array([step for step, _ in pair]), np.array(heights)
 
 
 def make_room(axes: Axes, share: float) -> None:
@@ -190,7 +215,9 @@ def _per_dot(axes: Axes) -> float:
     return 72.0 / axes.figure.dpi
 
 
-def _draw_slopes(axes: Axes, ladders: Sequence[_Ladder], floor: float, strip: float) -> None:
+def _draw_slopes(
+    axes: Axes, ladders: Sequence[_Ladder], floor: float, strip: float, leads: Sequence[Array]
+) -> None:
     """One triangle for every order, beside a curve of its slope; dashed for what is stated.
 
     Where all such curves are hemmed in it is left out, unless it would be the only one or is
@@ -199,10 +226,10 @@ def _draw_slopes(axes: Axes, ladders: Sequence[_Ladder], floor: float, strip: fl
     width, height = (int(length) for length in _size(axes))
     taken = np.zeros((height, width), dtype=bool)  # a cell for every square point of the panel
     taken[: round(floor * height)] = taken[round(strip * height) :] = True
-    for one in ladders:
-        fine = np.linspace(one.points[0, 0], one.points[-1, 0], 2 * width)
-        _take(taken, np.stack([fine, np.interp(fine, *one.points.T)], axis=1))
-        _take(taken, one.points)
+    for points in (*(one.points for one in ladders), *leads):
+        fine = np.linspace(points[0, 0], points[-1, 0], 2 * width)
+        _take(taken, np.stack([fine, np.interp(fine, *points.T)], axis=1))
+        _take(taken, points)
     expected = _orders(ladders)
     stated = {one.stated for one in ladders if math.isfinite(one.stated)}.difference(expected)
     is_drawn = False

@@ -151,7 +151,7 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
                 Curve(
                     x=np.array([peak.low, peak.high]),
                     y=np.full(2, peak.magnitude / math.sqrt(2.0)),
-                    label="_half power",
+                    label="half-power width",
                     by=by,
                     look=mark,
                 )

@@ -14,7 +14,6 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import NullFormatter
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.looks import MethodLook, method_looks
@@ -29,9 +28,10 @@ from fvi_cli.plotting.style import (
     legend_of,
     new_figure,
     panel_grid,
+    small,
 )
-from fvi_cli.plotting.ticks import few_decades
-from fvi_cli.reports.naming import key_label
+from fvi_cli.plotting.ticks import logarithmic_ticks
+from fvi_cli.reports.naming import key_label, with_unit
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 STABLE_COLOUR = "#A8D3EE"
@@ -87,17 +87,20 @@ def step_figure(table: StabilityTable) -> Figure:
     for place, (case, rows) in enumerate(by_case.items()):
         if _growth_line(growth, styles[case], rows):
             _mark_row(bars, place, styles[case])
+            bars.set_title("marks in the panel below", loc="right", fontsize=small(), pad=2.5)
     growth.set_ylabel("growth per step $\\log(1/|z|)$")
     if not any(row.prediction.growth_per_step > 0 for row in table.rows):
         growth.set_ylim(1e-3, 1.0)
         growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
     growth.set_xscale("log")
     growth.set_xlim(low, high)
-    growth.xaxis.set_minor_formatter(NullFormatter())
-    growth.set_xlabel("step size $h$")
-    few_decades(growth.yaxis, 6)
+    logarithmic_ticks(growth.xaxis, 5)
+    experiment = table.experiment
+    growth.set_xlabel(with_unit("step size $h$", experiment.units, "time"))
+    logarithmic_ticks(growth.yaxis, 6)
     figure.align_ylabels([growth])
-    time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
+    final_time = table.rows[0].run.experiment.problem.final_time
+    time = f"$T = {final_time:g}$ {experiment.units.get('time', '')}".rstrip()
     fillings = {
         STABLE_COLOUR: "stable",
         SLOW_COLOUR: f"unstable, not yet at {time}",
@@ -226,7 +229,8 @@ def parameter_figure(table: StabilityTable) -> Figure:
     columns = min(2, len(shown))
     rows_of_panels = -(-len(shown) // columns)
     height = min(1.6, 6.6 / rows_of_panels)
-    up = "step size $h$" if len(keys) == 1 else key_label(keys[1], experiment.units)
+    step = with_unit("step size $h$", experiment.units, "time")
+    up = step if len(keys) == 1 else key_label(keys[1], experiment.units)
     seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
     limit = Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below")
     found = {_kind(row) for row in table.rows}
@@ -300,7 +304,7 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
     axes.set_ylim(y_edges[0], y_edges[-1])
     for axis, scale in ((axes.xaxis, x_scale), (axes.yaxis, y_scale)):
         if scale == "log":
-            few_decades(axis, 5)
+            logarithmic_ticks(axis, 5)
 
 
 def _kind(row: StabilityRow) -> str:

@@ -21,6 +21,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, fontManager
+from matplotlib.text import Text
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -232,7 +233,8 @@ def label_axis(axis: Axis, words: str, width: float) -> None:
     """Write words beside an axis, in lines of at most so many inches."""
     label = axis.set_label_text(wrap(words, width, label_size()))
     if "\n" in label.get_text():
-        label.set_linespacing(_LINES)
+        # a power in a lower line would touch the line above
+        label.set_linespacing(1.2 if "^" in words else _LINES)
 
 
 def legend_of(
@@ -297,11 +299,12 @@ def note(
     va: str = "center",
     paper: Mapping[str, float] | None = None,
     rotation: str = "horizontal",
-) -> None:
+) -> Text:
     """Small words at a place in fractions of a panel; on white `paper` with its pad and alpha."""
     box = None if paper is None else {"facecolor": "white", "edgecolor": "none", **paper}
     text = axes.text(x, y, words, transform=axes.transAxes, fontsize=small(), bbox=box)
     text.set(ha=ha, va=va, rotation=rotation)
+    return text
 
 
 def hatch_rounding(axes: Axes, low: float, level: float) -> None:

@@ -1,4 +1,4 @@
-"""Numbers beside axes: few, plain, and not over the words."""
+"""Numbers beside axes: few, of one form, and not over the words."""
 
 from __future__ import annotations
 
@@ -6,24 +6,22 @@ import math
 import re
 from collections.abc import Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.ticker import (
     FixedLocator,
-    FuncFormatter,
+    Formatter,
     LogLocator,
     MaxNLocator,
     NullFormatter,
     NullLocator,
 )
 
-from fvi_cli.plotting.style import text_width
+from fvi_cli.plotting.curves import Curve
+from fvi_cli.plotting.style import label_axis, text_width
 
-
-def few_decades(axis: Axis, number: int) -> None:
-    """At most so many ticks with numbers on a logarithmic axis, none between decades."""
-    axis.set_major_locator(LogLocator(numticks=number))
-    axis.set_minor_formatter(NullFormatter())
+_LEAST, _MOST = 1e-4, 1e6  # numbers between them are written in full
 
 
 def few_numbers(axes: Axes, most: int) -> None:
@@ -32,49 +30,103 @@ def few_numbers(axes: Axes, most: int) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(most))
 
 
-def clear_factor(axis: Axis) -> None:
-    """Move the factor of the numbers into the label where it would stand on that."""
-    factor, label = axis.get_offset_text(), axis.label
-    power = re.search(r"10\^\{.*?\}", factor.get_text())
-    if power and factor.get_window_extent().overlaps(label.get_window_extent()):
-        words, _, unit = label.get_text().partition(" (")
-        axis.set_label_text(f"{words} (${power[0]}$" + (f" {unit}" if unit else ")"))
-        factor.set_visible(False)
+def three_numbers(axis: Axis) -> None:
+    """Three numbers or more on a linear axis, however short it is."""
+    axis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
 
 
-def short_numbers(axis: Axis) -> None:
-    """Plain numbers on a logarithmic axis, at 1, 2 and 5 where there are few decades."""
+def clear_factor(axis: Axis, width: float) -> None:
+    """Move the common factor of the numbers to the unit in the label, as ``($10^{7}$ N)``.
+
+    The label has lines of at most `width` inches.
+    """
+    factor = axis.get_offset_text().get_text().replace("\N{MINUS SIGN}", "-")
+    power = re.search(r"10\^\{.*?\}", factor)
+    words = axis.get_label_text().replace("\n", " ")
+    # what has no words, or a step size in the place of the unit, keeps the factor at its end
+    if power and words and "=" not in words:
+        name, unit = re.findall(r"^(.*?)(?: \(([^()]*)\))?$", words)[0]
+        label_axis(axis, f"{name} ({f'${power[0]}$ {unit}'.rstrip()})", width)
+        axis.get_offset_text().set_visible(False)
+
+
+def logarithmic_ticks(axis: Axis, most: int) -> None:
+    """Powers of ten on an axis, at most so many, where two can be seen; else plain numbers."""
+    low, high = sorted(axis.get_view_interval())
+    if low > 0 and math.floor(math.log10(high)) > math.ceil(math.log10(low)):
+        axis.set_major_locator(LogLocator(numticks=most))
+        axis.set_minor_formatter(NullFormatter())
+    else:
+        plain_numbers(axis)
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Numbers without powers on a logarithmic axis, at 1, 2 and 5 where there are few decades."""
     low, high = sorted(axis.get_view_interval())
     subs = (1.0, 2.0, 5.0) if low > 0 and high / low < 200 else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _short(value)))
+    axis.set_major_formatter(_OneForm(axis))
     axis.set_minor_formatter(NullFormatter())
 
 
-def _short(value: float) -> str:
-    mantissa, _, exponent = f"{value:.3g}".partition("e")
-    return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa
+class _OneForm(Formatter):
+    """Numbers with three digits, all in full or all with a power of ten."""
+
+    def __init__(self, scaled: Axis) -> None:
+        self.scaled = scaled
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return self.format_ticks([x])[0]
+
+    def format_ticks(self, values: Sequence[float]) -> list[str]:
+        low, high = sorted(self.scaled.get_view_interval())
+        seen = [value for value in values if low <= value <= high]
+        if all(_LEAST <= value < _MOST for value in seen):
+            return [f"{float(f'{value:.3g}'):.6g}" for value in values]
+        parts = [f"{value:.2e}".split("e") for value in values]
+        return [
+            rf"${float(mantissa):g} \times 10^{{{int(exponent)}}}$" for mantissa, exponent in parts
+        ]
 
 
-def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
+def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
+    """Fit limits and ticks of a log-log panel to all steps, and to the errors that there are."""
+    steps = [h for curve in curves for h in curve.x.tolist()]
+    errors = np.concatenate([curve.y for curve in curves])
+    errors = errors[np.isfinite(errors) & (errors > 0)]
+    low, high = (errors.min(), errors.max()) if errors.size else (1e-2, 1.0)
+    if high / low < 10:
+        low, high = low / 3, high * 3
+    margin = (high / low) ** 0.06
+    side_margin = (max(steps) / min(steps)) ** 0.06 if len(set(steps)) > 1 else 2.0
+    axes.set_xlim(min(steps) / side_margin, max(steps) * side_margin)
+    axes.set_ylim(low / margin, high * margin)
+    _ladder_ticks(axes, steps)
+    if not errors.size:
+        # numbers beside an empty panel would claim a range that was not measured
+        axes.set_yticks([])
+        axes.set_yticks([], minor=True)
+
+
+def _ladder_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
     """Set ticks of a log-log panel that stay apart, for any number of decades."""
     low, high = axes.get_xlim()
     decades = [k for k in range(-30, 31) if low <= 10.0**k <= high]
     if len(decades) < 2:
         wide = axes.get_window_extent().width / axes.figure.dpi / math.log(high / low)
+        form = _OneForm(axes.xaxis)
+        axes.xaxis.set_major_formatter(form)
         shown: list[float] = []
         for size in sorted(set(step_sizes)):
-            room = 0.15 + text_width(f"{size:.3g}")
+            room = 0.15 + text_width(form(size))
             if not shown or wide * math.log(size / shown[-1]) > room:
                 shown.append(size)
         axes.xaxis.set_major_locator(FixedLocator(shown))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
         axes.xaxis.set_minor_locator(NullLocator())
     else:
-        few_decades(axes.xaxis, 5)
+        logarithmic_ticks(axes.xaxis, 5)
     bottom, top = axes.get_ylim()
-    if top / bottom > 1e2:
-        tall = axes.get_window_extent().height / axes.figure.dpi
-        few_decades(axes.yaxis, max(4, min(8, math.floor(5 * tall))))
-        if top / bottom > 1e8:
-            axes.yaxis.set_minor_locator(NullLocator())
+    tall = axes.get_window_extent().height / axes.figure.dpi
+    logarithmic_ticks(axes.yaxis, max(4, min(8, math.floor(5 * tall))))
+    if top / bottom > 1e8:
+        axes.yaxis.set_minor_locator(NullLocator())

@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 from fractions import Fraction
 
-from fvi_cli.reports.naming import key_in_words, with_unit
+from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.reports.naming import key_in_words, key_label, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
@@ -43,11 +44,13 @@ def typeset_sum(words: str) -> str:
     return f"${inner}$"
 
 
-def quantity_in_words(name: str) -> str:
-    """``base shear`` for ``base_shear``, ``force of wall 3`` for ``force_wall_3``."""
+def quantity_in_words(experiment: Experiment, name: str) -> str:
+    """``base shear`` for ``base_shear``; of a damper ``force of wall 3`` for ``force_wall_3``."""
+    scene = experiment.problem.scene
     kind, _, rest = name.partition("_")
     words = rest.replace("_", " ")
-    if kind not in ("force", "deformation", "work") or not words:
+    # a quantity of one's own may begin alike, as force_max
+    if not words or scene is None or name not in damper_values(scene):
         return name.replace("_", " ")
     return f"{kind} of {'damper ' if words[0].isdecimal() else ''}{words}"
 
@@ -98,7 +101,7 @@ def swept_number(member: Member | None) -> float | None:
 
 
 def swept_keys_in_words(experiment: Experiment) -> str:
-    """The keys of a sweep as words; of designs that they are."""
+    """The keys of a sweep as words, with units; of designs that they are."""
     named = experiment.members[0].named if experiment.members else ()
-    words = [key_in_words(key) for key in experiment.swept if key not in named]
+    words = [key_label(key, experiment.units) for key in experiment.swept if key not in named]
     return ", ".join(["designs", *words] if named else words)

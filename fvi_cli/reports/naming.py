@@ -42,7 +42,7 @@ _PARTS = {
 
 def key_in_words(key: str) -> str:
     """``order of the damping`` for ``problem.damping.0.order``, as axes and legends say it."""
-    key = key.removeprefix("problem.").removeprefix("parameters.")
+    key = _without_room(key)
     if key in _KEYS:
         return _KEYS[key]
     words = ""
@@ -61,12 +61,18 @@ def key_in_words(key: str) -> str:
     return words
 
 
+def _without_room(key: str) -> str:
+    return key.removeprefix("problem.").removeprefix("parameters.")
+
+
 def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
     """The units that are given, and those that follow from time, length and force."""
     time, length, force = (units.get(name, "") for name in ("time", "length", "force"))
     found: dict[str, str] = {}
     if time:
         found |= {"rate": f"1/{time}", "frequency": "Hz" if time == "s" else f"1/{time}"}
+        found["proportional.stiffness"] = rf"{time}$^\gamma$"
+        found["proportional.mass"] = rf"{time}$^{{\gamma-2}}$"
     if length and time:
         found |= {"velocity": f"{length}/{time}", "acceleration": f"{length}/{time}²"}
     if length and force:
@@ -77,10 +83,15 @@ def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
     return found | {**units}
 
 
+def unit_of(units: Mapping[str, str], *names: str) -> str:
+    """The unit of the first of some names that has one; empty where none has."""
+    known = all_units(units)
+    return next((known[name] for name in names if name in known), "")
+
+
 def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
     """A label with the unit of the first of some names that has one."""
-    known = all_units(units)
-    unit = next((known[name] for name in names if name in known), "")
+    unit = unit_of(units, *names)
     return f"{label} ({unit})" if unit else label
 
 
@@ -91,8 +102,11 @@ def with_ratio(label: str, units: Mapping[str, str], above: str, below: str) -> 
     return f"{label} ({known[above]} per {known[below]})" if has_unit else label
 
 
-_LIKE = dict.fromkeys(("relaxed", "unrelaxed", "modulus", "moduli"), "stiffness") | {
-    "times": "time"
+_LIKE = dict.fromkeys(("relaxed", "unrelaxed", "modulus", "moduli", "stiffnesses"), "stiffness") | {
+    "times": "time",
+    "final_time": "time",
+    "position": "length",
+    "lengths": "length",
 }
 
 
@@ -100,7 +114,9 @@ def key_label(key: str, units: Mapping[str, str]) -> str:
     """What an entry of the configuration is called beside an axis, with its unit."""
     path, _, motion = key.partition("@")  # as of a parameter that each motion has for itself
     last = [part for part in path.split(".") if not part.isdigit()][-1]
-    label = with_unit(key_in_words(path), units, last, _LIKE.get(last, last))
+    whole = _without_room(path)
+    names = (whole,) if whole in _KEYS else (last, _LIKE.get(last, last))
+    label = with_unit(key_in_words(path), units, *names)
     return f"{label}, {motion}" if motion else label
 
 

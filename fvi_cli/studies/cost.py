@@ -18,6 +18,7 @@ import tracemalloc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from fvi_cli.effects.scene import Derivative
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.method_names import method_name
@@ -117,6 +118,7 @@ class CostTable:
     """Name, equation of motion, and what errors are measured against."""
     gamma: str
     """Orders of the damping, joined by ``;``."""
+    derivative: Derivative
     norm: Norm
     final_time: float
     cases: tuple[CostCase, ...]
@@ -127,6 +129,7 @@ class CostTable:
     """Whether laws take part in the damping."""
     expect: Mapping[str, str] = field(default_factory=dict)
     """Failures that are known, as of the experiment."""
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def unexpected(self) -> list[str]:
@@ -244,6 +247,7 @@ def cost_table(
         equation=first.problem.equation,
         reference=reference_of(first).source,
         gamma=";".join(f"{term.order:g}" for term in first.scene.active_damping) or "-",
+        derivative=first.scene.derivative,
         norm=experiment.norm,
         final_time=first.scene.final_time,
         cases=tuple(
@@ -253,6 +257,7 @@ def cost_table(
         by_tolerance=tuple(by_tolerance),
         has_laws=bool(first.scene.active_laws),
         expect=experiment.expect,
+        units=experiment.units,
     )
 
 

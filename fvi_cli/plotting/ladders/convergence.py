@@ -62,7 +62,7 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     panels = [
         Panel(
             title=title,
-            y=_error_label(experiment),
+            y=error_label(experiment.norm, experiment.units, experiment.grading),
             curves=error_curves(finished, own),
             height=height,
         )
@@ -83,13 +83,15 @@ def _step_label(experiments: Sequence[Experiment]) -> str:
     return with_unit(words, experiments[0].units, "time")
 
 
-def _error_label(experiment: Experiment) -> str:
-    """Words beside errors; a mean over time has a unit that no one gives."""
-    names = () if experiment.norm == "l2" else ("length",)
-    norm = NORM_LABELS[experiment.norm]
-    if experiment.norm == "l2" and experiment.grading != 1.0:
-        norm = r"$(\Sigma_k\,h_k\,|x_k - x(t_k)|^2)^{1/2}$"
-    return with_unit(f"error {norm}", experiment.units, *names)
+def error_label(norm: Norm, units: Mapping[str, str], grading: float = 1.0) -> str:
+    """Words beside errors."""
+    if norm != "l2":
+        return with_unit(f"error {NORM_LABELS[norm]}", units, "length")
+    is_even = grading == 1.0
+    words = NORM_LABELS[norm] if is_even else r"$(\Sigma_k\,h_k\,|x_k - x(t_k)|^2)^{1/2}$"
+    has_unit = {"length", "time"} <= units.keys()
+    unit = rf" ({units['length']} {units['time']}$^{{1/2}}$)" if has_unit else ""
+    return f"error {words}{unit}"
 
 
 def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook]) -> list[Curve]:
@@ -187,7 +189,7 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
     panels = [
         Panel(
             title=names[method.case].label,
-            y=_error_label(experiment),
+            y=error_label(experiment.norm, experiment.units, experiment.grading),
             is_ensemble=True,
             height=2.1 if len(by_method) == 1 else 1.8,
             curves=[
@@ -266,7 +268,8 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
                     curves=[replace(one, order=min(limit, best)) for one in curves],
                 )
             )
-    return ladders(panels, columns=2, title=_heading(rows, first), shared=True)
+    x = _step_label([experiment for experiment, _ in studies])
+    return ladders(panels, x=x, columns=2, title=_heading(rows, first), shared=True)
 
 
 def leading_exponent(problem: DerivativeProblem) -> float:

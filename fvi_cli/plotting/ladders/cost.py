@@ -12,13 +12,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
+from fvi_cli.effects.scene import Derivative
 from fvi_cli.integrator.method_names import method_names
 from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.ladders.convergence import error_label
 from fvi_cli.plotting.looks import Look, MethodLook, method_looks
 from fvi_cli.plotting.panels import ladders
 from fvi_cli.plotting.slopes import make_room
 from fvi_cli.plotting.style import DECORATION, INK, journal_style, label_size, note, text_width
-from fvi_cli.plotting.ticks import few_decades, short_numbers
+from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.writers.equations import to_mathematics
@@ -27,6 +29,10 @@ from fvi_cli.studies.price import Band, CostCurve, cheapest_bands, cost_curves
 
 FRONT_COLOUR = "#f6d27c"
 _COARSEST, _FINEST = 3.0, 2e-15
+DERIVATIVE_NAMES: Mapping[Derivative, str] = {
+    "caputo": "Caputo",
+    "riemann-liouville": "Riemann–Liouville",
+}
 _STRIP = 0.1  # of a panel's height
 _LONGEST_EQUATION = 48
 _TOLERANCE = Look(colour=INK, marker="*", dashes=(0, (1, 1)), width=0.8, size=5.0)
@@ -76,7 +82,7 @@ def cost_figure(table: CostTable) -> Figure:
     words = f"exact here up to round-off, not drawn: {', '.join(chance)}" if chance else ""
     figure = ladders(
         panels,
-        x="error (more accurate to the right)",
+        x=f"{error_label(table.norm, table.units)}, more accurate to the right",
         title=words,
         above=False,
         shared=True,
@@ -93,8 +99,7 @@ def cost_figure(table: CostTable) -> Figure:
             axes.xaxis.set_major_locator(LogLocator(base=1000 if decades > 6 else 10, numticks=12))
             axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
             axes.xaxis.set_minor_formatter(NullFormatter())
-            bottom, top = axes.get_ylim()
-            few_decades(axes.yaxis, 8) if top / bottom > 100 else short_numbers(axes.yaxis)
+            logarithmic_ticks(axes.yaxis, 8)
         bands = cheapest_bands(curves)
         for band in bands:
             _draw_front(times, band)
@@ -125,13 +130,18 @@ def _shown(point: CostRow) -> float:
 
 
 def _title(table: CostTable) -> str:
-    orders = ", ".join(fraction_in_words(float(g)) for g in table.gamma.split(";") if g != "-")
-    below = (rf"$\gamma = {orders}$, " if orders else "") + f"$T = {table.final_time:g}$"
+    """The equation of motion where it is short, the orders, whose derivative it is, the time."""
+    orders = [float(order) for order in table.gamma.split(";") if order != "-"]
+    words = [rf"$\gamma = {', '.join(map(fraction_in_words, orders))}$"] if orders else []
+    if any(order != 1 for order in orders):
+        words.append(f"{DERIVATIVE_NAMES[table.derivative]} derivative")
+    words.append(f"$T = {table.final_time:g}$ {table.units.get('time', '')}".rstrip())
+    below = ", ".join(words)
     if len(table.equation) > _LONGEST_EQUATION:
         return below
-    equation = "".join(
-        f"${part}$" if maths else part for part, maths in to_mathematics(table.equation)
-    )
+    is_single = len(orders) == 1 and not table.has_laws
+    text = table.equation.replace("sum ", "") if is_single else table.equation
+    equation = "".join(f"${part}$" if maths else part for part, maths in to_mathematics(text))
     equation = re.sub(r"([A-Za-z])''", r"\\ddot{\1}", re.sub(r"\\,", r"\\;", equation))
     return f"{equation}\n{below}"
 

@@ -18,7 +18,7 @@ from fvi_cli.plotting.motions.time_series import observed_of, quantities_figure
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import coordinates_of, quantity_in_words, typeset_name
-from fvi_cli.reports.naming import DESIGN, key_in_words, key_label, with_unit
+from fvi_cli.reports.naming import DESIGN, key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.figure_settings import FigureSettings
@@ -92,11 +92,11 @@ def against_figure(
     """
     key = settings.against or ""
     runs = [one for one in finest_of_members(finished) if one.run.member is not None]
-    series, names, bar = _series(runs, key)
+    series, names, bar = _series(runs, key, experiment.units)
     which, quantity = settings.extent
     x = key_label(key, experiment.units)
     if which:
-        label = _WORDS[which].format(quantity_in_words(quantity))
+        label = _WORDS[which].format(quantity_in_words(experiment, quantity))
         panel = Panel(
             curves=[_extent_curve(one, key, which, quantity, bar) for one in series],
             y=with_unit(label, experiment.units, quantity),
@@ -121,7 +121,9 @@ def _value(member: Member | None, key: str) -> float:
     return math.nan if member is None else float(member.values[key])
 
 
-def _series(runs: Sequence[FinishedRun], key: str) -> tuple[list[_Series], str, str]:
+def _series(
+    runs: Sequence[FinishedRun], key: str, units: Mapping[str, str]
+) -> tuple[list[_Series], str, str]:
     """The series by all that differs but `key`, in words what their names are, and their bar."""
     found: dict[str, list[FinishedRun]] = {}
     others: dict[str, dict[str, object]] = {}
@@ -151,7 +153,8 @@ def _series(runs: Sequence[FinishedRun], key: str) -> tuple[list[_Series], str, 
         for text, own in others.items()
     ]
     titles = [name for name in labels if name != DESIGN]
-    return series, ", ".join(map(key_in_words, titles)), key_in_words(bar) if bar else ""
+    words = ", ".join(key_label(title, units) for title in titles)
+    return series, words, key_label(bar, units) if bar else ""
 
 
 def _bar(varied: Sequence[str], others: Mapping[str, Mapping[str, object]]) -> str:
@@ -245,7 +248,7 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
         for label, (at, most) in points.items()
     ]
     units = experiment.units
-    acceleration = r"pseudo-acceleration $\omega^2 \max\, |x|$"
+    acceleration = r"pseudo-acceleration $\omega^2\, \max\, |x|$"
     return over_time(
         [
             Panel(curves=upper, y=with_unit(r"displacement $\max\, |x|$", units, "length")),
@@ -254,7 +257,7 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
         x=with_unit("period without damping", units, "time"),
         logarithmic=True,
         from_zero=True,
-        title=", ".join(key_in_words(key) for key in others),
+        title=", ".join(key_label(key, units) for key in others),
     )
 
 

@@ -147,7 +147,7 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
     else:
         axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
         last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
-        words = with_unit("ground $a(t)$", experiment.units, "acceleration")
+        words = with_unit("ground acceleration", experiment.units, "acceleration")
         label_axis(last.yaxis, words, 0.7)
         figure.align_ylabels([axes, last])
     _draw_masses(axes, experiment, best, what)

@@ -21,7 +21,7 @@ from fvi_cli.plotting.motions.time_series import (
     select_runs,
 )
 from fvi_cli.plotting.panels import MOST_LINES, plane
-from fvi_cli.plotting.style import COLOURS, INK, MARKERS
+from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import (
     coordinates_of,
     member_label,
@@ -51,7 +51,7 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     Of members of a sweep the first coordinate is shown, by the first method on the finest grid. Up
     to 6 members have marks of their own. Of more the position stands against what is swept (with
     several keys: the number of the member) above, and velocity against position below in the
-    colours of a bar.
+    same colours.
     """
     if experiment.members:
         shown = finest_of_members([item for item in finished if has_events(item)])
@@ -96,7 +96,13 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     return plane(
         [
             Panel(curves=above, x=swept, y=position, height=2.1),
-            Panel(curves=below, x=position, y=velocity, height=2.1),
+            Panel(
+                curves=below,
+                x=position,
+                y=velocity,
+                remark="colours as in the panel above",
+                height=2.1,
+            ),
         ],
         bar=swept,
     )
@@ -153,7 +159,8 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
         for item in having:
             x, y = deformation_against(item, name)
             finite = np.isfinite(x) & np.isfinite(y)
-            curve = Curve(x=x[finite], y=y[finite], label=member_label(item.run.member))
+            label = member_label(item.run.member) if experiment.members else "whole motion"
+            curve = Curve(x=x[finite], y=y[finite], label=label)
             if bar:
                 curve = replace(curve, by=swept_number(item.run.member) or 0.0)
             elif not experiment.members:
@@ -165,7 +172,7 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             Panel(
                 curves=curves,
                 x=with_unit("deformation", experiment.units, "length"),
-                y=with_unit(quantity_in_words(name), experiment.units, name, "force"),
+                y=with_unit(quantity_in_words(experiment, name), experiment.units, name, "force"),
                 height=2.4,
             )
         )
@@ -177,6 +184,6 @@ def _marked_loops(time: Array, x: Array, y: Array) -> list[Curve]:
     marked = []
     for place, (word, loop) in enumerate(last_and_largest_loop(time, x, y).items(), start=1):
         inside = (time >= loop.begin) & (time <= loop.end)
-        look = Look(colour=COLOURS[place], width=1.4)
-        marked.append(Curve(x=x[inside], y=y[inside], label=f"{word} loop", look=look))
+        look = Look(colour=COLOURS[place], width=1.4, dashes=LINE_STYLES[place - 1])
+        marked.append(Curve(x=x[inside], y=y[inside], label=f"{word} closed loop", look=look))
     return marked

@@ -24,7 +24,7 @@ from fvi_cli.plotting.words import (
     time_label,
     typeset_name,
 )
-from fvi_cli.reports.naming import with_unit
+from fvi_cli.reports.naming import unit_of, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.loops import forces_of
@@ -125,25 +125,26 @@ def quantities_figure(
     panels = []
     for name in names:
         columns = [observed_of(item).quantities[name] for item in shown]
+        kinds = (name, "force") if name in forces else (name,)
         if is_sweep:
             pairs = zip(shown, columns, strict=True)
             curves = [member_curve(one, one.trajectory.time, values) for one, values in pairs]
         else:
             curves = run_curves(shown, columns)
             extent = observed_of(shown[-1]).extents[name]
-            remark = f"peak ${in_formula(_height(extent), 4)}$ at $t = {extent.peak_time:.4g}$"
+            height, unit = in_formula(_height(extent), 4), unit_of(experiment.units, *kinds)
+            size = f"${height}$ {unit}".rstrip()
+            when = f"$t = {extent.peak_time:.4g}$ {experiment.units.get('time', '')}".rstrip()
+            remark = f"peak {size} at {when}" * (extent.peak > 0)
         for place in range(len(shown) - len(peaked), len(shown)):
             extent = observed_of(shown[place]).extents[name]
             peak = (extent.peak_time, _height(extent))
-            curves[place] = replace(curves[place], peaks=[peak])
+            # what is 0 throughout, such as the force of a damper that a design lacks, has no peak
+            if extent.peak > 0:
+                curves[place] = replace(curves[place], peaks=[peak])
         panels.append(
             Panel(
-                y=with_unit(
-                    quantity_in_words(name),
-                    experiment.units,
-                    name,
-                    "force" if name in forces else name,
-                ),
+                y=with_unit(quantity_in_words(experiment, name), experiment.units, *kinds),
                 curves=curves,
                 remark=remark,
                 height=1.15 if len(names) <= 3 else 0.9,
@@ -154,23 +155,26 @@ def quantities_figure(
 
 
 def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw energy, works and their sum of the most accurate run, and the defect of every method."""
+    """Draw energy, works and their sum of the most accurate run, and the defect of every method.
+
+    What dampers store is part of the work on them, which may therefore fall.
+    """
     shown = select_runs(finished, has_balance)
     best = most_accurate(shown)
     energy, found = best.trajectory.energy, _diagnostics(best)
     if energy is None or found.dissipated_work is None or found.forcing_work is None:
         raise ValueError("balance: the run has no energy")  # pragma: no cover - chosen above
-    parts = {"energy $E$": energy, "dissipated $W_d$": found.dissipated_work}
+    parts = {"energy $E$": energy, "work on dampers $W_d$": found.dissipated_work}
     together = "$E + W_d$"
     if np.any(found.forcing_work):
-        parts["of forcing $W_f$"] = found.forcing_work
+        parts["work of forcing $W_f$"] = found.forcing_work
         together = "$E + W_d - W_f$"
     if found.stored_energy is not None and np.any(found.stored_energy):
-        parts["stored $E_s$"] = found.stored_energy
+        parts["of $W_d$ stored $E_s$"] = found.stored_energy
     parts[together] = energy + found.dissipated_work - found.forcing_work
     defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
     upper = with_unit("energy, work", experiment.units, "energy")
-    lower = f"defect $|{together.strip('$')} - E_0|$"
+    lower = with_unit(f"defect $|{together.strip('$')} - E_0|$", experiment.units, "energy")
     return _balance(experiment, shown, best, parts, defects, (upper, lower))
 
 
@@ -188,7 +192,7 @@ def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         values = _diagnostics(item).momentum_map_defect
         defects.append(np.zeros(0) if values is None else np.abs(values).max(axis=1))
     upper = with_unit("momentum map", experiment.units, "momentum")
-    lower = "defect $|J - J_0 - \\mathrm{impulse}|$"
+    lower = with_unit(r"defect $|J - J_0 - \mathrm{impulse}|$", experiment.units, "momentum")
     return _balance(experiment, shown, best, parts, defects, (upper, lower))
 
 
