@@ -6,14 +6,14 @@ import json
 import logging
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 
-from fvi_cli.reports.document import Block, blank
+from fvi_cli.reports.document import blank
 from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within
-from fvi_cli.reports.writers import FORMS, csv_name, rendered
+from fvi_cli.reports.writers import csv_name, forms, rendered
 from fvi_cli.reports.writers.data import FORMAT, as_value, as_word, csv_columns, read_csv
 from fvi_cli.storage.atomic import explain_os_error, replace_file
 
@@ -76,11 +76,13 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
             own = None if expected is None else expected.sheets[place]
             found[paths[sheet.name]] += _differences(rows, sheet, own, report)
     is_same = not any(found.values())
-    for ending, write in FORMS.items():
-        path = directory / f"{report.name}{ending}"
-        text = _read(path, found, is_needed=ending == ".md")
+    blocks = (expected or report).blocks
+    marked = forms(report.name, blank(blocks, _ROUGH, _NEAR))
+    for file, fresh in forms(report.name, blocks).items():
+        path = directory / file
+        text = _read(path, found, is_needed=file.endswith(".md"))
         if text is not None and expected is not None and not report.is_partial:
-            found[path] = list(_words(text, expected, write))
+            found[path] = list(_words(text, fresh, marked.get(file, fresh)))
     path = directory / f"{report.name}.json"
     text = _read(path, found, is_needed=False)
     if text is not None:
@@ -211,12 +213,10 @@ def _agree(one: Value, other: Value, within: Within) -> bool:
     return type(one) is type(other) and one == other
 
 
-def _words(found: str, expected: Report, write: Callable[[Sequence[Block]], str]) -> Iterator[str]:
-    """The first line that is another one."""
-    text = write(expected.blocks)
+def _words(found: str, text: str, marked: str) -> Iterator[str]:
+    """The first line that is another one; `marked` has marks for numbers that may differ."""
     if found == text:
         return
-    marked = write(blank(expected.blocks, _ROUGH, _NEAR))
     lines = (map(_squeezed, one.split("\n")) for one in (found, text, marked))
     shown = text.split("\n")
     for k, (one, other, pattern) in enumerate(zip_longest(*lines, fillvalue="")):
@@ -266,7 +266,7 @@ _logger = logging.getLogger("fvi_cli")
 
 
 def write(directory: Path, report: Report, *, anew: bool = False) -> list[Path]:
-    """Bring ``<name>.csv``, ``.md``, ``.tex`` and ``.json`` in `directory` up to date: their paths.
+    """Bring CSV, Markdown, LaTeX and JSON of a report in `directory` up to date: their paths.
 
     Stored rows that agree with the fresh ones (:func:`compare`) stay, and with them every file that
     they make, byte for byte, unless all are wanted `anew`: round-off differs from machine to

@@ -77,6 +77,8 @@ class Grid:
     # sizes of the groups of the other columns that belong together; empty: every column by itself
     groups: tuple[int, ...] = ()
     is_near: bool = False  # whether no file has its numbers in full, as of :class:`Near`
+    # what ends the name of its LaTeX file; the main table of a report has none
+    name: str = ""
 
     def __post_init__(self) -> None:
         for row in (*self.rows, *self.summary_rows):
@@ -117,6 +119,7 @@ class Grid:
             text_columns=min(self.text_columns, len(chosen)),
             key_columns=self.key_columns,
             is_near=self.is_near,
+            name=self.name,
         )
 
 

@@ -173,7 +173,7 @@ class Sheet:
         rows = rows_of(columns, items)
         return cls(name=name, columns=columns, rows=rows, keys=tuple(keys), **more)
 
-    def grid(self, *, text_columns: int = 1, key_columns: int = 1) -> Grid:
+    def grid(self, *, text_columns: int = 1, key_columns: int = 1, name: str = "") -> Grid:
         """The columns with a title, for people."""
         shown = [replace(c, get=itemgetter(c.name)) for c in self.columns if c.title]
         groups: list[int] = []
@@ -183,7 +183,7 @@ class Sheet:
             else:
                 groups.append(1)
         layout = {"text_columns": text_columns, "key_columns": key_columns}
-        return grid_of(shown, self.rows, groups=tuple(groups), **layout)
+        return grid_of(shown, self.rows, groups=tuple(groups), name=name, **layout)
 
 
 def with_stored(item: T, columns: Iterable[Column], row: Row, path: str) -> T:

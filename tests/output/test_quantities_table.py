@@ -58,7 +58,10 @@ def test_tables_hold_what_was_observed(folder):
     assert [(row["event"], row["count"]) for row in events[:2]] == [("bottom", "1"), ("end", "1")]
     assert float(events[1]["last"]) == outcome.finished[0].trajectory.time[-1]
     assert "torque" in text
-    assert "\\begin{tabular}" in (folder / "tables/asked-quantities.tex").read_text()
+    latex = (folder / "tables/asked-quantities.tex").read_text()
+    assert latex.startswith("\\begin{tabular}")
+    assert "torque" in latex
+    assert "bottom" in (folder / "tables/asked-quantities-events.tex").read_text()
 
 
 def test_a_check_holds_until_something_changes(folder):
@@ -171,10 +174,12 @@ def test_blocks_of_a_split_table_begin_with_what_tells_its_rows_apart(tmp_path):
             parts = split_wide(grid, widest)
             assert all(key in part.header for part in parts)
             assert all(("peak" in part.header) == ("at t" in part.header) for part in parts)
-    latex = (tmp_path / "tables/wide-quantities.tex").read_text()
-    blocks = latex.split("\\begin{tabular}")[1:]
-    assert len(blocks) > 2
-    for block in blocks:
+    pages = sorted((tmp_path / "tables").glob("wide-quantities*.tex"))
+    names = [page.stem.removeprefix("wide-quantities-") for page in pages]
+    assert {"1", "2", "designs-1", "designs-2", "events-1", "events-2", "text"} <= {*names}
+    for block in (page.read_text() for page in pages if not page.stem.endswith("-text")):
+        assert block.startswith("\\begin{tabular}")
+        assert block.count("\\begin") == 1
         header = block.split("\\toprule\n")[1].split(" \\\\")[0].split(" & ")
         assert "design" in header[0] or "quantity" in header or "event" in header, header
 

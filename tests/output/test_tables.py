@@ -32,6 +32,7 @@ from fvi_cli.reports.document import (
 )
 from fvi_cli.reports.kinds.order_summary import order_entry, short_titles
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
+from fvi_cli.reports.writers import forms
 from fvi_cli.reports.writers.latex import escape_latex, to_latex
 from fvi_cli.reports.writers.text import escape_markdown, show, to_markdown, to_text
 from fvi_cli.scenes.problem import Problem
@@ -313,10 +314,21 @@ def test_a_small_table_as_latex_letter_by_letter():
     texts = rendered("made-up", [SMALL])
     assert GOLDEN_TABULAR in texts["made-up-text.tex"]
     # bare, for a table environment of its own size and caption
-    bare = GOLDEN_TABULAR.partition("\n")[2].removesuffix("\\medskip}")
-    assert bare in texts["tex"]
-    assert "footnotesize" not in texts["tex"].partition("\n")[2]
-    assert "Equation" not in texts["tex"]
+    bare = GOLDEN_TABULAR.partition("\n")[2].removesuffix("\\par\\medskip}")
+    assert texts["made-up-runs.tex"] == bare
+
+
+@pytest.mark.parametrize("name", ["text", "a/../b", "$x$ %", "ü", ""])
+def test_every_table_has_a_file_of_its_own_whatever_its_name(name):
+    grids = [Grid(header=("n",), rows=((f"{k}",),), text_columns=0, name=name) for k in range(2)]
+    files = forms("made", [*grids, Grid(header=("m",), rows=(("7",),), name="other")])
+    tables = [file for file in files if file.endswith(".tex") and file != "made-text.tex"]
+    assert len(tables) == 3
+    assert all(re.fullmatch(r"made(-[A-Za-z0-9]+)*\.tex", file) for file in tables)
+    assert "made-other.tex" in tables
+    for file in tables:
+        assert files[file].startswith("\\begin{tabular}")
+        assert files[file].endswith("\\end{tabular}\n")
 
 
 def markdown_tables(text: str) -> list[list[list[str]]]:
@@ -744,7 +756,8 @@ def test_latex_is_balanced_and_its_tables_have_the_columns_they_declare():
     hostile = dataclasses.replace(SMALL, equation=HOSTILE, reference=HOSTILE)
     remarked = one_case(row(2, 0.25, message=HOSTILE, remarks=("[1] of", HOSTILE)))
     made = [SMALL, hostile, remarked, table_of(blowing_up)]
-    assert check_latex(rendered("a", made)["tex"]) >= 2 * 3
+    latex = [text for file, text in rendered("a", made).items() if file.endswith("tex")]
+    assert sum(map(check_latex, latex)) >= 2 * 3
     # controls: a brace too many, a column too few
     with pytest.raises(AssertionError):
         check_latex(to_latex([Paragraph(words="a")]).replace("a\\par", "{a\\par"))
@@ -769,7 +782,7 @@ def test_many_methods_stay_within_the_page():
     ]
     made = table_of(lambda run: finished(run, 1e25, status="diverged"), experiment(methods))
     texts = rendered("a", [made])
-    check_latex(texts["tex"])
+    assert sum(check_latex(text) for file, text in texts.items() if file.endswith("tex")) > 2
     for line in texts["md"].splitlines():
         if line.startswith("|"):
             assert len(line) <= 170
@@ -782,11 +795,12 @@ def test_many_methods_stay_within_the_page():
 # --- files ----------------------------------------------------------------------------------------
 
 
-def test_five_files_are_written_and_nothing_else_is_left(tmp_path):
+def test_all_files_are_written_and_nothing_else_is_left(tmp_path):
     directory = tmp_path / "results" / "tables"
     for _ in range(2):
         paths = write(directory, SMALL)
-    assert [path.suffix for path in paths] == [".csv", ".md", ".tex", ".tex", ".json"]
+    suffixes = [".csv", ".md", ".tex", ".tex", ".tex", ".json"]
+    assert [path.suffix for path in paths] == suffixes
     assert sorted(directory.iterdir()) == sorted(paths)
     assert {path.read_bytes().decode() for path in paths} == set(
         rendered("made-up", [SMALL]).values()
@@ -999,8 +1013,8 @@ def edit(path: Path, old: str, new: str) -> None:
         ("csv", ",0.25,0.25,", ",0.25,0.25,,", "20 fields"),
         ("csv", ",status", ",state", "columns"),
         ("md", "2.50e-01", "2.51e-01", "2.51e-01"),
+        ("tex", "toprule", "midrule", "midrule"),
         ("md", "T = 1", "T = 2", "T = 2"),
-        ("tex", r"\cdot", r"\times", r"\\times"),
         ("json", '"error": 0.25', '"error": 0.26', "error: 0.26 is stored, now 0.25"),
         ("json", "{", "", "cannot be read"),
         ("json", '"format": 2', '"format": 1', "format: 1 is not 2"),
@@ -1012,6 +1026,15 @@ def test_a_change_of_any_file_is_told(tmp_path, form, old, new, told):
     edit(path, old, new)
     lines = compare(tmp_path, BASE)
     assert any(line.startswith(f"{path}: ") and told in line for line in lines), lines
+
+
+def test_a_change_of_a_table_in_a_file_of_its_own_is_told(tmp_path):
+    write(tmp_path, BASE)
+    path = tmp_path / "made-up-runs.tex"
+    edit(path, r"\cdot", r"\times")
+    (line,) = compare(tmp_path, BASE)
+    assert line.startswith(f"{path}: ")
+    assert r"\\times" in line
 
 
 def test_a_row_that_is_cut_off_is_told(tmp_path):

@@ -247,7 +247,8 @@ def _prices(table: CostTable) -> Iterator[Block]:
     )
     cheapest = [cheapest_at(bands, accuracy) for accuracy in ACCURACIES]
     last = tuple("-" if curve is None else curve_name(curve, names) for curve in cheapest)
-    yield grid_of(_price_columns(), _curves(table), summary_rows=(("cheapest", "", "", "", *last),))
+    summary = (("cheapest", "", "", "", *last),)
+    yield grid_of(_price_columns(), _curves(table), summary_rows=summary, name=table.experiment)
     if exact := [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]:
         yield Paragraph(
             words=f"{', '.join(exact)}: only round-off at every N. That is a property of "
@@ -262,7 +263,7 @@ def _prices(table: CostTable) -> Iterator[Block]:
                 "which is not known beforehand:",
             )
         )
-        yield grid_of(TOLERANCE_COLUMNS, _tolerances(table))
+        yield grid_of(TOLERANCE_COLUMNS, _tolerances(table), name=f"{table.experiment}-tolerances")
     yield Paragraph(words="Cheapest by accuracy:")
     yield Bullets(
         items=tuple(
@@ -294,7 +295,7 @@ def _reached(curve: CostCurve, accuracy: float) -> str:
 def _details(table: CostTable) -> Iterator[Block]:
     names = _names(table)
     yield Heading(level=2, words=f"{table.experiment}: every run")
-    yield grid_of(RUN_COLUMNS, _runs(table), key_columns=2)
+    yield grid_of(RUN_COLUMNS, _runs(table), key_columns=2, name=f"{table.experiment}-runs")
     yield Paragraph(
         words="The spread is the interquartile range of the stepping times over their median. "
         "The peak is traced in a run of its own."

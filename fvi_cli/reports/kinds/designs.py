@@ -136,4 +136,7 @@ def design_blocks(sheet: Sheet) -> list[Block]:
     if len({(one["case"], one["n_steps"]) for one in sheet.rows}) > 1:
         how = "each on its finest grid"
     note = f"Designs: peaks ({how}) and their change against the first design."
-    return [Paragraph(words=note), sheet.grid(text_columns=words, key_columns=words)]
+    return [
+        Paragraph(words=note),
+        sheet.grid(text_columns=words, key_columns=words, name=sheet.name),
+    ]

@@ -186,19 +186,21 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
     yield Heading(level=1, words=f"Fit: {name}")
     for result in results:
         yield Heading(level=2, words=(CodeSpan(result.name),))
+        experiment = f"{result.name}-" * (len(results) > 1)
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
-            yield grid_of(MODEL_COLUMNS, (About(result=result, model=one) for one in models))
+            items = (About(result=result, model=one) for one in models)
+            yield grid_of(MODEL_COLUMNS, items, name=f"{experiment}models")
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
-            yield from _estimates(model)
+            yield from _estimates(model, f"{experiment}{model.model.name or 'fitted'}")
 
 
-def _estimates(model: ModelFit) -> Iterator[Block]:
+def _estimates(model: ModelFit, name: str) -> Iterator[Block]:
     if not model.is_converged:
         yield Paragraph(words=f"No fit: {model.message}. The best point so far:")
-    yield grid_of(ESTIMATES, model.estimates)
+    yield grid_of(ESTIMATES, model.estimates, name=name)
     if len(model.estimates) > 1 and model.is_converged:
         yield Paragraph(words="Correlations of the estimates:")
         yield pivot(
@@ -211,6 +213,7 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
             headings={str(j): (str(j),) for j in range(1, len(model.estimates))},
             absent="",
             is_near=True,
+            name=f"{name}-correlations",
         )
     if model.series:
         yield Paragraph(words=tuple(_noise(model)))

@@ -136,6 +136,7 @@ def _details(report: HardCaseReport) -> Iterator[Block]:
             (((f.quantity, limits[f.quantity]), f.method, (_cell(f),)) for f in findings),
             corner=("measured", "must be"),
             headings={method: (method,) for method in report.methods},
+            name=case.name,
         )
         unstable = dict.fromkeys(f.method for f in findings if f.predicted == "unstable")
         if unstable:

@@ -55,6 +55,7 @@ def _by_value(
         corner=(key,),
         headings={case.method.case: (names[case.method.case].label,) for _, case in each},
         absent="not computed",
+        name=f"{tables[0].experiment}-orders",
     )
 
 
@@ -132,7 +133,9 @@ def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) ->
         for case in table.cases:
             cases.setdefault(case.method.case, []).append((table, case))
     items = [_Spread(label=names[name].label, found=found) for name, found in cases.items()]
-    return grid_of(_SPREAD_COLUMNS, items, groups=(3, 3, 3, 1))
+    return grid_of(
+        _SPREAD_COLUMNS, items, groups=(3, 3, 3, 1), name=f"{tables[0].experiment}-orders"
+    )
 
 
 def sweep_details(
@@ -171,6 +174,7 @@ def sweep_details(
         corner=("N", "h"),
         headings={case: (f"{names[case].label}: median", "largest", "rows") for case in cases},
         text_columns=0,
+        name=f"{tables[0].experiment}-runs",
     )
     remark = "Every member has its own rows in the CSV and JSON forms of this table."
     return [

@@ -207,7 +207,7 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> Iterator[Bloc
     if not table.cases:
         yield Paragraph(words="No run is finished.")
         return
-    yield _grid(table.cases, names)
+    yield replace(_grid(table.cases, names), name=f"{table.experiment}-runs")
     if remarks := _remarks(table, names):
         yield Bullets(items=tuple(remarks))
 

@@ -264,7 +264,8 @@ def _words(name: str, sheets: Sheets, advice: str) -> Iterator[Block]:
         keys = shown.index("n_steps") + 2 + ("loop" in shown)
         if sheet.rows:
             words = keys + (shown[keys] == "unit")
-            yield sheet.grid(text_columns=words, key_columns=keys)
+            name = "" if sheet.name == "runs" else sheet.name
+            yield sheet.grid(text_columns=words, key_columns=keys, name=name)
     if "loops" in sheets:
         amplitudes = [number_of(row["amplitude"]) for row in sheets["loops"].rows]
         if any(math.isnan(one) for one in amplitudes):

@@ -159,11 +159,12 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
             yield Paragraph(
                 words="The scene is nonlinear: this holds for its linearisation at the start."
             )
-        yield from _rows(table)
-        yield from _regions(table)
+        experiment = table.experiment.name if len(tables) > 1 else ""
+        yield from _rows(table, experiment)
+        yield from _regions(table, "-".join(filter(None, (experiment, "regions"))))
 
 
-def _rows(table: StabilityTable) -> Iterator[Block]:
+def _rows(table: StabilityTable, name: str) -> Iterator[Block]:
     names = method_names(table.experiment.methods)
     steps = sorted({row.run.n_steps for row in table.rows})
     lines: dict[tuple[str, ...], list[StabilityRow]] = {}
@@ -172,7 +173,7 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
         key = (row.run.method.case, *([label_of(row.run.member)] if swept else []))
         lines.setdefault(key, []).append(row)
     if len(lines) > MOST_LINES:
-        yield _counts(table, steps)
+        yield replace(_counts(table, steps), name=name)
     else:
         cells: list[Cell] = []
         for (case, *member), rows in lines.items():
@@ -185,7 +186,7 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
             ]
         titles = [*(f"N = {n}" for n in steps), "stable h", "lasting h", "exact, per time"]
         corner = ("method", "member") if swept else ("method",)
-        yield pivot(cells, corner=corner, headings={title: (title,) for title in titles})
+        yield pivot(cells, corner=corner, headings={title: (title,) for title in titles}, name=name)
     yield Paragraph(words=_agreement(table))
     for row in table.disagreements:
         yield Paragraph(words=(Near(f"Observed otherwise: {row.run.title}: {row.observation}"),))
@@ -245,7 +246,7 @@ def _agreement(table: StabilityTable) -> str:
     return words
 
 
-def _regions(table: StabilityTable) -> Iterator[Block]:
+def _regions(table: StabilityTable, name: str) -> Iterator[Block]:
     if not table.regions:
         return
     names = method_names(table.experiment.methods)
@@ -269,4 +270,5 @@ def _regions(table: StabilityTable) -> Iterator[Block]:
         corner=("method",),
         headings={f"{order:g}": (f"order {order:g}",) for order in orders},
         is_near=True,
+        name=name,
     )

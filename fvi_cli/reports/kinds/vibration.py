@@ -154,13 +154,15 @@ def _sheet(
     )
 
 
-def _own_grid(sheet: Sheet, experiment: str) -> Grid:
+def _own_grid(sheet: Sheet, experiment: str, name: str) -> Grid:
     """The rows of an experiment."""
     own = tuple(row for row in sheet.rows if row["experiment"] == experiment)
     keeps = any(row["member"] for row in own)
     columns = tuple(one for one in sheet.columns if keeps or one is not MEMBER)
     keys = 1 + bool(keeps)
-    return replace(sheet, columns=columns, rows=own).grid(text_columns=keys, key_columns=keys)
+    return replace(sheet, columns=columns, rows=own).grid(
+        text_columns=keys, key_columns=keys, name=name
+    )
 
 
 def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterator[Block]:
@@ -169,7 +171,7 @@ def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterato
     for experiment, own in groups.items():
         if len(groups) > 1:
             yield Heading(level=2, words=(CodeSpan(experiment),))
-        yield _own_grid(sheet, experiment)
+        yield _own_grid(sheet, experiment, experiment if len(groups) > 1 else "")
         for words in _completeness(own):
             yield Paragraph(words=(Near(words),))
 
@@ -266,7 +268,7 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
             )
         )
         if any(row["experiment"] == experiment for row in peaks.rows):
-            yield _own_grid(peaks, experiment)
+            yield _own_grid(peaks, experiment, experiment if len(groups) > 1 else "")
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")
         own = [one for one in tables if one.name == experiment]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 from fvi_cli.reports.document import Block
 from fvi_cli.reports.table import Report, Sheet
@@ -17,18 +17,27 @@ def csv_name(report: Report, sheet: Sheet) -> str:
     return f"{report.name}.csv" if is_first else f"{report.name}-{sheet.name}.csv"
 
 
-FORMS: Mapping[str, Callable[[Sequence[Block]], str]] = {
-    ".md": to_markdown,
-    ".tex": to_tabulars,
-    "-text.tex": to_latex,
-}
-"""What people read of a report, by the ending of its file; ``.tex`` has the tables alone."""
+TEXT = "text"
+"""What ends the name of the LaTeX file that has headings and words too."""
+
+
+def forms(name: str, blocks: Sequence[Block]) -> dict[str, str]:
+    """What people read of the report of that name, by the names of files.
+
+    These are Markdown, LaTeX, and a file with nothing but a LaTeX table for every one.
+    """
+    texts = {f"{name}.md": to_markdown(blocks), f"{name}-{TEXT}.tex": to_latex(blocks)}
+    for own, text in to_tabulars(blocks).items():
+        # the name of an experiment may begin as that of the report
+        whole = own if f"{own}-".startswith(f"{name}-") else "-".join(filter(None, (name, own)))
+        texts[f"{whole}-table.tex" if f"{whole}.tex" in texts else f"{whole}.tex"] = text
+    return texts
 
 
 def rendered(report: Report) -> dict[str, str]:
     """The text of every file, by its name: CSV, Markdown, LaTeX and JSON."""
     return {
         **{csv_name(report, sheet): to_csv(sheet) for sheet in report.sheets if sheet.is_file},
-        **{f"{report.name}{ending}": write(report.blocks) for ending, write in FORMS.items()},
+        **forms(report.name, report.blocks),
         f"{report.name}.json": to_json(report),
     }

@@ -1,4 +1,4 @@
-r"""Reports as LaTeX to ``\input``: headings, text and tables, set with four usual packages."""
+r"""Reports as LaTeX to ``\input``: bare tables, or headings, text and tables with four packages."""
 
 from __future__ import annotations
 
@@ -22,10 +22,6 @@ from fvi_cli.reports.writers.equations import to_mathematics
 
 PACKAGES = ("amsmath", "array", "booktabs", "longtable")
 
-_TABLES_HEAD = (
-    r"% Tables to \input; need \usepackage{array,booktabs}, and fit into \footnotesize with "
-    r"\setlength{\tabcolsep}{4pt}"
-)
 _HEAD = rf"""% To \input; needs \usepackage{{{",".join(PACKAGES)}}}"""
 
 WIDEST = 92
@@ -75,21 +71,27 @@ def to_latex(blocks: Sequence[Block]) -> str:
     return "\n\n".join([_HEAD, r"{\raggedright\setlength{\parindent}{0pt}", *words, "}"]) + "\n"
 
 
-def to_tabulars(blocks: Sequence[Block]) -> str:
-    """The tables alone, in the size and place that the text around them gives them.
+def to_tabulars(blocks: Sequence[Block]) -> dict[str, str]:
+    r"""Every table by its name, as a bare ``tabular`` in the size of the text around it.
 
-    Headings become comments, and the prose on the tables is left out.
+    A wide one has numbered parts, each narrow enough for ``\footnotesize`` with columns that are
+    ``4pt`` apart. So have tables of one name.
     """
-    found = [_TABLES_HEAD]
+    named: dict[str, list[Grid]] = {}
     for block in blocks:
-        if isinstance(block, Heading):
-            found.append("% " + " ".join(plain_text(block.words).split()))
-        elif isinstance(block, Grid):
-            found += [
-                f"{_table(part)}\n\\par"
-                for part in split_wide(block, WIDEST, WIDEST_TEXT, _letters)
-            ]
-    return "\n\n".join(found) + "\n"
+        if isinstance(block, Grid):
+            parts = split_wide(block, WIDEST, WIDEST_TEXT, _letters)
+            named.setdefault(_file_words(block.name), []).extend(parts)
+    return {
+        "-".join(filter(None, (name, str(number) if len(parts) > 1 else ""))): f"{_table(part)}\n"
+        for name, parts in named.items()
+        for number, part in enumerate(parts, start=1)
+    }
+
+
+def _file_words(name: str) -> str:
+    """A name with nothing that a file name or a path in LaTeX may not have."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")
 
 
 def _block(block: Block) -> str:
