@@ -212,9 +212,10 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             properties = look.properties()
         every = max(1, curve.x.size // _FINE_POINTS) if look.has_line else 1
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
-        # marks of different curves stand at different points, none at the first
+        # marks of different curves stand at different points, of many none at the first
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
-        shifted = (-(-(2 * position + 1) * stride // (2 * len(curves))), stride)
+        first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
+        shifted = (first, stride)
         if nested:
             later = sum(is_near(curve, other) for other in curves[position + 1 :])
             if later:
@@ -274,7 +275,7 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
     size, width = rcParams["lines.markersize"], rcParams["lines.linewidth"]
     for line in (line for one in axes for line in one.lines):
         label = str(line.get_label())
-        named = entries.get(label.removeprefix("_"))
+        named = entries.get(label[1:]) if label.startswith("_") else None
         if isinstance(named, Line2D) and line.get_linestyle() == "None":
             # a line in one panel, marks in another
             named.set(marker=line.get_marker(), markersize=0.9 * size)
