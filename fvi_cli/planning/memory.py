@@ -5,7 +5,7 @@ from __future__ import annotations
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import PIECE
 from fvi_cli.integrator.damping.directions import pattern_of
-from fvi_cli.integrator.engine.recurrence import HALVINGS, pays_as_one
+from fvi_cli.integrator.engine.recurrence import DOUBLINGS, is_recurrence_quicker
 from fvi_cli.integrator.loads.panels import tested_rule
 from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.integrator.method import Method
@@ -51,12 +51,13 @@ def peak_bytes(
     short = min(block, SHORT_BLOCK if is_linear else SHORT_NONLINEAR)
     every_table = of_tables(block) + (plan.n_sizes - 1) * of_tables(short)
     size, making, recurrence = (plan.n_states + 2) * e, 0.0, 0.0
-    if is_linear and together == 1 and pays_as_one(size, block, chunk // block, plan.n_steps):
+    is_single = is_linear and together == 1
+    if is_single and is_recurrence_quicker(size, block, chunk // block, plan.n_steps):
         loads, outputs = block * (degree + 1) * e, block * (inputs + 2) * e
         given = loads + 2 * e
         making = given * (2.0 * outputs + block * (degree + 2) * e)
         recurrence = outputs * (given + block * samples * e + size)
-        recurrence += (HALVINGS + 1.0) * size * size + is_forced * (2 * outputs + size) * loads
+        recurrence += (DOUBLINGS + 1.0) * size * size + is_forced * (2 * outputs + size) * loads
     # positions of modes are copied into the coordinates of their scenes
     per_step = d * (5 + (plan.systems > 1))
     per_step += d * (3 * (degree + 1) * is_forced + 5 * degree * (not is_linear))

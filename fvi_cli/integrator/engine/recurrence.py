@@ -1,9 +1,23 @@
-"""Many blocks of linear systems: a recurrence, and all their steps in one matrix product."""
+r"""Many equal blocks of steps of one linear system, as a recurrence from block to block.
+
+What the steps to come depend on is one vector w: the states of the memory, the position and the
+momentum, :math:`w = (z, x, p)`. A block with load vectors g takes it to
+
+.. math:: w + \text{change}\, w + \text{change by loads}\, g,
+
+and its *outputs*, what is wanted of every step in it, are linear in w and g too. So the vectors
+before all blocks are computed first, and then the outputs of all blocks in one matrix product.
+
+Letters in shapes: B steps of a block, s unknowns of a step for every component, e components, J
+states of the memory of every component, i inputs of the memory of a step for every component, m
+points of a step where the damping force is taken, D = J e + 2 e numbers of w, L = B (s + 1) e
+numbers of the load vectors of a block.
+"""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,15 +32,15 @@ if TYPE_CHECKING:
 LARGEST_STATE = 300
 LEAST_BLOCKS = 24
 LARGE_STATE, STEPS_OF_LARGE = 200, 4
-"""From so many numbers on, so many blocks for each of 4 pay for the tables."""
-HALVINGS = 3
-"""Levels of pairs of blocks, pairs of these, and so on."""
+"""With so many numbers in w or more, the tables pay where there is a block for each 4 of them."""
+DOUBLINGS = 3
+"""Blocks are joined to pairs, these to groups of 4, and these to groups of 2^3."""
 
 
-def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
-    """Whether so many blocks of a linear system are best one recurrence.
+def is_recurrence_quicker(size: int, block: int, blocks: int, total: int) -> bool:
+    """Whether so many blocks of a linear system with D = `size` are best one recurrence.
 
-    With a state of `size` numbers, J e + 2 e, and `total` equal steps in their stretch.
+    Blocks have `block` steps; `total` equal steps follow each other, of which these are a part.
     """
     return (
         size <= LARGEST_STATE
@@ -36,158 +50,186 @@ def pays_as_one(size: int, block: int, blocks: int, total: int) -> bool:
     )
 
 
+class _Map(NamedTuple):
+    """What the n numbers of w, or of load vectors, contribute to a block."""
+
+    # changes of position and momentum up to the end of every step, components first, (n, 2 e B)
+    ends: Array
+    inputs: Array  # inputs of the memory in every step, (n, B i e)
+    change: Array  # change of w over the block, (D, n)
+
+
 class Recurrence:
-    """w = (z, x, p) of one linear system from block to block as one matrix, ``(n, n)``."""
+    """The recurrence of blocks of `count` steps of length h, of an engine with one linear scene."""
 
     def __init__(self, engine: Engine, h: float, count: int) -> None:
         self.engine, self.h, self.count = engine, h, count
-        self._op = engine.operator(h, count)
-        self.frame = self._op.frame
-        self._held = held = engine.n_states * engine.e
-        (whole,), two = self._op.outputs, 2 * engine.e
-        outputs = np.empty((len(whole), held + two))
-        outputs[:, held:] = whole[:, :two]
-        if held:
-            outputs[:, :held] = whole[:, two:] @ self._past()
-        self._ends, self._inputs, self._change = self._split(outputs)
+        self._operator = engine.operator(h, count)
+        self.frame = self._operator.frame
+        # numbers of w that are states of the memory
+        self._memory_size = memory_size = engine.n_states * engine.e
+        (by_force,), motion_size = self._operator.outputs, 2 * engine.e
+        outputs = np.empty((len(by_force), memory_size + motion_size))
+        outputs[:, memory_size:] = by_force[:, :motion_size]
+        if memory_size:
+            outputs[:, :memory_size] = by_force[:, motion_size:] @ self._memory_force()
+        self._of_state = self._split(outputs)
         if self.frame.damping is not None:
-            undriven = self.frame.damping.kernels.change_of_all(count)
-            self._change[:held, :held] += np.kron(undriven, np.eye(engine.e))
+            without_inputs = self.frame.damping.kernels.change_of_all(count)
+            self._of_state.change[:memory_size, :memory_size] += np.kron(
+                without_inputs, np.eye(engine.e)
+            )
 
     @staticmethod
-    def pays(engine: Engine, block: int, blocks: int, total: int) -> bool:
-        """Whether so many blocks, of `total` steps in their stretch, are quicker so."""
+    def is_quicker(engine: Engine, block: int, blocks: int, total: int) -> bool:
+        """Whether so many blocks, of `total` equal steps, are quicker as a recurrence."""
         is_one = isinstance(engine.law, Linear) and engine.q == 1 and not engine.is_batch
-        return is_one and pays_as_one((engine.n_states + 2) * engine.e, block, blocks, total)
+        size = (engine.n_states + 2) * engine.e
+        return is_one and is_recurrence_quicker(size, block, blocks, total)
 
-    def _past(self) -> Array:
-        """States to the force of the past on a block, ``(B m e, J e)``."""
+    def _memory_force(self) -> Array:
+        """States of the memory to the memory force in a block, ``(B m e, J e)``."""
         engine, tables = self.engine, self.frame.damping
         if engine.damping is None or tables is None:
             raise ValueError("damping: the scene has no damping")
-        units = np.eye(self._held).reshape(self._held, engine.n_states, engine.e)
+        units = np.eye(self._memory_size).reshape(self._memory_size, engine.n_states, engine.e)
         zero = np.zeros((1, engine.n_states, 1))
         force = engine.damping.at_rest().past(tables, units, zero, self.count)
-        return force.reshape(self._held, -1).T
+        return force.reshape(self._memory_size, -1).T
 
-    def _split(self, outputs: Array) -> tuple[Array, Array, Array]:
-        """Ends of steps, components first, inputs, and what is added to the state of a block.
+    def _split(self, outputs: Array) -> _Map:
+        """Outputs of the operator, ``(B (i + 2) e, n)``: inputs, positions, momenta of all steps.
 
-        Of inputs, positions and momenta ``(B (i + 2) e, c)``: ends ``(c, 2 e B)`` and inputs
-        ``(c, B i e)``, changes ``(J e + 2 e, c)``.
+        The change of the memory is that by these inputs alone.
         """
         engine, e, columns = self.engine, self.engine.e, outputs.shape[1]
-        n = len(outputs) - 2 * self.count * e
-        ends = outputs[n:].reshape(2, self.count, e, columns)
-        inputs = np.ascontiguousarray(outputs[:n].T)
-        change = np.zeros((self._held + 2 * e, columns))
-        if self.frame.damping is not None and self._held:
+        input_rows = len(outputs) - 2 * self.count * e
+        ends = outputs[input_rows:].reshape(2, self.count, e, columns)
+        inputs = np.ascontiguousarray(outputs[:input_rows].T)
+        change = np.zeros((self._memory_size + 2 * e, columns))
+        if self.frame.damping is not None and self._memory_size:
             zero = np.zeros((columns, engine.n_states, e))
-            driven = inputs.reshape(columns, -1, e)
-            behind = self.frame.damping.kernels.push(zero, driven, self.count)
-            change[: self._held] = behind.reshape(columns, -1).T
-        change[self._held :] = ends[:, -1].reshape(2 * e, columns)
-        by_rows = ends.transpose(3, 0, 2, 1).reshape(columns, -1)
-        return np.ascontiguousarray(by_rows), inputs, change
+            by_step = inputs.reshape(columns, -1, e)
+            states = self.frame.damping.kernels.push(zero, by_step, self.count)
+            change[: self._memory_size] = states.reshape(columns, -1).T
+        change[self._memory_size :] = ends[:, -1].reshape(2 * e, columns)
+        components_first = ends.transpose(3, 0, 2, 1).reshape(columns, -1)
+        return _Map(np.ascontiguousarray(components_first), inputs, change)
 
     @cached_property
-    def _changes(self) -> list[Array]:
-        """Changes of a state without loads over 1, 2, 4, ... blocks."""
-        found = [self._change]
-        for _ in range(HALVINGS):
+    def _changes_of_groups(self) -> list[Array]:
+        """Changes of w without loads over 1, 2, 4, ... blocks, each ``(D, D)``."""
+        found = [self._of_state.change]
+        for _ in range(DOUBLINGS):
             found.append(2 * found[-1] + found[-1] @ found[-1])
         return found
 
     @cached_property
-    def _by_load(self) -> tuple[Array, Array, Array]:
-        """Load vectors to ends, inputs and changes."""
-        ends, inputs, change = self._split(self._op.outputs_of_loads[0])
-        return ends, inputs, np.ascontiguousarray(change.T)
+    def _of_loads(self) -> _Map:
+        """That of load vectors of a block, with n = L; its change is transposed, ``(L, D)``."""
+        found = self._split(self._operator.outputs_of_loads[0])
+        return found._replace(change=np.ascontiguousarray(found.change.T))
 
-    def _path(
-        self, value: Array, lost: Array, blocks: int, kicks: Array | None, halvings: int
+    def _before_blocks(
+        self,
+        w: Array,
+        rounding: Array,
+        blocks: int,
+        load_changes: Array | None,
+        doublings: int,
     ) -> tuple[Array, Array, Array]:
-        """States before blocks, and that behind them with what round-off took too much.
+        """Vectors w before every block, ``(blocks, D)``, and behind all, with its rounding error.
 
-        One after the other for groups of ``2^halvings`` blocks, for those inside of them by halves.
+        `load_changes` are those of w by the loads of every block, ``(blocks, D)``. Groups of
+        ``2^doublings`` blocks follow each other, summed as by Kahan; inside of a group the vector
+        before its second half is computed from that before its first, and so on down to blocks.
         """
-        changes = self._changes[: halvings + 1]
-        levels = [kicks]
-        for one in changes[:-1]:
-            if kicks is not None:
-                kicks = kicks[1::2] + kicks[::2] + kicks[::2] @ one.T
-            levels.append(kicks)
-        path = np.empty((blocks >> halvings, value.size))
-        for index in range(len(path)):
-            path[index] = value
-            change = changes[-1] @ value
-            if kicks is not None:
-                change += kicks[index]
-            change -= lost
-            total = value + change
-            lost = (total - value) - change
-            value = total
-        for one, kicks in zip(changes[-2::-1], levels[-2::-1], strict=True):
-            halves = np.empty((len(path), 2, value.size))
-            halves[:, 0], halves[:, 1] = path, path + path @ one.T
-            if kicks is not None:
-                halves[:, 1] += kicks[::2]
-            path = halves.reshape(-1, value.size)
-        return path, value, lost
+        changes = self._changes_of_groups[: doublings + 1]
+        levels = [load_changes]
+        for change_of_half in changes[:-1]:
+            if load_changes is not None:
+                first_halves, second_halves = load_changes[::2], load_changes[1::2]
+                load_changes = second_halves + first_halves + first_halves @ change_of_half.T
+            levels.append(load_changes)
+        before = np.empty((blocks >> doublings, w.size))
+        for index in range(len(before)):
+            before[index] = w
+            change = changes[-1] @ w
+            if load_changes is not None:
+                change += load_changes[index]
+            change -= rounding
+            total = w + change
+            rounding = (total - w) - change
+            w = total
+        for change_of_half, by_loads in zip(changes[-2::-1], levels[-2::-1], strict=True):
+            halves = np.empty((len(before), 2, w.size))
+            halves[:, 0], halves[:, 1] = before, before + before @ change_of_half.T
+            if by_loads is not None:
+                halves[:, 1] += by_loads[::2]
+            before = halves.reshape(-1, w.size)
+        return before, w, rounding
 
     def run(
         self, state: State, blocks: int, loads: Array | None, *, with_inputs: bool = False
     ) -> tuple[Array, Array, Array | None]:
         """Take `blocks` blocks; the state moves on.
 
-        To x and p after every step, ``(1, n, e)``, and the inputs of the memory
-        ``(blocks, B i e)`` if they are wanted.
+        Returns x and p after each of the N = `blocks` B steps, ``(1, N, e)`` each, and the inputs
+        of the memory, ``(blocks, B i e)``, if they are wanted. `loads` are ``(1, N, s + 1, e)``.
         """
-        e, held = self.engine.e, self._held
-        known = self._known(state, blocks, loads)
-        value = np.concatenate([state.z.ravel(), state.x[0], state.p[0]])
-        lost = np.concatenate([np.zeros(held), state.x_lost[0], state.p_lost[0]])
-        kicks = None if known is None else known @ self._by_load[2]
-        if kicks is not None and len(kicks) < blocks:
-            kicks = np.repeat(kicks, blocks, axis=0)
-        span = 1 << HALVINGS
-        whole = blocks - blocks % span
-        paths = []
-        for first, last, halvings in ((0, whole, HALVINGS), (whole, blocks, 0)):
-            own = None if kicks is None else kicks[first:last]
-            path, value, lost = self._path(value, lost, last - first, own, halvings)
-            paths.append(path)
-        path = np.concatenate(paths) if blocks % span else paths[0]
-        ends, inputs = path @ self._ends, path @ self._inputs if with_inputs else None
-        if known is not None:
-            ends += known @ self._by_load[0]
+        e, memory_size = self.engine.e, self._memory_size
+        load_vectors = self._load_vectors(state, blocks, loads)
+        w = np.concatenate([state.z.ravel(), state.x[0], state.p[0]])
+        rounding = np.concatenate([np.zeros(memory_size), state.x_lost[0], state.p_lost[0]])
+        load_changes = None if load_vectors is None else load_vectors @ self._of_loads.change
+        if load_changes is not None and len(load_changes) < blocks:
+            load_changes = np.repeat(load_changes, blocks, axis=0)
+        group = 1 << DOUBLINGS
+        grouped = blocks - blocks % group
+        parts = []
+        for first, last, doublings in ((0, grouped, DOUBLINGS), (grouped, blocks, 0)):
+            own = None if load_changes is None else load_changes[first:last]
+            part, w, rounding = self._before_blocks(w, rounding, last - first, own, doublings)
+            parts.append(part)
+        before = np.concatenate(parts) if blocks % group else parts[0]
+        ends = before @ self._of_state.ends
+        inputs = before @ self._of_state.inputs if with_inputs else None
+        if load_vectors is not None:
+            ends += load_vectors @ self._of_loads.ends
             if inputs is not None:
-                inputs += known @ self._by_load[1]
+                inputs += load_vectors @ self._of_loads.inputs
         ends = ends.reshape(blocks, 2 * e, self.count)
-        ends += path[:, held:, None]
-        state.z = value[:held].reshape(state.z.shape)
-        state.x, state.p = value[None, held : held + e], value[None, held + e :]
-        state.x_lost, state.p_lost = lost[None, held : held + e], lost[None, held + e :]
+        ends += before[:, memory_size:, None]
+        (state.x, state.p), z = _position_and_momentum(w, e), w[:memory_size]
+        state.z = z.reshape(state.z.shape)
+        state.x_lost, state.p_lost = _position_and_momentum(rounding, e)
         state.unknowns, state.h = None, self.h
         x, p = (one.swapaxes(1, 2).reshape(1, -1, e) for one in (ends[:, :e], ends[:, e:]))
         return x, p, inputs
 
-    def _known(self, state: State, blocks: int, loads: Array | None) -> Array | None:
-        """Load vectors of all blocks with those of a start velocity, ``(blocks, B (s + 1) e)``."""
+    def _load_vectors(self, state: State, blocks: int, loads: Array | None) -> Array | None:
+        """Load vectors of all blocks, ``(blocks, L)``, with the memory force of a start velocity.
+
+        One row stands for all blocks where they have the same; None: there are none.
+        """
         engine, count, damping = self.engine, self.count, self.engine.damping
         tables = self.frame.damping
         is_relative = damping is not None and damping.subtracts
         if loads is None and not is_relative:
             return None
-        # a constant force of the past is the same in all blocks
         is_constant = loads is None and damping is not None and not damping.has_column
         rows = 1 if is_constant else blocks
-        flat = np.zeros((rows, count, engine.tables.degree + 1, engine.e))
+        found = np.zeros((rows, count, engine.tables.degree + 1, engine.e))
         if loads is not None:
-            flat += loads[0].reshape(flat.shape)
+            found += loads[0].reshape(found.shape)
         if damping is not None and tables is not None and is_relative:
             columns, state.column = damping.columns(tables, state.column, rows)
             zero = np.zeros((rows, engine.n_states, engine.e))
             force = damping.past(tables, zero, columns, count)
-            flat -= on_steps(self.frame.to_loads, force.reshape(rows, count, -1, engine.e))
-        return flat.reshape(rows, -1)
+            found -= on_steps(self.frame.to_loads, force.reshape(rows, count, -1, engine.e))
+        return found.reshape(rows, -1)
+
+
+def _position_and_momentum(w: Array, e: int) -> tuple[Array, Array]:
+    """Those at the end of w, ``(1, e)`` each."""
+    return w[None, -2 * e : -e], w[None, -e:]

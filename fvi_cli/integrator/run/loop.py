@@ -95,7 +95,7 @@ def _steps(
             at = proposal._replace(first=proposal.first + done)
         own = None if loads is None else loads[:, done:]
         blocks = 0 if overflows else ahead // block
-        if block > 1 and Recurrence.pays(engine, block, blocks, proposal.total):
+        if block > 1 and Recurrence.is_quicker(engine, block, blocks, proposal.total):
             n, before = blocks * block, state.copy()
             key = (h, block)
             if key not in recurrences:
