@@ -35,6 +35,12 @@ class Near:
     text: str
 
 
+class RoughEntry(str):
+    """An entry of a grid with numbers that round-off decides, as :class:`Rough` words."""
+
+    __slots__ = ()
+
+
 Piece = str | CodeSpan | Equation | Rough | Near
 Words = str | tuple[Piece, ...]
 """Running text; every piece is literal, without markup."""
@@ -200,7 +206,7 @@ def _marked(text: str, mark: str) -> str:
 
 
 def blank(blocks: Sequence[Block], rough: str, near: str) -> list[Block]:
-    """The blocks with marks in place of the numbers of :class:`Rough` words and of near ones."""
+    """The blocks with marks in place of the numbers of rough words and entries and of near ones."""
 
     def in_words(words: Words) -> Words:
         return tuple(
@@ -213,6 +219,9 @@ def blank(blocks: Sequence[Block], rough: str, near: str) -> list[Block]:
     def in_cells(line: tuple[str, ...], first: int = 0) -> tuple[str, ...]:
         return (*line[:first], *(_marked(cell, near) for cell in line[first:]))
 
+    def rough_cells(line: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(_marked(c, rough) if isinstance(c, RoughEntry) else c for c in line)
+
     found: list[Block] = []
     for block in blocks:
         if isinstance(block, Paragraph | Heading):
@@ -222,5 +231,5 @@ def blank(blocks: Sequence[Block], rough: str, near: str) -> list[Block]:
         elif block.is_near:
             found.append(replace(block, rows=tuple(in_cells(line, 1) for line in block.rows)))
         else:
-            found.append(block)
+            found.append(replace(block, rows=tuple(map(rough_cells, block.rows))))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, Context
 from typing import Final, Literal
 
 import numpy as np
@@ -39,6 +40,12 @@ class Measured:
         if math.isnan(self.reference):
             return round_off
         return max(round_off, 10 * self.unit(norm, final_time) * self.reference)
+
+
+def round_up(bound: float) -> str:
+    """A bound with two digits, rounded upwards, so that it still is one but for round-off."""
+    digits = Context(prec=2, rounding=ROUND_CEILING).create_decimal(f"{bound:.12g}")
+    return f"{float(digits):.1e}"
 
 
 def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:

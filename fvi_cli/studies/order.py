@@ -109,14 +109,19 @@ class OrderCase:
         return is_straight or not any(row.is_near_floor for row in self.rows)
 
     @property
-    def last_order(self) -> float:
-        """Pairwise order between the last two neighbouring rows that are used; nan without."""
+    def last_pair(self) -> int | None:
+        """Index of the finer of the last two neighbouring rows that are used; None without."""
         pairs = [
             index
             for index, (before, row) in enumerate(itertools.pairwise(self.rows), start=1)
             if before.used_in_fit and row.used_in_fit
         ]
-        return self.pairwise_order(pairs[-1]) if pairs else math.nan
+        return pairs[-1] if pairs else None
+
+    @property
+    def last_order(self) -> float:
+        """Pairwise order between these two; nan without."""
+        return math.nan if self.last_pair is None else self.pairwise_order(self.last_pair)
 
     @property
     def expected_order(self) -> float:

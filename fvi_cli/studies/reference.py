@@ -20,6 +20,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import Experiment, Run, Subject
 from fvi_cli.studies.members import Member, members_at_a_time
+from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.tolerance.rounds import likely_amplitude
 from fvi_cli.studies.tolerance.runs import AdaptiveRuns, knots_of
 
@@ -252,9 +253,9 @@ def _without_end(scene: Scene, run: Trajectory) -> Reference:
 
 
 def _in_words(error: float, scale: float) -> str:
-    """The estimated error by a power of ten, since its digits are those of one machine."""
+    """A bound on the error, no closer than round-off lets the estimate be the same twice."""
     bound = max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300)
-    return f"estimated error below 1e{math.ceil(math.log10(bound))}"
+    return f"estimated error below {round_up(bound)}"
 
 
 def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:

@@ -5,6 +5,8 @@ import dataclasses
 import io
 import json
 import math
+import os
+import random
 import re
 import tempfile
 from collections.abc import Callable, Sequence
@@ -15,6 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from letters import spring
+from spread import SEED
 
 from fvi_cli import reports
 from fvi_cli.errors import StorageError
@@ -37,6 +40,7 @@ from fvi_cli.reports.writers.latex import escape_latex, to_latex
 from fvi_cli.reports.writers.text import escape_markdown, show, to_markdown, to_text
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, order_table
 
 BDF1, BDF2 = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2))
@@ -286,7 +290,7 @@ the exact solution, an expression of the configuration; floor 1e-13.
 | expected |       |            |     2 |
 
 - Rows in parentheses are not used for orders; floor: round-off, or ten times the error of the \
-reference; errors below 1000 floors are given as a power of ten, in full in the CSV form.
+reference; errors below 1000 floors are given as that bound, in full in the CSV form.
 """
 
 GOLDEN_TABULAR = r"""{\footnotesize\setlength{\tabcolsep}{4pt}
@@ -424,6 +428,54 @@ def test_a_slope_that_misses_the_expected_order_is_pre_asymptotic_though_pairs_a
     assert "the slope 1.78 is pre-asymptotic" in rendered("a", [made])["md"]
 
 
+@pytest.mark.parametrize("expected", [4.2, 5.0, 5.8, 6.0, 6.4, 8.0])
+def test_an_order_unlike_the_expected_one_is_pointed_out_on_either_side(expected):
+    def straight(run: Run) -> FinishedRun:
+        return finished(run, run.n_steps**-5.9, expected_order=expected)
+
+    text = rendered("a", [table_of(straight, experiment([BDF2]))])["md"]
+    sentence = f"is 5.90, not yet the {expected:.3g} that is expected for small steps"
+    assert (f"- BDF2: the order between N = 8 and 16 {sentence}." in text) == (
+        abs(expected - 5.9) > 0.3
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_bound_is_rounded_upwards(seed):
+    draw = random.Random(f"{os.environ[SEED]} {seed}")
+    bound = 10.0 ** draw.uniform(-300, 300)
+    shown = float(round_up(bound))
+    assert bound * (1 - 1e-11) <= shown <= 1.1 * bound
+    # round-off of a product is no reason for the next digit
+    short = float(f"{draw.uniform(1.0, 9.9):.1f}e-{draw.randint(1, 20)}")
+    assert float(round_up(1000.0 * (short / 1000.0))) == short
+
+
+def test_another_bound_of_the_same_errors_is_no_difference(tmp_path):
+    """Floors by a refined run have other digits on other machines; words have not."""
+
+    def near(floor: float) -> OrderTable:
+        def make(run: Run) -> FinishedRun:
+            return finished(run, 1e-10 * (run.n_steps == 16) + 1.0 / run.n_steps**9, floor=floor)
+
+        return table_of(make, experiment([BDF2], steps=(2, 4, 8, 16)))
+
+    stored = order_report("made-up", [near(1.3e-13)])
+    assert "(below 1.3e-10)" in reports.rendered(stored)["made-up.md"]
+    reports.write(tmp_path, stored)
+    assert reports.compare(tmp_path, order_report("made-up", [near(1.6e-13)])) == []
+    for name in ("made-up.md", "made-up.tex"):
+        path = tmp_path / name
+        path.write_text(path.read_text().replace("(below", "(above"))
+        assert reports.compare(tmp_path, stored)
+        path.write_text(path.read_text().replace("(above", "(below"))
+
+
+def test_rounding_to_the_nearest_gives_no_bound():
+    """The control."""
+    assert float(f"{2.31e-10:.1e}") < 2.31e-10 < float(round_up(2.31e-10)) == 2.4e-10
+
+
 def blowing_up(run: Run) -> FinishedRun:
     """BDF2 diverges on two steps and reaches the floor on one; nothing is expected of BDF1."""
     if run.method == BDF1:
@@ -446,7 +498,7 @@ def test_no_row_is_dropped_and_what_is_not_used_is_marked():
         ["2", "0.5", "5.00e-01", ""],
         ["4", "0.25", "(diverged)", ""],
         ["8", "0.125", "(failed)", ""],
-        ["16", "0.0625", "(below 1e-10)", ""],
+        ["16", "0.0625", "(below 1.0e-10)", ""],
     ]
     assert detail[5][-1] == "-"
     assert "- BDF2: the configuration expects failures." in text

@@ -18,6 +18,9 @@ NOTED_DIFFERENCE = 0.06
 ASYMPTOTIC_DIFFERENCE = 0.1
 """A slope further than this from the finest pairwise order, or the expected one, is no order."""
 
+UNLIKE_EXPECTED = 0.3
+"""A finest order further from the expected one than this is pointed out: a guess."""
+
 FAILURES = ("diverged", "failed", "refused")
 
 INTERPOLATED = "forcing: the interpolation"
@@ -280,14 +283,30 @@ def _not_asymptotic(case: OrderCase) -> str:
     misses = abs(case.slope - expected) > ASYMPTOTIC_DIFFERENCE
     if not (is_far or misses):
         return ""
-    used = [row.n_steps for row in case.rows if row.used_in_fit]
-    text = (
-        f"the slope {case.slope:.2f} is pre-asymptotic: the order between N = {used[-2]} and "
-        f"{used[-1]} is {last:.2f}"
-    )
+    text = f"the slope {case.slope:.2f} is pre-asymptotic: {_finest_order(case)}"
     if not math.isnan(expected):
         text += f", {expected:g} is expected for small steps"
     return text
+
+
+def unlike_expected(case: OrderCase) -> str:
+    """How the finest order differs from the expected one, on either side; empty where it may not.
+
+    The expected order is that of the slowest part of the error, which on longer steps may still be
+    smaller than the others.
+    """
+    last, expected = case.last_order, case.expected_order
+    is_unstable = last <= 0 or any(row.predicted == "unstable" for row in case.rows)
+    if is_unstable or not (case.has_order and abs(last - expected) > UNLIKE_EXPECTED):
+        return ""
+    return f"{_finest_order(case)}, not yet the {expected:.3g} that is expected for small steps"
+
+
+def _finest_order(case: OrderCase) -> str:
+    if case.last_pair is None:
+        return "no two neighbouring rows give an order"
+    coarse, fine = (case.rows[case.last_pair + k].n_steps for k in (-1, 0))
+    return f"the order between N = {coarse} and {fine} is {case.last_order:.2f}"
 
 
 def expected_orders(case: OrderCase) -> list[str]:

@@ -18,6 +18,7 @@ from fvi_cli.reports.document import (
     Paragraph,
     Piece,
     Rough,
+    RoughEntry,
     Words,
     pieces,
     without_numbers,
@@ -31,6 +32,7 @@ from fvi_cli.reports.kinds.order_summary import (
     reference_in_words,
     steps_phrase,
     summary,
+    unlike_expected,
 )
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
 from fvi_cli.reports.naming import member_columns, number
@@ -47,6 +49,7 @@ from fvi_cli.reports.table import (
     within,
 )
 from fvi_cli.studies.experiment import Observed
+from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable
 
 ERROR = Within(relative=1e-3)
@@ -271,20 +274,17 @@ def _entries(case: OrderCase, k: int) -> list[str]:
 
 
 def error_entry(row: OrderRow) -> str:
-    """The error where the slope uses it; else in parentheses a bound, or what happened.
+    """The error where the slope uses it; else in parentheses its bound, or what happened.
 
     Digits of errors near the floor, and of runs that diverged, are those of one machine.
     """
     if row.used_in_fit:
         return f"{row.error:.2e}"
     if row.status in ("ok", "floor"):
-        return f"(below {bound_of_near(row):.0e})" if row.is_near_floor else "(not used)"
+        if not row.is_near_floor:
+            return "(not used)"
+        return RoughEntry(f"(below {round_up(NEAR_FLOOR * row.floor)})")
     return f"({row.status})"
-
-
-def bound_of_near(row: OrderRow) -> float:
-    """The power of ten above all errors that are near the floor of `row`."""
-    return float(f"1e{math.ceil(math.log10(NEAR_FLOOR * row.floor))}") if row.floor > 0 else 0.0
 
 
 def _residual(case: OrderCase) -> str:
@@ -299,7 +299,7 @@ def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
     if any(not row.used_in_fit for case in table.cases for row in case.rows):
         sentences.append(
             "Rows in parentheses are not used for orders; floor: round-off, or ten times the error "
-            f"of the reference; errors below {NEAR_FLOOR:g} floors are given as a power of ten, in "
+            f"of the reference; errors below {NEAR_FLOOR:g} floors are given as that bound, in "
             "full in the CSV form."
         )
     labels_by_sentence: dict[tuple[Piece, ...], list[str]] = {}
@@ -323,6 +323,8 @@ def _of_case(case: OrderCase) -> Iterator[Words]:
     if case.expected_failure:
         yield "the configuration expects failures"
     yield from expected_orders(case)
+    if sentence := unlike_expected(case):
+        yield sentence
     for steps_at, text, is_example in _remarks_by_steps(case):
         example = f" (numbers of N = {steps_at[0]})" if is_example else ""
         yield f"{steps_phrase(steps, steps_at)}: ", Rough(text), example
