@@ -38,6 +38,8 @@ class Gradient:
     derivatives
         For every parameter an array G of the shape of its value, such that the number changes by
         :math:`\sum G\, d\theta`.
+    left_out
+        Parameters of those that all were wanted which have no derivative, and why.
     n_steps, step_solves
         Steps of the run, and the linear systems of a step that the derivatives took, the run
         itself aside: one for every step, however many parameters there are.
@@ -45,11 +47,14 @@ class Gradient:
 
     value: float
     derivatives: Mapping[str, Array]
+    left_out: Mapping[str, str]
     n_steps: int
     step_solves: int
 
     def __getitem__(self, name: str) -> Array:
         """The derivative by one parameter."""
+        if name in self.left_out:
+            raise ArgumentError(name, f"left out, without a derivative: {self.left_out[name]}")
         return self.derivatives[name]
 
 
@@ -84,7 +89,8 @@ def gradient(
         Of a scene the names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
         ``potential.<parameter>``, ``lagrangian.<parameter>``, ``laws.0.order`` and the like; None:
-        all of them. Of a function its arguments with their values.
+        all that have a derivative, and `left_out` names the others. Of a function its arguments
+        with their values.
 
     Raises
     ------
@@ -139,14 +145,26 @@ def gradient(
             own = {**values, changes[index].name: number} if index >= 0 else values
             return _names(family(**own) if index >= 0 else subject, own)
 
-    found = gradient_of(_scene(subject), chosen, steps, quantity, changes, resolve_names)
+    found = gradient_of(
+        _scene(subject),
+        chosen,
+        steps,
+        quantity,
+        changes,
+        resolve_names,
+        leaves_out=parameters is None,
+    )
+    names = [one.name for one in entries for _ in parts[one.name]]
+    left_out = {names[index]: reason for index, reason in found.left_out.items()}
     rates = iter(found.derivatives.tolist())
+    gathered = {
+        one.name: one.gathered({index: next(rates) for index, _ in parts[one.name]})
+        for one in entries
+    }
     return Gradient(
         value=found.value,
-        derivatives={
-            one.name: one.gathered({index: next(rates) for index, _ in parts[one.name]})
-            for one in entries
-        },
+        derivatives={name: own for name, own in gathered.items() if name not in left_out},
+        left_out={name: left_out[name] for name in gathered if name in left_out},
         n_steps=found.n_steps,
         step_solves=found.step_solves,
     )

@@ -202,11 +202,16 @@ class Formula:
         The force of all damping is held as well, that of a single damper is not.
         """
         found = np.zeros((self.values.size, len(variations)))
-        if not self._is_of_motion:
-            for index, one in enumerate(variations):
-                values = partial(self._vary, index)
-                (found[:, index],) = differentiate(one, self._run.scene, values)
+        for index, one in enumerate(variations):
+            found[:, index] = self.rate(index, one)
         return found
+
+    def rate(self, index: int, one: Variation) -> Array:
+        """That by one parameter, ``(n,)``; `index` is that of names in the expression."""
+        if self._is_of_motion:
+            return np.zeros(self.values.size)
+        (found,) = differentiate(one, self._run.scene, partial(self._vary, index))
+        return np.asarray(found)
 
     def _vary(self, index: int, scene: Scene, number: float) -> list[Array]:
         forces = partial(self._forces, scene=scene)

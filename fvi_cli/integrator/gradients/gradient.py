@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,8 @@ class RunGradient:
     """A number of a trajectory and its derivatives by p parameters, ``(p,)``."""
 
     value: float
-    derivatives: Array
+    derivatives: Array  # nan of parameters that are left out
+    left_out: Mapping[int, str]  # their indices, and why they have no derivative
     step_solves: int  # beyond the run itself
     n_steps: int
 
@@ -60,10 +61,13 @@ def gradient_of(
     quantity: Quantity,
     variations: Sequence[Variation],
     resolve_names: NameResolver | None = None,
+    *,
+    leaves_out: bool = False,
 ) -> RunGradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
-    By default the names in expressions are t and the coordinates with what derives from them.
+    By default the names in expressions are t and the coordinates with what derives from them, and a
+    parameter without a derivative is an error; it may be left out instead.
 
     Raises
     ------
@@ -79,20 +83,37 @@ def gradient_of(
         motion = MotionAt(run.steps, run.steps.located(quantity.times))
         given: tuple[Array, ...] = motion.motion()
         cotangent = run.adjoint(*motion.spread(*quantity.derivatives(*given)))
-        rates = np.zeros(len(variations))
     else:
         formula = Formula(run, quantity.times, expression, named)
         given = (formula.values,)
         (by_value,) = quantity.derivatives(*given)
         cotangent = run.adjoint(*formula.spread(by_value))
-        rates = by_value @ formula.rates(variations)
+
+    def rate(index: int, one: Variation) -> float:
+        through_motion = float(cotangent.along(disturbance(run, [one]))[0])
+        own = 0.0 if expression is None else by_value @ formula.rate(index, one)
+        if not math.isfinite(found := through_motion + own):
+            raise ValueError(f"quantity: its derivative by {one.name} is not finite at these times")
+        return float(found)
+
+    value = float(quantity.value(*given))
+    if not math.isfinite(value):
+        raise ValueError("quantity: it is not finite at these times")
+    derivatives, left_out = np.full(len(variations), math.nan), {}
     # one after the other: a disturbance is as large as the run
-    found = [float(cotangent.along(disturbance(run, [one]))[0]) for one in variations]
-    derivatives, value = np.array(found) + rates, float(quantity.value(*given))
-    if not (math.isfinite(value) and np.isfinite(derivatives).all()):
-        raise ValueError("quantity: it, or a derivative of it, is not finite at these times")
+    for index, one in enumerate(variations):
+        try:
+            derivatives[index] = rate(index, one)
+        except ValueError as error:
+            if not leaves_out:
+                raise
+            left_out[index] = str(error)
     return RunGradient(
-        value=value, derivatives=derivatives, step_solves=run.step_solves, n_steps=run.steps.n_steps
+        value=value,
+        derivatives=derivatives,
+        left_out=left_out,
+        step_solves=run.step_solves,
+        n_steps=run.steps.n_steps,
     )
 
 
