@@ -19,6 +19,9 @@ ACCURACIES = tuple(10.0**-k for k in range(2, 13, 2))
 FINEST_ROWS = 4
 """Exponents of time are fitted to this many rows, the finest above the floor."""
 
+MOST_FIXED = 0.5
+"""Rows in which more than this share of the time is no steps' are in no fit of times."""
+
 LEAST_DECREASE = 1.2
 """Errors that fall less than this from row to row do not lead anywhere."""
 
@@ -68,7 +71,7 @@ class CostCurve:
         A guess, and for methods with a sum over the past a low one: their time exponent still
         grows towards 2.
         """
-        last = self._finest()
+        last = self._stepping()
         if not last or accuracy >= min(point.error for point in self.points):
             return math.nan
         if any(b.error > a.error / LEAST_DECREASE for a, b in itertools.pairwise(last)):
@@ -95,6 +98,37 @@ class CostCurve:
         return tuple(above[-FINEST_ROWS:]) if len(above) > 2 else ()
 
     @property
+    def fixed_seconds(self) -> float:
+        """What a run without steps would take: a of the nearest a + b N + c N^2.
+
+        None of the three is negative, and every run counts by its relative distance. Nan where
+        tolerances make the curve.
+        """
+        if self.is_by_tolerance:
+            return math.nan
+        counts = np.array([float(point.n_steps) for point in self.points])
+        seconds = np.array([point.seconds for point in self.points])
+        powers = (counts / counts.max())[:, None] ** np.arange(3)
+        from scipy.optimize import nnls
+
+        return float(nnls(powers / seconds[:, None], np.ones(seconds.size))[0][0])
+
+    def _stepping(self) -> tuple[CostRow, ...]:
+        """Of the finest rows those whose steps take most of the time; none of less than three."""
+        fixed = 0.0 if self.is_by_tolerance else self.fixed_seconds
+        kept = [
+            point
+            for point in self._finest()
+            if max(point.setup_seconds, fixed) <= MOST_FIXED * point.seconds
+        ]
+        return tuple(kept) if len(kept) > 2 else ()
+
+    @property
+    def has_hidden_slopes(self) -> bool:
+        """Whether there are rows enough for slopes of time, but for what is no steps' in them."""
+        return bool(self._finest()) and not self._stepping()
+
+    @property
     def order(self) -> float:
         """Order between the two finest rows above the floor; nan with less than three.
 
@@ -108,16 +142,19 @@ class CostCurve:
 
     @property
     def time_exponent(self) -> float:
-        """Slope of log time against log N over the finest rows; nan with less than three."""
+        """Slope of log time against log N over the finest rows whose steps take most of the time.
+
+        Nan with less than three.
+        """
         if self.is_by_tolerance:
             return math.nan
-        last = self._finest()
+        last = self._stepping()
         return -fit_slope([p.n_steps for p in last], [p.seconds for p in last])[0]
 
     @property
     def price_of_a_digit(self) -> float:
-        """Factor in time for a tenth of the error, over the finest rows; nan with less."""
-        last = self._finest()
+        """Factor in time for a tenth of the error, over the same rows; nan with less."""
+        last = self._stepping()
         if not last:
             return math.nan
         errors = np.log10([point.error for point in last])

@@ -59,15 +59,16 @@ _PRICES = within(
     Column("order", "order between the two finest rows above the floor", "order", ".2f"),
     Column(
         "time_exponent",
-        "slope of log(seconds) against log(N) over the four finest",
+        "slope of log(seconds) against log(N) over those of the four finest whose steps take "
+        "most of the time",
         "time exponent",
         ".2f",
     ),
     Column(
         "factor_per_digit",
-        "factor in seconds for a tenth of the error",
+        "factor in seconds for a tenth of the error over the same rows",
         "one more digit",
-        # set-up is all there is to pay, and times scatter
+        # times scatter
         lambda factor: "1" if factor < 1.005 else number(factor, ".3g"),
         get="price_of_a_digit",
     ),
@@ -222,7 +223,8 @@ def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> Iterator[Blo
         words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
         "repeats, one run after the other in one process. The order is that between the "
         "two finest rows above the floor; the time exponent (seconds against N) and the factor "
-        "that one more digit costs belong to the four finest. The cheapest method stays so "
+        "that one more digit costs belong to those of the four finest whose steps take most of "
+        "the time. The cheapest method stays so "
         "until another is quicker by a tenth. A dash says that an accuracy was not reached; a "
         "number in brackets with it is extrapolated, not measured. Seconds and bytes are those "
         "of one machine."
@@ -249,6 +251,12 @@ def _prices(table: CostTable) -> Iterator[Block]:
     last = tuple("-" if curve is None else curve_name(curve, names) for curve in cheapest)
     summary = (("cheapest", "", "", "", *last),)
     yield grid_of(_price_columns(), _curves(table), summary_rows=summary, name=table.experiment)
+    if hidden := [curve_name(curve, names) for curve in curves if curve.has_hidden_slopes]:
+        yield Paragraph(
+            words=f"{', '.join(hidden)}: no time exponent and no factor for a digit, since set-up "
+            "and other costs that do not grow with N are more than half of the time in the finest "
+            "rows."
+        )
     if exact := [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]:
         yield Paragraph(
             words=f"{', '.join(exact)}: only round-off at every N. That is a property of "
