@@ -35,6 +35,8 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 SHORTEST_FLIGHT = 1e-9
 """Flights between rebounds shorter than this, relative to T, are the beginning of endless ones."""
+UNRESOLVED_FLIGHT = 1e-4
+"""So are shorter ones than this, relative to T / N, where round-off keeps them from shrinking."""
 START, IMPACT, BREAK = range(3)
 """What lies at the begin of a flight."""
 LEAST_IN_ULPS = 256
@@ -163,7 +165,7 @@ class Bouncing:
         gap = float(self._surfaces[name].gap(step.end_position, step.end))
         tolerance = self._tolerance(name, step)
         if not landing.has_ended:
-            speed = self._law.speed(name, step.end_position, step.end_momentum, step.end)
+            speed = self._law.speed(name, step.end_position, self._end_momentum(step), step.end)
             if not landing.take(gap, speed, tolerance) or landing.size != step.size:
                 return None
         if gap < -tolerance:
@@ -191,7 +193,7 @@ class Bouncing:
         self.jumps.append(np.zeros(step.position.size))
         velocity = self._tables.slopes[1:].T @ step.unknowns
         self._last = [*self._last[-1:], (end, step.size, velocity)]
-        self._reach, self._time = step.reach, end
+        self._reach, self._time = self._moved(step), end
 
     # what a step meets
 
@@ -207,10 +209,21 @@ class Bouncing:
 
         return FormulaAlong(surface.impact.when, variables)
 
+    def _moved(self, step: SceneStep) -> Array:
+        """Largest terms of the displacements in a step, ``(d,)``.
+
+        An error of a rough momentum and the force of the past that balances it may be much larger
+        than the displacement.
+        """
+        if not self._is_rough:
+            return step.reach
+        velocity = self._law.scene.velocity(step.position, step.momentum, step.begin)
+        return np.asarray(np.maximum(step.reach, step.size * np.abs(velocity)))
+
     def _tolerance(self, name: str, step: SceneStep) -> float:
         """Gaps in a step smaller than this count as 0."""
         contact = self._contacts.get(name)
-        found = self._surfaces[name].round_off(step.position, step.reach, step.end)
+        found = self._surfaces[name].round_off(step.position, self._moved(step), step.end)
         if contact is None:
             return found
         # a wall along which the motion slides: its speed is zero up to round-off
@@ -261,6 +274,15 @@ class Bouncing:
             )
         return push
 
+    def _end_momentum(self, step: SceneStep) -> Array:
+        """The momentum at the end of a step, from velocities where that of the method is rough."""
+        if not self._is_rough:
+            return step.end_momentum
+        stages = self._tables.slopes[1:].T @ step.unknowns
+        ends, sizes, at = np.array([[step.end]]), np.array([[step.size]]), np.array([step.end])
+        (velocity,) = velocities_near(ends, sizes, stages[None, None], self._tables.points, at)
+        return self._law.scene.momentum(step.end_position, velocity, step.end)
+
     def _momentum_error(self, position: Array, momentum: Array) -> Array:
         """What the momentum before the pushes at this point has too much."""
         if not self._is_rough or not self._last:
@@ -275,26 +297,39 @@ class Bouncing:
     # rest
 
     def _is_endless(self, name: str, fall: Fall, step: SceneStep) -> bool:
-        """Whether a fall is the next of endless rebounds: its flight is short, and they shrink."""
-        contact = self._contacts.get(name)
-        if contact is None or self._surfaces[name].impact.restitution == 1.0:
+        """Whether a fall is the next of endless rebounds: its flight is short, and they shrink.
+
+        Below the error of the momenta at impacts they shrink no more, and would have no end.
+        """
+        contact, restitution = self._contacts.get(name), self._surfaces[name].impact.restitution
+        times = self.times[name]
+        if restitution == 1.0 or (contact is None and not times):
             return False
-        flight = step.begin - contact.time + fall.root * step.size
-        return flight < SHORTEST_FLIGHT * self._end
+        since = contact.time if contact is not None else times[-1]
+        flight = step.begin - since + fall.root * step.size
+        if contact is not None and flight < SHORTEST_FLIGHT * self._end:
+            return True
+        # so many impacts shorten a flight to a quarter
+        count = max(4, math.ceil(math.log(0.25) / math.log(restitution))) if restitution else 1
+        if flight >= UNRESOLVED_FLIGHT * self._step or len(times) <= 2 * count:
+            return False
+        before, between, last = times[-1 - 2 * count], times[-1 - count], times[-1]
+        return last - between > 0.5 * (between - before)
 
     def _end_in_rest(self, name: str, fall: Fall, step: SceneStep) -> None:
         """End the run on a surface that it does not leave by more than round-off."""
-        contact = self._contacts[name]
-        begin, speed = contact.time, contact.speed
-        restitution = self._surfaces[name].impact.restitution
-        if restitution == 0.0 or speed == 0.0:
+        contact, restitution = self._contacts.get(name), self._surfaces[name].impact.restitution
+        begin = contact.time if contact is not None else self.times[name][-1]
+        if restitution == 0.0 or (contact is not None and contact.speed == 0.0):
             self.rest = f"at rest on {name} from t = {begin:.10g} on: it does not bounce"
             return
-        # the fall from the contact on says the acceleration, and with it the flights
-        since = step.begin - begin + fall.below * step.size
-        flight = min(
-            since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.value), 1e-300)
-        )
+        flight = step.begin - begin + fall.root * step.size
+        if contact is not None:
+            # the fall from the contact on says the acceleration, and with it the flights
+            speed, since = contact.speed, step.begin - begin + fall.below * step.size
+            flight = min(
+                since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.value), 1e-300)
+            )
         end = begin + (flight / (1.0 - restitution) if restitution < 1.0 else 0.0)
         self.rest = (
             f"at rest on {name} from t = {end:.10g} on: after {len(self.times[name])} impacts the "
