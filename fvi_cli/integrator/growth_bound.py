@@ -22,14 +22,11 @@ TOLERATED_FACTOR = 1e8
 TOLERATED_ENERGY = 1e12
 """How much more energy a nonlinear scene may gain than start values, forces and potential give."""
 
-PERMITTED_ENERGY = 1e4
-"""So many times the energy that a scene has, a run that is right cannot have: 100 times the way."""
+PERMITTED_ENERGY = 4.0
+"""So many times the energy that a scene has, a run that is right cannot have: twice the way."""
 
-GAINS_ENERGY = (
-    "unstable: its energy rises to more than 10,000 times what the start and the forces of the "
-    "scene permit; take shorter steps, or rk: gauss"
-)
-"""Remark on a run."""
+GAINS_ENERGY = "unstable: its energy rises to "
+"""The remark on a run begins so."""
 
 FLEXIBILITY_SWEEPS = 10
 
@@ -270,4 +267,7 @@ def energy_remarks(
         return ()
     if not all(is_semidefinite(one.form) for one in scene.active_forces):
         return ()
-    return (GAINS_ENERGY,)
+    return (
+        f"{GAINS_ENERGY}{reached / permitted:.2g} times what the start and the forces of the scene "
+        "permit; take shorter steps, or rk: gauss",
+    )

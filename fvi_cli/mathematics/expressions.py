@@ -257,8 +257,12 @@ def _check_names(variables: tuple[str, ...], constants: tuple[tuple[str, float],
             )
         if name in FUNCTION_NAMES or name == "pi":
             raise ExpressionError(f"{name!r} cannot be a variable; the name has a meaning already")
-    if len(set(names)) != len(names):
-        raise ExpressionError(f"a name is declared twice in {list(names)}")
+    for name in reversed(names):
+        if names.count(name) > 1:
+            raise ExpressionError(
+                f"{name!r} cannot be a parameter: it has a meaning here already; write another, "
+                f"such as {name}_0"
+            )
     for name, value in constants:
         if not math.isfinite(value):
             raise ExpressionError(f"the constant {name} = {value!r} is not finite")

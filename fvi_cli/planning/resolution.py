@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.lagrangian import TIME, Lagrangian
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
@@ -27,6 +30,7 @@ NEGLIGIBLE_MOTION = 1e-9
 """Pulses that move a scene by less than this share of its start do not count (guessed)."""
 STEPS_PER_PULSE = 2.0
 """Steps up to so many times the length in which a pulse is a polynomial see it (guessed)."""
+WAVES = ("sin", "cos")
 SLACK = 1.0 + 1e-9
 DIFFERENCE = 1e-6
 """Times by which rates of arguments are found lie so far apart, relative to T."""
@@ -37,27 +41,36 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
 
     Nonlinear scenes are linearised at the start.
     """
-    if scene.prescribed is not None:
-        return ()
     # the longest one of N steps with ends T (k/N)^r
     step = scene.final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading)
+    if scene.prescribed is not None:
+        period = _waves_period(scene.prescribed.displacement.pieces, scene.final_time)
+        return tuple(_long_steps(scene, step, [(period, "displacement")]))
     found: list[str] = []
     for component in () if scene.forcing is None else scene.forcing.samples:
         spacing = _spacing(component, scene.final_time)
         if step > SLACK * spacing:
             found.append(
                 f"steps: h = {step:.4g} is longer than the spacing {spacing:.4g} of "
-                f"{component.source}; {_advice(scene, spacing)}"
+                f"{component.source}; {advice(scene.final_time, spacing)}"
             )
     found += _pulse_remark(scene, step)
-    for period, whose in ((_own_period(scene), "motion"), (_forced_period(scene), "force")):
-        if step > SLACK * period / STEPS_PER_PERIOD:
-            found.append(
-                f"steps: h = {step:.4g} is longer than a quarter of the shortest period "
-                f"{period:.4g} of the {whose}; "
-                f"{_advice(scene, period / STEPS_PER_PERIOD)}"
-            )
+    periods = [(own_period(scene), "motion")]
+    forces = () if scene.forcing is None else scene.forcing.pieces
+    periods.append((_waves_period(forces, scene.final_time), "force"))
+    if scene.lagrangian is not None:
+        periods.append((_lagrangian_period(scene, scene.lagrangian), "Lagrangian"))
+    found += _long_steps(scene, step, periods)
     return tuple(dict.fromkeys(found))
+
+
+def _long_steps(scene: Scene, step: float, periods: Sequence[tuple[float, str]]) -> list[str]:
+    return [
+        f"steps: h = {step:.4g} is longer than a quarter of the shortest period {period:.4g} of "
+        f"the {whose}; {advice(scene.final_time, period / STEPS_PER_PERIOD)}"
+        for period, whose in periods
+        if step > SLACK * period / STEPS_PER_PERIOD
+    ]
 
 
 def _pulse_remark(scene: Scene, step: float) -> list[str]:
@@ -74,12 +87,13 @@ def _pulse_remark(scene: Scene, step: float) -> list[str]:
     return [
         f"steps: h = {step:.4g} may pass over the pulse of the force near t = "
         f"{points[narrowest]:.6g}, which asks for steps of {width:.3g}; "
-        f"{_advice(scene, STEPS_PER_PULSE * width)}"
+        f"{advice(scene.final_time, STEPS_PER_PULSE * width)}"
     ]
 
 
-def _advice(scene: Scene, wanted: float) -> str:
-    least = math.ceil(scene.final_time / wanted * (1.0 - 1e-9))
+def advice(final_time: float, wanted: float) -> str:
+    """What to write for steps of a length that is wanted."""
+    least = math.ceil(final_time / wanted * (1.0 - 1e-9))
     return f"take {least} steps or more, or `accuracy: {{tolerance: ...}}`"
 
 
@@ -88,7 +102,7 @@ def _spacing(component: SampledForce, final_time: float) -> float:
     return float(np.median(np.diff(knots))) if knots.size > 1 else math.inf
 
 
-def _own_period(scene: Scene) -> float:
+def own_period(scene: Scene) -> float:
     """Shortest period of the modes that take part; infinite where none is known."""
     if scene.is_sparse or scene.dimension > MOST_MODES:
         return math.inf
@@ -136,21 +150,48 @@ def _pushed(scene: Scene, modes: Array) -> Array:
     return np.asarray(found)
 
 
-def _forced_period(scene: Scene) -> float:
-    """Shortest period of the sines and cosines in formulas of the force, at probed times."""
-    rate, begin, distance = 0.0, 0.0, DIFFERENCE * scene.final_time
-    for piece in () if scene.forcing is None else scene.forcing.pieces:
-        end = min(piece.until, scene.final_time)
-        times = begin + max(end - begin, 0.0) * PROBED_FRACTIONS
-        both = np.stack([times, times + distance])
+def _waves_period(pieces: Sequence[ForcingPiece], final_time: float) -> float:
+    """Shortest period of the sines and cosines in formulas of the time, at probed times."""
+    rate, begin = 0.0, 0.0
+    for piece in pieces:
+        end = min(piece.until, final_time)
+        both = _pairs(begin, end, final_time)
         for component, _ in piece.distinct if begin < end else ():
             if isinstance(component, Expression):
-                waves = arguments_of(component.system, ("sin", "cos"))
+                waves = arguments_of(component.system, WAVES)
                 known: dict[str, Array | float] = {**dict(component.constants), "t": both}
-                found = waves.evaluate(known)
-                for values in found:
-                    slopes = np.abs(np.diff(np.broadcast_to(values, both.shape), axis=0))
-                    slopes = slopes[np.isfinite(slopes)] / distance
-                    rate = max(rate, float(slopes.max(initial=0.0)))
+                rate = max(rate, _fastest(waves.evaluate(known), both))
         begin = end
     return 2.0 * math.pi / rate if rate > 0 else math.inf
+
+
+def _lagrangian_period(scene: Scene, lagrangian: Lagrangian) -> float:
+    """The same of those in a Lagrangian, by the time alone, where the motion begins."""
+    waves = arguments_of(lagrangian.value, WAVES)
+    if TIME not in waves.names:
+        return math.inf
+    both = _pairs(0.0, scene.final_time, scene.final_time)
+    position, velocity = (
+        np.broadcast_to(one, (*both.shape, scene.dimension))
+        for one in (scene.initial_position, scene.initial_velocity)
+    )
+    found = lagrangian.evaluate(waves, position, velocity, both)
+    rate = _fastest(np.moveaxis(found, -1, 0), both)
+    return 2.0 * math.pi / rate if rate > 0 else math.inf
+
+
+def _pairs(begin: float, end: float, final_time: float) -> Array:
+    """Probed times between two, and times close behind them, ``(2, n)``."""
+    times = begin + max(end - begin, 0.0) * PROBED_FRACTIONS
+    return np.stack([times, times + DIFFERENCE * final_time])
+
+
+def _fastest(arguments: Iterable[Array | float], both: Array) -> float:
+    """Largest rate of change from the first times to the second."""
+    rate = 0.0
+    for values in arguments:
+        slopes = np.abs(np.diff(np.broadcast_to(values, both.shape), axis=0)) / np.diff(
+            both, axis=0
+        )
+        rate = max(rate, float(slopes[np.isfinite(slopes)].max(initial=0.0)))
+    return rate

@@ -22,6 +22,7 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
+from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import bound, derivatives, negative, terms_with
 from fvi_cli.mathematics.algebra.dependence import constant_values, kinks_of
@@ -121,6 +122,7 @@ def lagrangian_scene(
     made = make_scene(
         mass, found.potential, lagrangian=found.general, linear_potential=found.linear, **data
     )
+    check_names(names, values, names_of_dampers(made))
     return replace(made, coordinates=names)
 
 
@@ -157,8 +159,15 @@ def double_pendulum(
     )
 
 
-def check_names(coordinates: Sequence[str], parameters: Mapping[str, float]) -> None:
-    """Coordinates, their velocities, t and parameters must be different names."""
+def check_names(
+    coordinates: Sequence[str],
+    parameters: Mapping[str, float],
+    others: Mapping[str, str] | None = None,
+) -> None:
+    """Refuse parameters with names that formulas of the motion know already.
+
+    These are coordinates with what is derived from them, t, and `others` with what they are.
+    """
     taken = {TIME: "the time"}
     for index, name in enumerate(coordinates):
         for given, what in (
@@ -169,10 +178,23 @@ def check_names(coordinates: Sequence[str], parameters: Mapping[str, float]) -> 
                 raise ArgumentError(f"coordinates.{index}", f"{given!r} is {taken[given]} already")
             _check_name(given, f"coordinates.{index}")
             taken[given] = what
+    for name in coordinates:
+        taken.setdefault(f"a{name}", f"the acceleration of {name}")
+        taken.setdefault(f"d{name}", f"the damping force on {name}")
+    for name, what in (others or {}).items():
+        taken.setdefault(name, what)
     for name in parameters:
         if name in taken:
-            raise ArgumentError(f"parameters.{name}", f"the name is {taken[name]}")
+            raise ArgumentError(
+                f"parameters.{name}",
+                f"the name is {taken[name]} already; write another, such as {name}_0",
+            )
         _check_name(name, f"parameters.{name}")
+
+
+def names_of_dampers(scene: Scene) -> dict[str, str]:
+    """Names that formulas know because of the dampers of a scene, with what they are."""
+    return {name: f"the {one.kind} of a damper" for name, one in damper_values(scene).items()}
 
 
 def _check_name(name: str, place: str) -> None:

@@ -27,6 +27,7 @@ from fvi_cli.integrator.stability.prediction import (
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.path_resolution import path_remarks
 from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -237,12 +238,16 @@ def _remarks(
         found.append("no diagnostics: the method keeps no increments of its steps")
     if prediction.verdict == "unstable":
         # that is what was predicted; from which N on it shows depends on round-off
-        found = [one for one in found if one != GAINS_ENERGY]
+        found = [one for one in found if not one.startswith(GAINS_ENERGY)]
     if scene is not None:
         found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
         # on the finest steps of a ladder
         if n_steps >= max(experiment.steps) and getattr(run.method, "name", "") != "dop853":
             found += resolution_remarks(scene, n_steps, grading=experiment.grading)
+            small = UNRELIABLE * measured.largest
+            is_known = measured.floor("max", 1.0) <= small and math.isfinite(measured.max)
+            if trajectory.status == "ok" and not (is_known and measured.max <= small):
+                found += path_remarks(scene, run.method, trajectory, with_phases=not is_known)
         if prediction.is_noticed(n_steps) or prediction.linearised_verdict == "unstable":
             found.append(f"stability: {prediction.reason}")
         elif not scene.is_linear:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
+from fvi_cli.config.observations import names_along
 
 BASE = """\
 name: seen
@@ -170,3 +171,58 @@ def test_a_parameter_must_have_a_name_of_its_own(tmp_path):
                 "ladder": {"steps": [4]},
             }
         )
+
+
+SHADOWED = {
+    "duffing": {"forcing": "0.1*cos(t)", "damping": [{"order": 0.5, "coefficient": 0.1}]},
+    "lagrangian": {
+        "coordinates": ["r", "phi"],
+        "lagrangian": "vr**2/2 + vphi**2/2 - r**2 - phi**2",
+        "damping": [{"order": 0.5, "coefficient": [[0.1, 0], [0, 0.2]], "name": "oil"}],
+    },
+    "frame": {
+        "storeys": 2,
+        "mass": 1.0,
+        "stiffness": 30.0,
+        "ground_acceleration": "0.2*sin(4*t)",
+        "dampers": [{"law": "springpot", "order": 0.5, "coefficient": 0.3}],
+    },
+    "material": {
+        "law": {"law": "springpot", "order": 0.5, "coefficient": 1.0},
+        "displacement": "sin(3*t)",
+    },
+}
+
+
+@pytest.mark.parametrize("kind", SHADOWED)
+def test_no_parameter_hides_what_formulas_know(kind):
+    def read(**parameters):
+        problem = {"kind": kind, "final_time": 1.0, **SHADOWED[kind]}
+        if parameters:
+            problem["parameters"] = parameters
+        return fvi.load({"name": "one", "problem": problem, "ladder": {"steps": [4]}}).experiments[
+            0
+        ]
+
+    problem = read().problem
+    known = names_along(problem, problem.ready)
+    assert len(known) > 6
+    for name in known:
+        with pytest.raises(fvi.RequestError) as caught:
+            read(**{name: 0.4})
+        assert name in str(caught.value)
+        assert "take another" in str(caught.value) or f"such as {name}_0" in str(caught.value)
+        # the control
+        assert f"{name}_0" in read(**{f"{name}_0": 0.4}).problem.numbers
+
+
+def test_no_parameter_of_a_lagrangian_hides_what_formulas_know():
+    for name in ("aq", "dq", "vq", "q", "t", "work_1"):
+        with pytest.raises(ValueError, match=f"parameters.{name}: .*such as {name}_0"):
+            fvi.lagrangian_scene(
+                coordinates=["q"],
+                lagrangian="vq**2/2 - q**2/2",
+                parameters={name: 1.0},
+                damping=[fvi.FractionalDamping(order=0.5, coefficient=0.1)],
+                final_time=1.0,
+            )

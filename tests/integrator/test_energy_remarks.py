@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pytest
 from spread import spread
 
 import fvi_cli as fvi
@@ -46,10 +49,10 @@ def test_energy_beyond_what_a_scene_has_is_said(order, coefficient, unit, kind):
             reach = float(np.abs(run.position).max())
             permitted = 1.0 if kind != "forced" else 1.0 + 10.0
             said = any(one.startswith("unstable: its energy rises") for one in run.remarks)
-            if reach > 1000 * permitted and kind != "pendulum":
+            if reach > 10 * permitted and kind != "pendulum":
                 assert said, (name, n_steps, reach)
             # the control
-            if reach < 10 * permitted:
+            if reach < 1.4 * permitted:
                 assert not said, (name, n_steps, reach)
 
 
@@ -59,11 +62,12 @@ def test_the_run_that_was_ok_without_a_word():
         run = fvi.integrate(scene, fvi.method_named("bdf3-none"), 50)
         assert np.abs(run.position).max() > 1e6
         (said,) = [one for one in run.remarks if "energy rises" in one]
-        assert "more than 10,000 times" in said
         least = -1.0 if kind == "pendulum" else 0.0
         begun = 1 - np.cos(1.0) if kind == "pendulum" else 0.5
         assert run.energy is not None
-        assert run.energy.max() - least > 1e4 * begun
+        found = re.search(r"energy rises to (\S+) times what", said)
+        assert found is not None
+        assert float(found[1]) == pytest.approx((run.energy.max() - least) / begun, rel=0.1)
     # and in a batch the same
     scenes = [swinging("oscillator", 1.95, c, unit=1.0) for c in (0.9, 1.0, 1.1, 1e-9)]
     batch = integrate_batch(scenes, fvi.method_named("bdf3-none"), 50)

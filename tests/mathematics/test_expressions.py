@@ -198,7 +198,7 @@ def test_variables_with_another_meaning_are_refused(name):
 def test_a_variable_may_hide_eulers_number_only_by_declaration():
     assert Expression.parse("e", ("e",)).evaluate({"e": 0.5}, {}) == 0.5
     assert Expression.parse("e", (), {"e": 0.25}).evaluate({}, {}) == 0.25
-    with pytest.raises(ExpressionError, match="twice"):
+    with pytest.raises(ExpressionError, match="meaning here already"):
         Expression.parse("e", ("e",), {"e": 1.0})
 
 

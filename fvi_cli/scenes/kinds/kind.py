@@ -36,7 +36,7 @@ from fvi_cli.scenes.kinds.damping_keys import (
     build_damping,
     check_names_of_dampers,
 )
-from fvi_cli.scenes.lagrangian import check_names
+from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_size
 
@@ -146,6 +146,10 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             raise ArgumentError(forces[1], f"give this or {forces[0]}, not both")
         scene = self.make_scene(**data, **drivers)
         check_names_of_dampers((*scene.damping, *scene.laws), "damping")
+        if self.parameters:
+            ready = dict.fromkeys(self.ready_quantities(), "a ready quantity")
+            inputs = dict.fromkeys({*forces} - {"forcing"}, "what drives the motion")
+            check_names(names, self.parameters, {**inputs, **names_of_dampers(scene), **ready})
         return scene
 
     def own_values(self) -> dict[str, Any]:

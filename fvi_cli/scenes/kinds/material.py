@@ -29,6 +29,7 @@ from fvi_cli.scenes.kinds.damping_keys import (
     damping_terms,
 )
 from fvi_cli.scenes.kinds.kind import Kind
+from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.data_files import samples_from_text
 
@@ -111,7 +112,7 @@ class Material(
                     f"{one.order:g} is not allowed with straight lines between samples: its force "
                     "is infinite at every kink; write interpolation: cubic",
                 )
-        return Scene(
+        scene = Scene(
             inertia=Inertia(mass=1.0),
             initial_position=np.array([motion.start]),
             initial_velocity=np.array([motion.start_rate]),
@@ -120,6 +121,9 @@ class Material(
             laws=laws,
             prescribed=motion,
         )
+        if self.parameters:
+            check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
+        return scene
 
     def build_problem(self, *, search: bool = True) -> Problem:
         """The law along its displacement, which has no errors."""

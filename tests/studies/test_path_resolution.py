@@ -1,0 +1,169 @@
+"""What runs met on their way, and what their methods make of it, is said with numbers that hold."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from letters import spring
+from scipy.integrate import solve_ivp
+
+import fvi_cli as fvi
+from fvi_cli.integrator.stability.patterns import has_patterns
+from fvi_cli.planning.path_resolution import oscillator_errors, path_remarks
+from fvi_cli.planning.resolution import resolution_remarks
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_fast_sines_of_the_time_in_lagrangians(seed: int) -> None:
+    random = np.random.default_rng([25, 2, seed])
+    second = float(10 ** random.uniform(-6, 6))
+    count, shift = int(random.integers(20, 500)), float(random.uniform(-3, 3))
+    shape = ["(1 + w*sin(w*t + s))*cos(q)", "q**2*cos(w*t)", "vq*q**2*sin(s - w*t)"][seed % 3]
+    rate, final_time = 2 * math.pi * count / (10 * second), 10 * second
+    scene = fvi.lagrangian_scene(
+        coordinates=["q"],
+        lagrangian=f"vq**2/2 + (1e-3*{shape})/u**2 - q**4/u**2*1e-3",
+        parameters={"w": rate, "s": shift, "u": second},
+        initial_position=[0.7],
+        final_time=final_time,
+    )
+    assert scene.lagrangian is not None
+    (said,) = resolution_remarks(scene, 4 * count - 1)
+    assert f"quarter of the shortest period {2 * math.pi / rate:.4g} of the Lagrangian" in said
+    assert f"take {4 * count} steps or more" in said
+    # the control
+    assert resolution_remarks(scene, 4 * count + 1) == ()
+
+
+def test_fast_displacements_of_materials() -> None:
+    problem = {
+        "kind": "material",
+        "displacement": "sin(200*t)",
+        "law": {"law": "springpot", "order": 0.5, "coefficient": 1.0},
+        "final_time": 10.0,
+    }
+    for n_steps, is_said in ((100, True), (1300, False)):
+        (outcome,) = fvi.run({"name": "fast", "problem": problem, "ladder": {"steps": [n_steps]}})
+        remarks = outcome.finished[0].trajectory.remarks
+        assert any("0.03142 of the displacement" in one for one in remarks) == is_said
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_steep_walls_that_a_motion_meets_behind_its_start(seed: int) -> None:
+    """A body thrown at an exponential wall turns where its potential is as large as its energy."""
+    random = np.random.default_rng([25, 3, seed])
+    length, second = (float(10 ** random.uniform(-6, 6)) for _ in range(2))
+    steepness, place = float(random.uniform(20, 80)), float(random.uniform(-5, 5))
+    speed = float(random.uniform(0.7, 1.4))
+    scene = fvi.lagrangian_scene(
+        coordinates=["q"],
+        lagrangian="vq**2/2 - (l/u)**2*exp(-k*(q/l - p))",
+        parameters={"k": steepness, "p": place, "l": length, "u": second},
+        initial_position=[(place + 1.0) * length],
+        initial_velocity=[-speed * length / second],
+        final_time=3 * second,
+    )
+    # where it turns: exp(-k (q - p)) = speed^2 / 2
+    period = 2 * math.pi / (steepness * speed / math.sqrt(2))
+    fewest = math.ceil(4 * 3 / period)
+    coarse, fine = (fvi.integrate(scene, "gauss3", n) for n in (fewest // 2, 3 * fewest))
+    (said,) = path_remarks(scene, fvi.method_named("gauss3"), coarse)
+    found = re.search(
+        r"h = (\S+) .*period (\S+) of the motion, met near t = (\S+) at q = (\S+);", said
+    )
+    assert found is not None
+    step, met, time, at = (float(one) for one in found.groups())
+    assert step == pytest.approx(6 * second / (fewest // 2 * 2), rel=1e-3)
+    assert 0.3 * period < met / second < 1.5 * period
+    assert time / second == pytest.approx(1 / speed, abs=0.2)
+    assert at / length == pytest.approx(place, abs=0.2)
+    assert resolution_remarks(scene, fewest // 2) == ()
+    # the control
+    assert path_remarks(scene, fvi.method_named("gauss3"), fine) == ()
+
+
+METHODS = ("gauss1", "gauss2", "gauss3", "bdf2", "bdf2-nodes", "explicit-euler")
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_errors_of_one_step_of_an_oscillator(name: str) -> None:
+    """Against powers of a run: after n steps the phase is off by n times as much."""
+    method = fvi.method_named(name)
+    assert has_patterns(method)
+    turned = np.array([0.05, 0.3, 0.9])
+    for angle, error in zip(turned, oscillator_errors(method)(turned), strict=True):
+        n_steps = 4
+        run = fvi.integrate(
+            spring((0.5, 0.0), k=1.0, T=n_steps * float(angle), x=1.0), name, n_steps
+        )
+        # the exact motion is cos t: what is left after n steps is Re exp(i n (angle + error))
+        off = abs(run.position[-1, 0] - math.cos(n_steps * angle))
+        assert off <= 1.5 * n_steps * error * math.exp(n_steps * error) + 1e-12
+        assert error <= 20 * angle
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_errors_that_are_said_of_phases_are_those_of_the_run(seed: int) -> None:
+    random = np.random.default_rng([25, 4, seed])
+    name = ["gauss1", "gauss2", "bdf2"][seed % 3]
+    period, length = (float(10 ** random.uniform(-5, 5)) for _ in range(2))
+    turns, per_turn = int(random.integers(5, 60)), float(random.uniform(4.1, 30))
+    rate, final_time = 2 * math.pi / period, turns * period
+    decay = float(random.choice([0.0, 0.02])) * rate
+    n_steps = math.ceil(turns * per_turn)
+    scene = spring((1.0, 2 * decay), k=rate**2, T=final_time, x=length)
+    run = fvi.integrate(scene, name, n_steps)
+    damped = math.sqrt(rate**2 - decay**2)
+    exact = np.exp(-decay * run.time) * (
+        np.cos(damped * run.time) + decay / damped * np.sin(damped * run.time)
+    )
+    error = np.abs(run.position[:, 0] / length - exact).max()
+    said = path_remarks(scene, fvi.method_named(name), run)
+    if error > 0.25:
+        assert said
+    if error < 0.04:
+        assert not said
+    for one in said:
+        found = re.search(r"error is some (\S+) %", one)
+        assert found is not None
+        assert 0.3 * min(error, 1) < float(found[1]) / 100 < 3 * error
+        finer = re.search(r"take (\d+) steps", one)
+        assert finer is not None
+        assert not path_remarks(
+            scene, fvi.method_named(name), fvi.integrate(scene, name, int(finer[1]) + 1)
+        )
+
+
+def test_a_pendulum_by_gauss2() -> None:
+    """A quarter of its period is enough for none of these words, and not for its phase."""
+    final_time, n_steps = 150.0, 120
+    scene = fvi.pendulum(initial_position=0.8, final_time=final_time)
+    run = fvi.integrate(scene, "gauss2", n_steps)
+    exact = solve_ivp(
+        lambda t, y: [y[1], -math.sin(y[0])], (0, final_time), [0.8, 0], rtol=1e-10, t_eval=run.time
+    )
+    error = np.abs(run.position[:, 0] - exact.y[0]).max() / 0.8
+    assert error > 0.25
+    assert resolution_remarks(scene, n_steps) == ()
+    (said,) = path_remarks(scene, fvi.method_named("gauss2"), run)
+    assert "Gauss2" in said
+    # the control
+    assert (
+        path_remarks(scene, fvi.method_named("gauss3"), fvi.integrate(scene, "gauss3", 400)) == ()
+    )
+
+
+def test_phases_are_remarked_on_where_no_error_is_known() -> None:
+    problem = {
+        "kind": "damped-oscillator",
+        "stiffness": 1.0,
+        "damping": [{"order": 0.5, "coefficient": 0.001}],
+        "initial": {"position": 1.0},
+        "final_time": 60.0,
+    }
+    for exact, n_steps, is_said in (("none", 45, True), ("auto", 45, False), ("none", 90, False)):
+        config = {"name": "known", "problem": {**problem, "exact": exact}, "method": "gauss2"}
+        (outcome,) = fvi.run({**config, "ladder": {"steps": [n_steps]}})
+        remarks = outcome.finished[0].trajectory.remarks
+        assert any("shifts the phase" in one for one in remarks) == is_said
