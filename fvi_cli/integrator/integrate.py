@@ -85,6 +85,8 @@ def integrate(
     check_counts(1 if is_given else n_steps, every)
     steps = n_steps if isinstance(n_steps, Mesh | AdaptiveSteps) else int(n_steps)
     if scene.prescribed is not None:
+        if not diagnostics.is_empty:
+            raise ValueError("diagnostics: the motion is given; it has no energy and no momentum")
         return integrate_prescribed(
             scene, scene.prescribed, method, steps, every=every, with_steps=with_steps
         )

@@ -96,6 +96,9 @@ class StoreKeys(Setting):
         if not isinstance(problem, Problem):
             at.refuse(f"not for kind {problem.kind}, which has no motion", *place)
             return NO_DIAGNOSTICS
+        if problem.scene.prescribed is not None:
+            at.refuse(f"not for kind {problem.kind}, whose motion is given", *place)
+            return NO_DIAGNOSTICS
         if at.has("sweep") or at.has("designs"):
             at.refuse(
                 "not together with sweep or designs; give each member its own experiment", *place

@@ -90,13 +90,13 @@ class Material(
                     "displacement",
                 )
             values.setdefault("final_time", float(time[-1]))
-        elif "final_time" not in values and isinstance(given, str | Mapping):
-            values["final_time"] = at.refuse("missing; it must be a positive number", "final_time")
         return values
 
     def build_scene(self) -> Scene:
         """The law along its displacement."""
-        final_time = float(self.final_time or 0.0)
+        if self.final_time is None:
+            raise ArgumentError("final_time", "missing; it must be a positive number")
+        final_time = float(self.final_time)
         damping, laws = build_damping(self.law, (COORDINATE,), place="law")
         check_names_of_dampers((*damping, *laws), "law")
         given = with_parameters(vars(self))["displacement"]
@@ -105,10 +105,10 @@ class Material(
             raise ArgumentError("displacement", "it is constant; give a displacement that changes")
         motion = PrescribedMotion(displacement=displacement, final_time=final_time)
         motion.check()
-        for index, one in enumerate(damping):
+        for one in damping:
             if one.order > 1 and (motion.kinks or displacement.break_points):
                 raise ArgumentError(
-                    f"law.{index}.order",
+                    f"law.{one.number - 1}.order",
                     f"{one.order:g} is not allowed with straight lines between samples: its force "
                     "is infinite at every kink; write interpolation: cubic",
                 )

@@ -178,3 +178,16 @@ def test_a_displacement_that_returns_to_zero_is_followed(tmp_path):
     rest = item.trajectory.observed.quantities["force"][times > 10.0]
     assert np.abs(rest).max() < 0.2
     assert (np.diff(np.abs(rest)) < 0).all()
+
+
+def test_diagnostics_of_a_given_motion_are_refused():
+    config = f"name: a\nproblem: {{kind: material, law: {RAMPS['zener'][0]}, displacement: t, "
+    config += "final_time: 1.0}\nmethod: gauss3\nladder: {steps: [8]}\n"
+    (experiment,) = parse_config(config, "a.yaml").experiments
+    with pytest.raises(ValueError, match="diagnostics: the motion is given"):
+        fvi.integrate(
+            experiment.problem.scene,
+            "gauss3",
+            8,
+            diagnostics=fvi.DiagnosticsRequest(energy_balance=True),
+        )
