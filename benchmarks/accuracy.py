@@ -11,7 +11,7 @@ from fvi_cli.api import cost, load
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.render.cost import PAGE_CONFIGS
 from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.price import CostCurve, cost_curves
+from fvi_cli.studies.cost_curves import CostCurve, cost_curves
 
 YARDSTICK_STEPS = 2**19
 """Half the length of the transform that times are compared with."""

@@ -25,7 +25,7 @@ from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.writers.text import to_markdown
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.storage.export import FORMATS
-from fvi_cli.studies.price import ACCURACIES
+from fvi_cli.studies.cost_curves import ACCURACIES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

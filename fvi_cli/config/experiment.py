@@ -32,7 +32,7 @@ from fvi_cli.config.observations import check_member, read_observations, read_un
 from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
-from fvi_cli.integrator.break_points import between_steps
+from fvi_cli.integrator.break_points import misplaced_break_point
 from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.method_names import method_name
@@ -256,10 +256,11 @@ def _check_grid(
         isinstance(m.method, Method) and m.method.is_runge_kutta for m in methods
     )
     for index, n_steps in enumerate(steps if ends else ()):
-        if are_own_points and n_steps <= len(ends):
-            parts = f"{len(ends) + 1} parts between break points"
-            refuse_step(at, index, f"{n_steps} steps are too few for {parts}")
-        elif not are_own_points and (words := between_steps(ends, problem.final_time, n_steps)):
+        if are_own_points:
+            if n_steps <= len(ends):
+                parts = f"{len(ends) + 1} parts between break points"
+                refuse_step(at, index, f"{n_steps} steps are too few for {parts}")
+        elif words := misplaced_break_point(ends, problem.final_time, n_steps):
             refuse_step(at, index, f"{n_steps} steps put {words}")
 
 

@@ -1,4 +1,4 @@
-"""Motions of space that change nothing, and with them momenta that are conserved."""
+"""Symmetries of a scene, and the momenta that are conserved with them."""
 
 from __future__ import annotations
 

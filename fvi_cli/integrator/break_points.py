@@ -30,16 +30,16 @@ def steps_at_break_points(scene: Scene, n_steps: int) -> tuple[int, ...]:
     Raises
     ------
     ValueError
-        If a break point lies between two steps; the message names the nearest N that fit.
+        If a break point lies inside a step; the message names the nearest N that fit.
     """
-    if words := between_steps(scene.break_points, scene.final_time, n_steps):
+    if words := misplaced_break_point(scene.break_points, scene.final_time, n_steps):
         raise ValueError(f"n_steps: {n_steps} puts {words}")
     places = np.array(scene.break_points) / scene.final_time * n_steps
     return tuple(np.rint(places).astype(int).tolist())
 
 
-def between_steps(break_points: Sequence[float], final_time: float, n_steps: int) -> str:
-    """Which break point lies between two of N equal steps, and which N fit; empty: none does."""
+def misplaced_break_point(break_points: Sequence[float], final_time: float, n_steps: int) -> str:
+    """Which break point lies inside one of N equal steps, and which N fit; empty: none does."""
     places = np.array(break_points) / final_time * n_steps
     between = np.array(break_points)[~are_on_grid(places)]
     if not between.size:
@@ -50,7 +50,7 @@ def between_steps(break_points: Sequence[float], final_time: float, n_steps: int
         hint = f"the nearest that fits is {near[0]}"
     if len(near) > 1:
         hint = f"the nearest that fit are {near[0]} and {near[1]}"
-    return f"the break point t = {between[0]:g} between two steps; {hint}"
+    return f"the break point t = {between[0]:g} inside a step; {hint}"
 
 
 def nearest_fitting(

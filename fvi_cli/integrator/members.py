@@ -19,7 +19,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_by_name import as_method
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
@@ -62,7 +62,7 @@ def integrate_members(
     found: dict[int, Trajectory] = {}
     for indices in _groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
-        own = checkpoints if len(scenes) == 1 else part_of(checkpoints, f"from {indices[0]}")
+        own = checkpoints if len(scenes) == 1 else keeper_of_run(checkpoints, f"from {indices[0]}")
         if len(indices) > 1 and isinstance(method, Method):
             batch = integrate_batch(
                 together, method, n_steps, every=every, with_steps=with_steps, checkpoints=own
@@ -98,7 +98,7 @@ def integrate_batch(
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
         integrate_part = partial(integrate_scenes, every=every, with_steps=with_steps)
-        own = checkpoints if len(scenes) <= together else part_of(checkpoints, str(first))
+        own = checkpoints if len(scenes) <= together else keeper_of_run(checkpoints, str(first))
         runs = integrate_part(part, method, mesh, most=block, checkpoints=own)
         found += [
             integrate_part([scene], method, mesh)[0] if _overflows(one) else one

@@ -293,7 +293,7 @@ def _watch(bar: RunBar, title: str) -> Watch | None:
 
     def watch(job: Job, done: int, n_steps: int) -> None:
         first = job.runs[0]
-        # how many steps a search takes is not known, and a price has several runs
+        # how many steps a search takes is not known, and the measurement of a cost has several runs
         if first.is_search or job.kind == "cost":
             return
         name = _named(first.title, title)

@@ -69,7 +69,7 @@ class Kept:
     def is_kept_whole(self, seconds):
         return self.label != "a run"
 
-    def part(self, name):
+    def of_run(self, name):
         own = copy.copy(self)
         own.label = f"{self.label} {name}"
         return own

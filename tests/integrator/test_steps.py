@@ -74,7 +74,7 @@ def test_break_points_on_the_grid():
     scene = piecewise(1.0, 1.5)
     assert steps_at_break_points(scene, 6) == (2, 3)
     assert steps_at_break_points(scene, 600) == (200, 300)
-    with pytest.raises(ValueError, match="between two steps; the nearest that fit are 6 and 12"):
+    with pytest.raises(ValueError, match="inside a step; the nearest that fit are 6 and 12"):
         steps_at_break_points(scene, 8)
     assert nearest_fitting(scene.break_points, scene.final_time, 1) == (0, 6)
     # break points beyond the end do not matter

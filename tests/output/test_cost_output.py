@@ -27,7 +27,7 @@ from fvi_cli.reports.kinds.cost import SUMMARY_COLUMNS, cost_report
 from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
-from fvi_cli.studies.price import cheapest_bands, cost_curves
+from fvi_cli.studies.cost_curves import cheapest_bands, cost_curves
 
 # as the design of the command promises them
 PROMISED = (

@@ -311,8 +311,8 @@ def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
     checkpoints = CheckpointFolder(folder=folder, seconds=60.0)
     assert not checkpoints.of((last,)).is_kept_whole(1e6)
     for one in (
-        checkpoints.of((last,), is_single_run=False),
-        checkpoints.of((last,)).part("second"),
+        checkpoints.of((last,), is_stored_next=False),
+        checkpoints.of((last,)).of_run("second"),
     ):
         assert not one.is_kept_whole(0.9)
         assert one.is_kept_whole(1.1)

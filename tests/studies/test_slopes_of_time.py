@@ -12,7 +12,7 @@ from spread import SEED
 from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.writers import rendered
 from fvi_cli.studies.cost import CostCase, CostRow
-from fvi_cli.studies.price import CostCurve, cost_curves
+from fvi_cli.studies.cost_curves import CostCurve, cost_curves
 
 COUNTS = [16 * 2**k for k in range(9)]
 
@@ -45,7 +45,7 @@ def test_slopes_of_time_are_those_of_the_steps(place):
     found = curve(rows)
     if share > 1.2:
         assert math.isnan(found.time_exponent)
-        assert math.isnan(found.price_of_a_digit)
+        assert math.isnan(found.cost_of_a_digit)
         assert found.has_hidden_slopes
         # the control: the same rows without what is fixed
         plain = curve(measured(chance, 1e-9, exponent, 0.0))
@@ -55,7 +55,7 @@ def test_slopes_of_time_are_those_of_the_steps(place):
     # no slope is less than what half a share leaves of it
     if not math.isnan(found.time_exponent):
         assert 0.6 * exponent < found.time_exponent < exponent + 0.1
-        digit = math.log10(found.price_of_a_digit)
+        digit = math.log10(found.cost_of_a_digit)
         assert digit == pytest.approx(found.time_exponent / 4)
 
 

@@ -28,14 +28,14 @@ _WORDS: Final = Choice(words=(ENERGY, MAPS))
 
 
 class GivenSymmetry(Setting):
-    """A symmetry dq = G q + g."""
+    """An infinitesimal symmetry dq = G q + g of the Lagrangian."""
 
     name: Annotated[str, Text(what="a name")] = key("What the momentum is called.")
     generator: Annotated[tuple[tuple[float, ...], ...] | None, _MATRIX] = key(
-        "Matrix G of the motion dq = G q + g; default: zero.", default=None
+        "Matrix G of the infinitesimal symmetry dq = G q + g; default: zero.", default=None
     )
     shift: Annotated[tuple[float, ...] | None, _ROW] = key(
-        "Vector g of the motion; default: zero.", default=None
+        "Vector g of the infinitesimal symmetry; default: zero.", default=None
     )
 
     def symmetry(self, scene: Scene) -> Symmetry:
@@ -82,7 +82,8 @@ class StoreKeys(Setting):
     )
     symmetries: Annotated[tuple[GivenSymmetry, ...] | None, _SYMMETRIES] = key(
         "Symmetries dq = G q + g of the scene without damping and forcing; each has the "
-        "momentum p (G q + g). Default: shifts, and turns of a plane, that change nothing.",
+        "momentum p (G q + g). Default: those shifts and turns of the plane that leave the "
+        "Lagrangian unchanged.",
         default=None,
     )
 
@@ -136,7 +137,7 @@ MOST_COORDINATES = 32
 
 
 def known_symmetries(scene: Scene, coordinates: tuple[str, ...]) -> tuple[Symmetry, ...]:
-    """Those of a few usual motions of space that change nothing of the scene but its drivers.
+    """Those of a few usual shifts and turns that leave the Lagrangian without forcing unchanged.
 
     Tried are a turn of the plane (``angular``, two coordinates), a shift of all coordinates
     together (``linear``), and a shift of each coordinate alone (``p_<coordinate>``; up to 32

@@ -1,4 +1,4 @@
-"""Pulses in forces of the time, found before a run by the ranges of formulas.
+"""Pulses in forces that are functions of time, found before a run by the ranges of formulas.
 
 Every piece of a force is halved until nothing can hide in any part: the range of each function
 that occurs is at most a few times what 17 samples of it span, and a polynomial through 9 of them
@@ -30,7 +30,7 @@ MOST_PARTS = 40_000
 SHORTEST = 2.0**-46
 """Parts are not halved below this share of their piece."""
 NARROW = 0.25
-"""Parts shorter than this share of the median, by time, are held by the mesh."""
+"""Steps end at the ends of parts shorter than this share of the median, by time."""
 ROUND_OFF = 1e-14
 """Of the largest force times the length of the run; impulses below it are none."""
 
@@ -46,7 +46,7 @@ class Pulses:
 
 
 def pulses_that_move(scene: Scene, length: float) -> Pulses:
-    """Pulses of the force of the time that may move a scene by more than `length` until its end."""
+    """Pulses of the forcing that may move a scene by more than `length` until its end."""
     if scene.forcing is None:
         return Pulses()
     forces = SceneForces(scene)
@@ -143,7 +143,7 @@ class _Search:
         while begin.size:
             length = self._length(level)
             times = begin[:, None] + length * points
-            box, values, doubtful = trace(self._formula, begin, begin + length, times)
+            box, values, undersampled = trace(self._formula, begin, begin + length, times)
             if level == 0:
                 reach = np.maximum(np.abs(box.low), np.abs(box.high)).max()
                 if math.isfinite(reach):
@@ -153,11 +153,11 @@ class _Search:
                 missed = np.abs(values[:, ::2] @ coarse.T - values[:, 1::2]).max(axis=1)
                 is_rough = ~(missed * length <= self._negligible)
                 matters = ~(box.width * length <= self._negligible)
-            halved = matters & (doubtful | is_rough)
+            halved = matters & (undersampled | is_rough)
             shortest = length <= SHORTEST * (self._end - self._begin)
             if shortest or halved.sum() > MOST_PARTS:
                 # beside a singular power no polynomial is close, but nothing can hide
-                self._give_up(begin[halved & doubtful] if shortest else begin[halved])
+                self._give_up(begin[halved & undersampled] if shortest else begin[halved])
                 halved = np.zeros_like(halved)
             children = np.where(halved, 2 * (np.cumsum(halved) - 1), -1)
             self._levels.append(

@@ -17,7 +17,7 @@ from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.request import Observations, check_observable
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -62,7 +62,7 @@ def integrate_requested(
         return observe_members(scenes, method, runs, requests, checkpoints=checkpoints)
     found: list[Pair] = []
     for index, (scene, n_steps, request) in enumerate(zip(scenes, steps, requests, strict=True)):
-        own = checkpoints if len(scenes) == 1 else part_of(checkpoints, f"from {index}")
+        own = checkpoints if len(scenes) == 1 else keeper_of_run(checkpoints, f"from {index}")
         impacts: Mapping[str, Array] = {}
         if not request.impacts or not isinstance(method, Method):
             run = integrate(
@@ -141,7 +141,7 @@ def observe_members(
             [scenes[k] for k in members],
             method,
             [steps[k] for k in members],
-            part_of(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
+            keeper_of_run(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
         )
         observer = Observer(motion, [requests[k] for k in members])
         runs = [trajectories[k] for k in members]

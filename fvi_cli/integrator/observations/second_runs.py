@@ -17,7 +17,7 @@ from fvi_cli.integrator.observations.dampers import single_damper
 from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.mathematics.arrays import Array
 
 MOST_STAGES = 12
@@ -118,12 +118,13 @@ def _second_runs(
             continue
         found[index] = replayed(shorter[index], method, one, checkpoints), "failed"
     for places in groups.values():
+        own = checkpoints if len(scenes) == 1 else keeper_of_run(checkpoints, f"{places[0]}")
         runs = integrate_members(
             [shorter[index] for index in places],
             method,
             steps[places[0]].mesh(shorter[places[0]].break_points),
             with_steps=True,
-            checkpoints=checkpoints if len(scenes) == 1 else part_of(checkpoints, f"{places[0]}"),
+            checkpoints=own,
         )
         for index, run in zip(places, runs, strict=True):
             whole = run.steps if run.status == "ok" else None

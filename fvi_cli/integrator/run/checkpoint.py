@@ -194,13 +194,13 @@ class RunKeeper(Protocol):
     def save(self, unfinished: UnfinishedRun) -> None:
         """Keep a checkpoint in place of the one before."""
 
-    def part(self, name: str) -> RunKeeper:
-        """Where one of several runs, of which this one is made, keeps its own."""
+    def of_run(self, name: str) -> RunKeeper:
+        """Where one of the runs that this search or batch makes keeps its own."""
 
 
-def part_of(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
+def keeper_of_run(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
     """Where one of several runs keeps its checkpoint; None: nowhere."""
-    return None if checkpoints is None else checkpoints.part(name)
+    return None if checkpoints is None else checkpoints.of_run(name)
 
 
 def _loaded(stream: IO[bytes]) -> dict[str, NDArray[Any]]:

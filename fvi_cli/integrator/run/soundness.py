@@ -114,15 +114,15 @@ class Soundness:
         lost = np.asarray(~np.isfinite(np.broadcast_to(value, path.shape[:2])).all(axis=1))
         if first.energy_expression.system.is_entire:
             return lost
-        doubtful = np.flatnonzero(~lost)
+        undecided = np.flatnonzero(~lost)
         for chords in (path.shape[1], CHORDS_OF_A_BOX):
-            low, high = _boxes([one[doubtful] for one in columns], chords)
+            low, high = _boxes([one[undecided] for one in columns], chords)
             parameters = {
-                name: np.broadcast_to(one[doubtful], low.shape[:2])
+                name: np.broadcast_to(one[undecided], low.shape[:2])
                 for name, one in self._parameters.items()
             }
-            doubtful = doubtful[may_be_unbounded(first, low, high, parameters).any(axis=1)]
-        lost[doubtful] = True
+            undecided = undecided[may_be_unbounded(first, low, high, parameters).any(axis=1)]
+        lost[undecided] = True
         return lost
 
     @cached_property

@@ -37,7 +37,7 @@ class Traced(Algebra):
     box: Interval  # its range on each, shape (n,)
     seen: Array  # samples, shape (n, k)
     # where the range of any function so far is far beyond its samples, (n,); shared
-    doubtful: NDArray[np.bool_] = field(repr=False)
+    undersampled: NDArray[np.bool_] = field(repr=False)
 
     @property
     def hull(self) -> Interval:
@@ -59,23 +59,23 @@ class Traced(Algebra):
         usual = np.clip(spanned.high, -LARGEST, LARGEST) - np.clip(spanned.low, -LARGEST, LARGEST)
         between = 0.5 * (values[:, :-2:2] + values[:, 2::2])
         turns = np.abs(values[:, 1:-1:2] - between).max(axis=1)
-        believed = (high - low <= BEYOND_SEEN * np.maximum(usual, span) + noise) & (
+        is_sampled = (high - low <= BEYOND_SEEN * np.maximum(usual, span) + noise) & (
             turns <= STEEPEST * span + noise
         )
-        self.doubtful[~believed] = True
+        self.undersampled[~is_sampled] = True
         if not combines:
-            return Traced(box, seen, self.doubtful)
-        believed = ~self.doubtful
-        low = np.where(believed, np.maximum(low, least - MARGIN * span - noise), box.low)
-        high = np.where(believed, np.minimum(high, most + MARGIN * span + noise), box.high)
-        return Traced(Interval(low, high), seen, self.doubtful)
+            return Traced(box, seen, self.undersampled)
+        is_sampled = ~self.undersampled
+        low = np.where(is_sampled, np.maximum(low, least - MARGIN * span - noise), box.low)
+        high = np.where(is_sampled, np.minimum(high, most + MARGIN * span + noise), box.high)
+        return Traced(Interval(low, high), seen, self.undersampled)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Traced:
         """A function on ranges, on samples and on what these span."""
         boxes, samples, hulls = zip(*map(_parts, inputs), strict=True)
         box, seen = ufunc(*boxes), np.asarray(ufunc(*samples))
         if ufunc is np.negative:
-            return Traced(box, seen, self.doubtful)
+            return Traced(box, seen, self.undersampled)
         combines = ufunc in _OPERATORS and all(isinstance(one, Traced) for one in inputs)
         return self._compared(box, seen, ufunc(*hulls), combines=combines)
 
@@ -96,10 +96,10 @@ def trace(
     Intervals from `begin` to `end`, shape ``(n,)``; samples in them, both ends included, of shape
     ``(n, k)``. The values have the shape of the samples, the rest ``(n,)``.
     """
-    doubtful = np.zeros(begin.size, dtype=bool)
-    time = Traced(Interval(begin, end), samples, doubtful)
+    undersampled = np.zeros(begin.size, dtype=bool)
+    time = Traced(Interval(begin, end), samples, undersampled)
     found = expression.evaluate({"t": time})
     if not isinstance(found, Traced):
         constant = np.full(begin.size, float(found))
-        return Interval(constant, constant), np.full(samples.shape, float(found)), doubtful
-    return found.box, found.seen, doubtful
+        return Interval(constant, constant), np.full(samples.shape, float(found)), undersampled
+    return found.box, found.seen, undersampled

@@ -25,7 +25,7 @@ from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.studies.cost import CostRow, CostTable
-from fvi_cli.studies.price import Band, CostCurve, cheapest_bands, cost_curves
+from fvi_cli.studies.cost_curves import Band, CostCurve, cheapest_bands, cost_curves
 
 FRONT_COLOUR = "#f6d27c"
 _COARSEST, _FINEST = 3.0, 2e-15

@@ -1,4 +1,4 @@
-"""What accuracy costs: every measured run, and the price of accuracies in words and numbers."""
+"""What accuracy costs: every measured run, and what accuracies cost, in words and numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fvi_cli.reports.kinds.order_summary import NORMS, reference_in_words
 from fvi_cli.reports.naming import number
 from fvi_cli.reports.table import About, Column, Report, Sheet, Sheets, Words, grid_of, within
 from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.price import (
+from fvi_cli.studies.cost_curves import (
     ACCURACIES,
     CostCurve,
     cheapest_at,
@@ -54,7 +54,7 @@ RUN_COLUMNS = (
         Column("status", "what was observed", "status"),
     ),
 )
-_PRICES = within(
+_SLOPES = within(
     "curve",
     Column("order", "order between the two finest rows above the floor", "order", ".2f"),
     Column(
@@ -70,7 +70,7 @@ _PRICES = within(
         "one more digit",
         # times scatter
         lambda factor: "1" if factor < 1.005 else number(factor, ".3g"),
-        get="price_of_a_digit",
+        get="cost_of_a_digit",
     ),
 )
 
@@ -84,7 +84,7 @@ SUMMARY_COLUMNS = (
     _EXPERIMENT,
     Column("case", "name of the method in files; one for all tolerances", get="curve.key"),
     Column("method", "name of the method", "method", get="label"),
-    *_PRICES,
+    *_SLOPES,
     *(
         Column(
             f"seconds_to_{accuracy:.0e}",
@@ -143,8 +143,8 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
     """What the methods of every experiment cost; seconds to accuracies come first."""
 
     def words(sheets: Sheets) -> Words:
-        prices = [Heading(level=1, words=f"What accuracy costs: {name}"), *cost_summary(tables)]
-        return prices, [*prices, *(block for table in tables for block in _details(table))]
+        summary = [Heading(level=1, words=f"What accuracy costs: {name}"), *cost_summary(tables)]
+        return summary, [*summary, *(block for table in tables for block in _details(table))]
 
     has_tolerances = any(table.by_tolerance for table in tables)
     sheets = (
@@ -218,7 +218,7 @@ def _names(table: CostTable) -> dict[str, MethodName]:
 
 
 def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> Iterator[Block]:
-    """Seconds to accuracies, the price of a digit, and who is cheapest, of every experiment."""
+    """Seconds to accuracies, what a digit costs, and who is cheapest, of every experiment."""
     yield Paragraph(
         words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
         "repeats, one run after the other in one process. The order is that between the "
@@ -234,10 +234,10 @@ def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> Iterator[Blo
         yield Paragraph(words=f"Limits of the peers: {PEER_LIMITS}.")
     for table in tables:
         yield Heading(level=level, words=table.experiment)
-        yield from _prices(table)
+        yield from _summary(table)
 
 
-def _prices(table: CostTable) -> Iterator[Block]:
+def _summary(table: CostTable) -> Iterator[Block]:
     names, curves = _names(table), cost_curves(table)
     bands = cheapest_bands(curves)
     yield Paragraph(
@@ -250,7 +250,7 @@ def _prices(table: CostTable) -> Iterator[Block]:
     cheapest = [cheapest_at(bands, accuracy) for accuracy in ACCURACIES]
     last = tuple("-" if curve is None else curve_name(curve, names) for curve in cheapest)
     summary = (("cheapest", "", "", "", *last),)
-    yield grid_of(_price_columns(), _curves(table), summary_rows=summary, name=table.experiment)
+    yield grid_of(_summary_columns(), _curves(table), summary_rows=summary, name=table.experiment)
     if hidden := [curve_name(curve, names) for curve in curves if curve.has_hidden_slopes]:
         yield Paragraph(
             words=f"{', '.join(hidden)}: no time exponent and no factor for a digit, since set-up "
@@ -283,9 +283,9 @@ def _prices(table: CostTable) -> Iterator[Block]:
     )
 
 
-def _price_columns() -> list[Column]:
+def _summary_columns() -> list[Column]:
     reached = [Column("", title=f"{a:.0e}", get=_to(_reached, a)) for a in ACCURACIES]
-    return [Column("method", title="method", get="label"), *_PRICES, *reached]
+    return [Column("method", title="method", get="label"), *_SLOPES, *reached]
 
 
 def _finite(value: float) -> float | None:

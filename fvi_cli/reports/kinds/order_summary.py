@@ -266,7 +266,7 @@ def _sampled(
         if not limits:
             continue
         orders = [
-            f"{text}; where samples lie between two steps, the order is that of the interpolation"
+            f"{text}; where samples lie inside steps, the order is that of the interpolation"
             for text in expected_orders(case)
         ]
         sets_order = f"allows order {case.expected_order:g} at most"

@@ -1,4 +1,4 @@
-"""Checkpoints of runs that are not finished, beside the parts of a result file."""
+"""Checkpoints of runs that are not finished, in a folder beside a result file."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from fvi_cli.studies.experiment import Run
 _logger = logging.getLogger(__name__)
 
 LEAST_RATIO = 20.0
-"""Writing a checkpoint takes at most this part of the time: one that is long to write is rare."""
+"""Between two checkpoints lies this multiple of the time that writing one takes, at least."""
 
 WHOLE_RATIO = 60.0
-"""A run among others that took this part of the time between checkpoints is kept when it ends."""
+"""A run with others behind it is kept when it ends if it took this share of that time, 1/60."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckpointFolder:
     """Where runs of a result file keep their checkpoints."""
 
-    folder: Path  # that of the parts
+    folder: Path
     seconds: float  # between two checkpoints of a run, at least
 
-    def of(self, batch: Batch, *, is_single_run: bool = True) -> CheckpointFile:
+    def of(self, batch: Batch, *, is_stored_next: bool = True) -> CheckpointFile:
         """The checkpoint of a run, a search, or runs that are computed together.
 
-        Where something follows, such as observations, a run is kept whole until it is stored.
+        A run that is not stored next, since observations follow it, is kept when it has ended.
         """
         first = batch[0]
         label, title = identity_of(first), first.title
@@ -49,7 +49,7 @@ class CheckpointFolder:
             title=title,
             label=label,
             seconds=self.seconds,
-            is_single_run=is_single_run and len(batch) == 1,
+            is_stored_next=is_stored_next and len(batch) == 1,
         )
 
     def unfinished(self, runs: Sequence[Run]) -> dict[Run, int]:
@@ -59,7 +59,7 @@ class CheckpointFolder:
         found: dict[Run, int] = {}
         for batch in batches_of(runs):
             kept = self.of(batch)
-            done = (kept if len(batch) == 1 else kept.part("from 0")).steps_done()
+            done = (kept if len(batch) == 1 else kept.of_run("from 0")).steps_done()
             if done is not None:
                 found |= dict.fromkeys(batch, done)
         return found
@@ -92,10 +92,11 @@ class CheckpointFile:
 
     folder: Path  # of the file
     title: str  # the run in words
-    # identity of the run, which says by which version of the solver, and which part of it
+    # identity of the run, which says by which version of the solver; of one of the runs that a
+    # search or a batch makes also which one it is
     label: str
     seconds: float  # between two checkpoints, at least
-    is_single_run: bool = True  # whether nothing follows this run before it is stored
+    is_stored_next: bool = True  # whether the run is stored as soon as it ends
     _due: float = field(init=False)
     _has_logged_failure: bool = field(init=False, default=False)
 
@@ -104,14 +105,14 @@ class CheckpointFile:
 
     @property
     def path(self) -> Path:
-        """The file; of a part of a run it begins with the identity of the run."""
-        owner, _, part = self.label.partition(" ")
-        name = f"{owner}.{hashlib.sha256(part.encode()).hexdigest()[:16]}" if part else owner
+        """The file, whose name begins with the identity of the run."""
+        owner, _, which = self.label.partition(" ")
+        name = f"{owner}.{hashlib.sha256(which.encode()).hexdigest()[:16]}" if which else owner
         return self.folder / f"{name}{CHECKPOINT_SUFFIX}"
 
-    def part(self, name: str) -> CheckpointFile:
-        """The checkpoint of one of several runs, of which this one is made."""
-        return replace(self, label=f"{self.label} {name}", is_single_run=False)
+    def of_run(self, name: str) -> CheckpointFile:
+        """The checkpoint of one of the runs that this search or batch makes."""
+        return replace(self, label=f"{self.label} {name}", is_stored_next=False)
 
     def load(self) -> UnfinishedRun | None:
         """What was kept of this run and is whole; None otherwise."""
@@ -154,7 +155,7 @@ class CheckpointFile:
 
     def is_kept_whole(self, seconds: float) -> bool:
         """Whether a run that took so long is kept when it has ended: others are soon done again."""
-        return not self.is_single_run and seconds >= self.seconds / WHOLE_RATIO
+        return not self.is_stored_next and seconds >= self.seconds / WHOLE_RATIO
 
     def save(self, unfinished: UnfinishedRun) -> None:
         """Write a checkpoint in place of the one before; if that fails the run goes on."""

@@ -21,8 +21,8 @@ def execute_job(
         return refined_references(job.runs)
     first, kept = job.runs[0], None
     if checkpoints is not None:
-        is_single_run = first.experiment.observations.is_empty
-        kept = checkpoints.of(job.runs, is_single_run=is_single_run)
+        is_stored_next = first.experiment.observations.is_empty
+        kept = checkpoints.of(job.runs, is_stored_next=is_stored_next)
     return execute_batch(
         job.runs,
         references,

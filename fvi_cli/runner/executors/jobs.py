@@ -26,7 +26,7 @@ JobKind = Literal["run", "reference", "cost"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """Runs or searches of one batch, the references of all scenes of a pack, or one price."""
+    """Runs or searches of one batch, the references of all scenes of a pack, or one cost."""
 
     runs: Batch
     kind: JobKind = "run"
@@ -34,7 +34,7 @@ class Job:
     needs: Job | None = None
     """What must have ended before."""
     tolerance: float | None = None
-    """Of a price: that of a search for it, whose error is measured at the points of the run."""
+    """Of a cost: that of a search for it, whose error is measured at the points of the run."""
 
     @property
     def is_reference(self) -> bool:

@@ -14,7 +14,7 @@ from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
@@ -110,7 +110,7 @@ def solve_on_equal_steps(
     ]
     while one := _next_candidate(candidates, scene, available_bytes):
         n_steps = one.next_steps
-        kept = part_of(checkpoints, f"{one.method!r} N = {n_steps}")
+        kept = keeper_of_run(checkpoints, f"{one.method!r} N = {n_steps}")
         run = integrate(scene, one.method, n_steps, checkpoints=kept)
         before, error, words = one.error, math.inf, str(run.status)
         if run.status == "ok":

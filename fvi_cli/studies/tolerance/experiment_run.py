@@ -12,7 +12,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.observe import integrate_requested, observe_members
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
@@ -72,9 +72,9 @@ def run_for_tolerance(
     if known is None:  # pragma: no cover - a solved run has one
         raise ValueError(f"{experiment.name}: no run was made")
     run = experiment.chosen_run(method, max(found.n_steps, 1), search.member)
-    on_mesh = trajectory = _diagnosed(run, found, part_of(checkpoints, "diagnosed"))
+    on_mesh = trajectory = _diagnosed(run, found, keeper_of_run(checkpoints, "diagnosed"))
     if not run.observations.is_empty and found.status == "ok":
-        trajectory = _observed(run, on_mesh, part_of(checkpoints, "observed"))
+        trajectory = _observed(run, on_mesh, keeper_of_run(checkpoints, "observed"))
         if accuracy.mesh != "uniform" or experiment.norm == "max":
             truth = other if accuracy.mesh == "uniform" else found
             known = _between_points(trajectory, truth, known)

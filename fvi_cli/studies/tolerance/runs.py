@@ -14,7 +14,7 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import engine_for, integrate_scenes
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -66,7 +66,7 @@ class AdaptiveRuns:
         if first_step not in self._engines:
             self._engines[first_step] = engine_for([scene], method, steps)
         engine = self._engines[first_step]
-        own = part_of(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
+        own = keeper_of_run(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
         (found,) = integrate_scenes(
             [scene], method, steps, with_steps=True, engine=engine, checkpoints=own
         )
@@ -77,7 +77,7 @@ def run_on(
     scene: Scene, degree: int, mesh: Mesh, checkpoints: RunKeeper | None = None
 ) -> Trajectory:
     """A run on a given mesh, with its polynomials."""
-    own = part_of(checkpoints, f"{degree} stages on {mesh.n_steps} steps")
+    own = keeper_of_run(checkpoints, f"{degree} stages on {mesh.n_steps} steps")
     return integrate(scene, gauss(scene, degree), mesh, with_steps=True, checkpoints=own)
 
 

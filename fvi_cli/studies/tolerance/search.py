@@ -16,7 +16,7 @@ from typing import Final
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
-from fvi_cli.integrator.run.checkpoint import RunKeeper, part_of
+from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.accuracy_settings import Accuracy
@@ -210,7 +210,7 @@ class _Search:
             target = self.target(amplitude)
             is_probed = self.scene.is_linear or self.rounding is not None
             if not is_probed and target < PROBED * amplitude:
-                own = part_of(self.checkpoints, "moved")
+                own = keeper_of_run(self.checkpoints, "moved")
                 moved = run_on(perturb_start(self.scene, run), degree, mesh, own)
                 self.rounding = differences_of(coarse, moved)
             gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)

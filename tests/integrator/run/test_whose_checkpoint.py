@@ -55,7 +55,7 @@ class Kept:
         self.content, self.is_stopped = stream.getvalue(), True
         raise StoppedError
 
-    def part(self, name):
+    def of_run(self, name):
         return self
 
 

@@ -1,4 +1,4 @@
-"""Prices: how long a method takes to an accuracy, what one more digit costs, who is cheapest."""
+"""Curves of cost: how long a method takes to an accuracy, what a digit costs, who is cheapest."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ class CostCurve:
             return math.nan
         if any(b.error > a.error / LEAST_DECREASE for a, b in itertools.pairwise(last)):
             return math.nan
-        price = self.price_of_a_digit
+        cost = self.cost_of_a_digit
         # time that does not rise yet cannot be continued
-        if not price > 1:
+        if not cost > 1:
             return math.nan
         decades = math.log10(last[-1].error / accuracy)
-        return float(last[-1].seconds * price**decades)
+        return float(last[-1].seconds * cost**decades)
 
     def _finest(self) -> tuple[CostRow, ...]:
         """The finest rows above the floor; none where there are less than three.
@@ -152,7 +152,7 @@ class CostCurve:
         return -fit_slope([p.n_steps for p in last], [p.seconds for p in last])[0]
 
     @property
-    def price_of_a_digit(self) -> float:
+    def cost_of_a_digit(self) -> float:
         """Factor in time for a tenth of the error, over the same rows; nan with less."""
         last = self._stepping()
         if not last:

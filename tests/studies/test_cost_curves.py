@@ -1,4 +1,4 @@
-"""Prices: times to accuracies, orders, who is cheapest, on curves that are known."""
+"""Curves of cost: times to accuracies, orders, who is cheapest, on curves that are known."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.studies.cost import CostCase, CostRow
-from fvi_cli.studies.price import (
+from fvi_cli.studies.cost_curves import (
     CostCurve,
     cheapest_at,
     cheapest_bands,
@@ -32,7 +32,7 @@ def test_power_laws_are_found_again(order, exponent):
     law = power_law("law", order, exponent)
     assert law.order == pytest.approx(order)
     assert law.time_exponent == pytest.approx(exponent)
-    assert law.price_of_a_digit == pytest.approx(10 ** (exponent / order))
+    assert law.cost_of_a_digit == pytest.approx(10 ** (exponent / order))
     between = 55.0
     accuracy = between**-order
     assert law.seconds_to(accuracy) == pytest.approx(1e-4 * between**exponent)
