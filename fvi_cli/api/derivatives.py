@@ -20,7 +20,7 @@ from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
-from fvi_cli.runner.scenes import method_on
+from fvi_cli.runner.integrate_scene import method_on
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
 

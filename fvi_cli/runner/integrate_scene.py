@@ -1,4 +1,4 @@
-"""Scenes by themselves, without a configuration; methods also by their names."""
+"""Integrate a scene by itself, without a configuration; methods also by their names."""
 
 from __future__ import annotations
 
