@@ -72,9 +72,9 @@ def path_remarks(
         return ()
     known = own_period(scene)
     is_long = bool(modes.step.max() > SLACK * known / STEPS_PER_PERIOD)
-    said = () if scene.is_linear else _met(modes, scene.final_time, known if is_long else math.inf)
-    if said or is_long or not (with_phases and has_patterns(method)):
-        return said
+    found = () if scene.is_linear else _met(modes, scene.final_time, known if is_long else math.inf)
+    if found or is_long or not (with_phases and has_patterns(method)):
+        return found
     return _out_of_phase(modes, method, scene.final_time)
 
 
@@ -174,8 +174,8 @@ def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
     rates = np.where(oscillates, np.sqrt(np.abs(squares)), 0.0)
     # amplitudes by what velocities and forces would make of them, in the mode alone
     swing = np.abs(np.einsum("...a,...am->...m", velocity, mass @ shapes)) / rates
-    pull = np.abs(np.einsum("na,nam->nm", force, shapes)) / squares
-    moved = np.hypot(swing.max(axis=0) if scene.is_linear else swing, pull)
+    displaced = np.abs(np.einsum("na,nam->nm", force, shapes)) / squares
+    moved = np.hypot(swing.max(axis=0) if scene.is_linear else swing, displaced)
     decay = np.zeros_like(rates)
     for term in scene.active_damping:
         form = np.einsum("nam,nam->nm", shapes, dense(term.form) @ shapes)
@@ -228,10 +228,10 @@ def _between(
     tau = BETWEEN[None, :, None]
     left, right = path[:-1, None], path[1:, None]
     rates = velocity[:-1, None], velocity[1:, None]
-    way = right - left
-    bend = (rates[0] * h - way, way - rates[1] * h)
-    inside = left + tau * way + tau * (1 - tau) * ((1 - tau) * bend[0] + tau * bend[1])
-    slope = way / h + ((1 - 2 * tau) * ((1 - tau) * bend[0] + tau * bend[1])) / h
+    chord = right - left
+    bend = (rates[0] * h - chord, chord - rates[1] * h)
+    inside = left + tau * chord + tau * (1 - tau) * ((1 - tau) * bend[0] + tau * bend[1])
+    slope = chord / h + ((1 - 2 * tau) * ((1 - tau) * bend[0] + tau * bend[1])) / h
     slope = slope + tau * (1 - tau) * (bend[1] - bend[0]) / h
     d = path.shape[1]
     return (
