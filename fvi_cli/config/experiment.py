@@ -25,7 +25,7 @@ from fvi_cli.config.keys.ladder import (
 )
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
 from fvi_cli.config.keys.store import StoreKeys
-from fvi_cli.config.keys.sweep import SWEEP
+from fvi_cli.config.keys.sweep import SWEEP, Sweep
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.config.observations import check_member, read_observations, read_units
@@ -53,10 +53,13 @@ ReadExperiment = tuple[Mapping[str, Any], Experiment | None]
 """What was read of an experiment, with defaults, and the experiment if that is complete."""
 
 
-def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExperiment:
+def make_experiment(
+    values: Mapping[str, Any], name: str, at: Cursor, sweep: Sweep | None
+) -> ReadExperiment:
     """The experiment that a mapping read by EXPERIMENT or SINGLE at `at` describes.
 
-    `values` may hold INVALID; `at` receives what is wrong between the keys.
+    `values` may hold INVALID; `at` receives what is wrong between the keys. The `sweep` is what was
+    read of its members.
     """
     before = len(at.complaints)
     settings, described = ExperimentKeys.of(values), values["problem"]
@@ -95,8 +98,10 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
             diagnostics = settings.store.request(problem, at)
         observed = read_observations(settings, problem, methods, at)
         units = read_units(settings, problem, observed, at)
-        if at.has(SWEEP) or at.has(DESIGNS):
-            members = _make_members(described, methods, steps, grading, problem, observed, at)
+        if sweep is not None:
+            members = _make_members(
+                sweep, described, methods, steps, grading, problem, observed, at
+            )
             if members is not None and not settings.allow_unstable:
                 under = at.under(SWEEP if at.has(SWEEP) else DESIGNS)
                 # the first member that has one says it for all
@@ -203,6 +208,7 @@ def _methods_of(methods: Sequence[ListedMethod], accuracy: Accuracy | None) -> d
 
 
 def _make_members(
+    sweep: Sweep,
     template: Mapping[str, Any],
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
@@ -224,7 +230,7 @@ def _make_members(
         _check_meeting(problem, methods, at)
         check_member(observed, first, problem, at)
 
-    return make_members(template, first, at, check)
+    return make_members(sweep, template, first, at, check)
 
 
 def _break_points(problem: AnyProblem) -> tuple[float, ...]:

@@ -10,7 +10,8 @@ from typing import Any
 
 from fvi_cli.config.experiment import ReadExperiment, make_experiment
 from fvi_cli.config.keys.experiment import NAME, SEVERAL, SINGLE
-from fvi_cli.config.members import experiment_cursors, nodes_with_sweeps
+from fvi_cli.config.keys.sweep import Sweep
+from fvi_cli.config.members import experiment_cursors, first_members
 from fvi_cli.config.text.document import LARGEST_DOCUMENT, read_document
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError
@@ -127,8 +128,8 @@ def _loaded(
         )
     if not isinstance(root, MappingNode):
         raise complaints.error()
-    changed = nodes_with_sweeps(apply_overrides(root, overrides, complaints), complaints)
-    name, read = _read(changed, Path(source_name).stem, complaints)
+    changed, sweeps = first_members(apply_overrides(root, overrides, complaints), complaints)
+    name, read = _read(changed, sweeps, Path(source_name).stem, complaints)
     complaints.raise_if_any()
     experiments = tuple(experiment for _, experiment in read if experiment is not None)
     if len(experiments) != len(read) or not isinstance(name, str):
@@ -143,7 +144,9 @@ def _loaded(
     )
 
 
-def _read(root: Node, stem: str, complaints: Complaints) -> tuple[Any, list[ReadExperiment]]:
+def _read(
+    root: Node, sweeps: Sequence[Sweep | None], stem: str, complaints: Complaints
+) -> tuple[Any, list[ReadExperiment]]:
     at = Cursor(node=root, complaints=complaints)
     several = at.has("experiments")
     values = (SEVERAL if several else SINGLE).read(at)
@@ -159,13 +162,13 @@ def _read(root: Node, stem: str, complaints: Complaints) -> tuple[Any, list[Read
     if not isinstance(inner, list):
         return name, read
     seen: dict[str, int] = {}
-    for index, (entry, one) in enumerate(
-        zip(inner, experiment_cursors(root, complaints), strict=True)
+    for index, (entry, one, sweep) in enumerate(
+        zip(inner, experiment_cursors(root, complaints), sweeps, strict=True)
     ):
         if not isinstance(entry, Mapping):
             continue
         own = entry["name"] if several else name
-        read.append(make_experiment(entry, own, one))
+        read.append(make_experiment(entry, own, one, sweep))
         if isinstance(own, str):
             # file systems that ignore case would mix up names that differ in case only
             if own.lower() in seen:

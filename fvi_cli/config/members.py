@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from fvi_cli.config.keys.designs import DESIGNS, designs_in_full, read_members
+from fvi_cli.config.keys.designs import DESIGNS, read_members
 from fvi_cli.config.keys.sweep import (
     BYTES_PER_RUN,
     NAME,
@@ -27,13 +27,17 @@ from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
 
 
-def nodes_with_sweeps(root: Node, complaints: Complaints) -> Node:
-    """The tree of a file in which every problem is that of the first of its members."""
+def first_members(root: Node, complaints: Complaints) -> tuple[Node, list[Sweep | None]]:
+    """The tree of a file in which every problem is that of the first of its members, and these."""
+    sweeps = []
     for at in experiment_cursors(root, complaints):
-        first = tree_of_first(at)
-        if first is not at.node:
-            root = with_node(root, at.path, first, first.place)
-    return root
+        before = len(complaints)
+        sweep = read_members(at)
+        if sweep is not None:
+            root = with_node(root, at.path, _tree_of_first(sweep, at), at.node.place)
+            sweep = replace(sweep, is_valid=len(complaints) == before)
+        sweeps.append(sweep)
+    return root, sweeps
 
 
 def experiment_cursors(root: Node, complaints: Complaints) -> list[Cursor]:
@@ -42,15 +46,9 @@ def experiment_cursors(root: Node, complaints: Complaints) -> list[Cursor]:
     return at.under("experiments").items() if at.has("experiments") else [at]
 
 
-def tree_of_first(at: Cursor) -> Node:
+def _tree_of_first(sweep: Sweep, at: Cursor) -> Node:
     """An experiment with the values of its first member, as far as they fit."""
-    sweep = read_members(at)
-    if sweep is None:
-        return at.node
     node = at.node
-    if at.has(DESIGNS):
-        # what they say is meant of the problem as it was written
-        node = with_node(node, (DESIGNS,), designs_in_full(sweep, at.under(DESIGNS)), sweep.place)
     for key, value in sweep.nodes_of(sweep.combinations[0]).items():
         try:
             node = with_value(node, key, value, sweep)
@@ -90,30 +88,18 @@ ReadMembers = tuple[tuple[Member, ...], dict[str, Any]]
 
 
 def make_members(
-    template: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
+    sweep: Sweep, template: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
 ) -> ReadMembers | None:
     """The members of an experiment; None, with complaints, where something is wrong.
 
     Every value of every key is read like the file; then every member's problem is checked. The
     problem of the `first` is that of `template`.
     """
-    # the same mistake may have been noted before
-    own = at.complaints.separate()
-    made = _made(template, first, replace(at, complaints=own), check)
-    at.complaints.adopt(own)
-    return None if len(own) else made
-
-
-def _made(
-    template: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
-) -> ReadMembers | None:
-    sweep = read_members(at)
-    if sweep is None:
-        return None
+    before = len(at.complaints)
     values = {key: _values(key, sweep, template, at) for key in sweep.values}
     # a key that is not known was complained of when the first member was read
     is_whole = all(len(values[key]) == len(nodes) for key, nodes in sweep.values.items())
-    if len(at.complaints) or not is_whole:
+    if len(at.complaints) > before or not (is_whole and sweep.is_valid):
         return None
     text = json.dumps(template)
     members = tuple(
@@ -131,6 +117,8 @@ def _made(
         for number, combination in enumerate(sweep.combinations)
     )
     _check_members(members, template, first, sweep, at, check)
+    if len(at.complaints) > before:
+        return None
     return members, _resolved(members, values, at)
 
 

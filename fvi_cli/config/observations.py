@@ -72,8 +72,8 @@ def read_units(
     known = tuple(dict.fromkeys((*UNITS, *coordinates, *requested, *groups.values())))
     length = given.get("length", "m")
     every = [at.under(key) for key in ("problem", "designs", "sweep") if at.has(key)]
-    found = next((one for one in map(_in_g, every) if one is not None), None)
-    if length != "m" and found is not None:
+    # the values of a large sweep are looked through only then
+    if length != "m" and (found := next(filter(None, map(_in_g, every)), None)) is not None:
         found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
     for name in given:
         if name not in known:

@@ -23,7 +23,6 @@ from fvi_cli.keys.cursor import Cursor, Missing
 from fvi_cli.keys.nodes import (
     MappingNode,
     Node,
-    NodeEntry,
     NowhereError,
     node_at,
     node_of,
@@ -140,21 +139,6 @@ def _read_designs(at: Cursor) -> Sweep | None:
         names=list(trees),
         named=tuple(keys),
     )
-
-
-def designs_in_full(members: Sweep, at: Cursor) -> Node:
-    """What stands under ``designs``, every design with the values of all keys that any changes."""
-    given = at.node.entries if isinstance(at.node, MappingNode) else {}
-    entries = {}
-    for name, combination in zip(members.names, members.combinations, strict=True):
-        own = {
-            key: NodeEntry(key_place=members.key_places[key], node=value)
-            for key, value in members.nodes_of(combination).items()
-            if key in members.named
-        }
-        changes = MappingNode(place=given[name].node.place, entries=own)
-        entries[name] = NodeEntry(key_place=given[name].key_place, node=changes)
-    return MappingNode(place=at.node.place, entries=entries)
 
 
 def _changed(tree: Node, here: Cursor, places: dict[str, SourcePosition]) -> Node:

@@ -55,6 +55,7 @@ class Sweep:
     # for every member its name, which stands for the values of `named`; none: no name is given
     names: Sequence[str] = ()
     named: tuple[str, ...] = ()
+    is_valid: bool = True  # whether there are no complaints
 
     def nodes_of(self, combination: tuple[int, ...]) -> dict[str, Node]:
         """The value of every key of one member."""
