@@ -114,6 +114,11 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
     shape = matrix.shape
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] == 0:
         raise ArgumentError(name, f"shape {shape} is not allowed; give a number or a square matrix")
+    if isinstance(matrix, np.ndarray):
+        matrix.setflags(write=False)
+        # as nearly all are: sweeps make many
+        if (matrix == matrix.T).all() and np.isfinite(matrix).all():
+            return cast(Form, matrix)
     i, j, is_odd = _largest(matrix, lambda kept: ~np.isfinite(kept))
     if is_odd:
         raise ArgumentError(name, f"{_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
@@ -124,8 +129,6 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
             f"{_entry(i, j)} is {matrix[i, j]:g} and its mirror image {matrix[j, i]:g}; the matrix "
             "must be symmetric",
         )
-    if isinstance(matrix, np.ndarray):
-        matrix.setflags(write=False)
     return cast(Form, matrix)
 
 
