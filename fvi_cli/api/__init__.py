@@ -51,7 +51,9 @@ Examples
 
 from __future__ import annotations
 
+import functools
 import importlib
+import inspect
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -63,4 +65,17 @@ def __getattr__(name: str) -> Any:
     names = importlib.import_module("fvi_cli.api.names")
     if name == "__all__":
         return [one for one in vars(names) if not one.startswith("_")]
-    return getattr(names, name)
+    return _public(name, getattr(names, name))
+
+
+@functools.cache
+def _public(name: str, found: Any) -> Any:
+    """What a name stands for; wrong calls of a function say which arguments it has."""
+    if not inspect.isfunction(found) or hasattr(found, "__signature__"):
+        return found
+    from fvi_cli.keys.arguments import explained
+
+    public = explained(found, name)
+    # where it is found again, as by processes that are sent it
+    public.__module__, public.__qualname__ = __name__, name
+    return public

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
+from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.singularities import pole_inside
@@ -59,6 +60,7 @@ class ForcingPiece:
         return result
 
 
+@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forcing:
     """A force f(t) in R^d, smooth inside each piece but for the knots of samples.

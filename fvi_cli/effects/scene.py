@@ -24,6 +24,7 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.errors import ArgumentError
+from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
@@ -53,6 +54,7 @@ def listed_effects(name: str, given: object) -> tuple[Any, ...]:
     return tuple(given)
 
 
+@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
     r"""What acts on q(t) in R^d on [0, T].

@@ -60,7 +60,13 @@ def method_named(name: str) -> AnyMethod:
 
 def as_method(method: AnyMethod | str) -> AnyMethod:
     """A method, also by its name (:func:`method_named`)."""
-    return method_named(method) if isinstance(method, str) else method
+    if isinstance(method, Method | Baseline):
+        return method
+    if not isinstance(method, str):
+        raise TypeError(
+            f"method: {excerpt(repr(method))} is no method; write a name such as 'gauss3'"
+        )
+    return method_named(method)
 
 
 def keys_of_name(name: str) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.keys.complaints import excerpt
 
 
 def integrate(
@@ -80,6 +81,11 @@ def integrate(
     ValueError
         For numbers out of range and a name that says no method.
     """
+    if not isinstance(scene, Scene):
+        raise TypeError(
+            f"integrate: scene: {excerpt(repr(scene))} is no scene; write one such as "
+            "fvi.duffing(final_time=10.0); a configuration is computed by fvi.run"
+        )
     chosen = method_on(method, n_steps)
     request = observations(
         coordinates or names_of(scene),

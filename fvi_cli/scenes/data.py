@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Required, TypedDict, TypeVar, Unpack, cast
 
 import numpy as np
@@ -24,7 +24,8 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.scene import Derivative, Scene, listed_effects
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.arguments import check_arguments
+from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -68,13 +69,6 @@ ValueError
 """
 """What the docstring of every scene says of them."""
 
-_OTHER_NAMES: Final = {
-    "initial": "initial_position and initial_velocity",
-    **dict.fromkeys(("x0", "q0", "u0"), "initial_position"),
-    "v0": "initial_velocity",
-    **dict.fromkeys(("T", "t_end", "tend", "tmax", "t_max", "duration"), "final_time"),
-    "force": "forcing",
-}
 _Make = TypeVar("_Make", bound=Callable[..., Scene])
 
 
@@ -87,37 +81,25 @@ def scene_function(make: _Make) -> _Make:
     signature = inspect.Signature(known, return_annotation="Scene")
 
     @functools.wraps(make)
-    def checked(**given: Any) -> Scene:
-        check_arguments(make.__name__, given, signature)
+    def checked(*unnamed: Any, **given: Any) -> Scene:
+        check_arguments(make.__name__, unnamed, given, signature)
         for name in given.keys() & {"damping", "laws"}:
             given[name] = listed_effects(name, given[name])
         for name in given.keys() & {"forcing", "ground_acceleration"}:
             given[name] = given_force(given[name], name)
-        return make(**given)
+        try:
+            return make(**given)
+        except ArgumentError:
+            raise
+        except ValueError as error:
+            for name, value in given.items():
+                if isinstance(value, str) and repr(value) in str(error):
+                    raise ArgumentError(name, f"{excerpt(value)!r} is not a number") from None
+            raise
 
     checked.__signature__ = signature  # type: ignore[attr-defined]
     checked.__doc__ = f"{inspect.cleandoc(make.__doc__ or '')}\n{MEANING}"
     return cast("_Make", checked)
-
-
-def check_arguments(name: str, given: Iterable[str], signature: inspect.Signature) -> None:
-    """Refuse arguments that a function does not have, and want those that it needs.
-
-    Raises
-    ------
-    TypeError
-        With the names that are allowed.
-    """
-    known, given = signature.parameters, list(given)
-    for one in given:
-        if one not in known:
-            other = _OTHER_NAMES.get(one, "")
-            is_own = other and other.partition(" ")[0] in known
-            hint = f"; write {other}" if is_own else suggestion(one, known)
-            raise TypeError(f"{name}: {one!r} is no argument{hint} (arguments: {listed(known)})")
-    for one, parameter in known.items():
-        if parameter.default is parameter.empty and one not in given:
-            raise TypeError(f"{name}: {one} is missing; write {name}({one}=..., ...)")
 
 
 def given_force(given: object, name: str = "forcing") -> Forcing | None:
