@@ -178,8 +178,27 @@ def test_a_frame_of_motions_has_the_points_of_every_run(outcome):
         level=("design", "problem.omega", "n_steps"),
     )
     assert np.array_equal(own["x"], one.trajectory.position[:, 0])
-    with pytest.raises(ValueError, match="'events' is not known; write 'runs' or 'motions'"):
-        outcome.to_dataframe("events")
+    with pytest.raises(ValueError, match="'points' is not known; write 'runs', 'motions' or"):
+        outcome.to_dataframe("points")
+
+
+def test_a_frame_of_events_has_a_line_for_every_occurrence(outcome):
+    frame = outcome.to_dataframe("events")
+    counts = outcome.to_dataframe()["count_zero"]
+    assert len(frame) == counts.sum() > 0
+    assert list(frame.columns[-4:]) == ["event", "time", "x", "vx"]
+    assert np.abs(frame["x"]).max() < 1e-9
+    one = outcome.finished[-1]
+    member, seen = one.run.member, one.trajectory.observed.events["zero"]
+    own = frame[
+        (frame.design == member.name)
+        & (frame["problem.omega"] == member.values["problem.omega"])
+        & (frame.n_steps == one.run.n_steps)
+    ]
+    assert np.array_equal(own["time"], seen.time)
+    assert np.array_equal(own["vx"], seen.velocity[:, 0])
+    (quiet,) = fvi.run({key: one for key, one in CONFIG.items() if key != "events"})
+    assert quiet.to_dataframe("events").empty
 
 
 def test_quantities_are_a_report_of_the_outcome(outcome, tmp_path):

@@ -52,7 +52,18 @@ class _Groups(TyperGroup):
 
 
 class _Options(TyperCommand):
-    """Lists options that have a section of their own below the others."""
+    """Lists options that have a section of their own below the others; shows what is missing."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except typer.BadParameter as error:
+            lines = [one.strip() for one in (self.epilog or "").splitlines()]
+            example = next((one for one in lines if one.startswith("fvi ")), "")
+            # click says of what is missing nothing else
+            if example and not error.message:
+                error.message = f"Write, for example, {example}"
+            raise
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         sections: dict[str, list[tuple[str, str]]] = {}

@@ -226,7 +226,8 @@ def response(
         typer.Option(
             "--over",
             metavar="frequency=FROM:TO:NUMBER[:log]",
-            help="Frequencies in oscillations per unit of time, Hz for seconds.",
+            help="Frequencies in oscillations per unit of time, Hz for seconds, as in "
+            "frequency=0.2:8:400.",
         ),
     ],
     force: Annotated[

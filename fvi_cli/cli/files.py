@@ -69,7 +69,7 @@ def show(
     return DONE
 
 
-@command("output")
+@command("output", examples="fvi export results/mine.h5 --to csv")
 def export(
     call: Call,
     file: ResultFile,

@@ -50,7 +50,9 @@ Style = Annotated[
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY.PATH=VALUE", help="Change an entry of the configuration; repeatable."
+        "--set",
+        metavar="KEY.PATH=VALUE",
+        help="Change an entry of the configuration, null leaves it out; repeatable.",
     ),
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and stop.")]

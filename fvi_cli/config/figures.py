@@ -27,9 +27,18 @@ def check_figures(
 ) -> None:
     """Complain of figures, which stand at `at`, of what is not there."""
     names: list[str] = []
+    events = [*(observed.events or {}), *(observed.impacts or {})]
+    quantities = list(observed.quantities or {})
+    coordinates = problem.coordinates if isinstance(problem, Problem) else ()
     for index, one in enumerate(figures):
+        if isinstance(one, str):
+            there = {"section": events, "quantities": quantities, "hysteresis": quantities}
+            # what is wrong with them was noted before
+            if not there.get(one, True) and not len(at.complaints):
+                at.under(index).refuse(_NEEDS[one])
+            continue
         is_complete = isinstance(one, FigureSettings) and (
-            one.section or one.quantities or (one.plot and one.against)
+            one.section or one.quantities or one.ensemble or (one.plot and one.against)
         )
         if not isinstance(one, FigureSettings) or not is_complete:
             continue
@@ -37,14 +46,19 @@ def check_figures(
         if one.file_name in names:
             here.refuse("is given twice")
         names.append(one.file_name)
-        events = [*(observed.events or {}), *(observed.impacts or {})]
-        quantities = list(observed.quantities or {})
         if one.section is not None:
             _check_word(one.section, events, "an event", here.under("section"), _EVENTS)
         elif one.quantities is not None:
             for number, name in enumerate(one.quantities):
                 under = here.under("quantities", number)
                 _check_word(name, quantities, "a quantity", under, _QUANTITIES)
+        elif one.ensemble is not None:
+            if len(members) < 2:
+                here.refuse(f"there are no members to take a mean of; {_MEMBERS}", "ensemble")
+            for number, name in enumerate(one.ensemble):
+                under = here.under("ensemble", number)
+                known = [*coordinates, *quantities]
+                _check_word(name, known, "a coordinate or quantity", under, _QUANTITIES)
         else:
             _check_plot(one, quantities, events, here)
             keys = _swept(members)
@@ -54,9 +68,8 @@ def check_figures(
                 here.refuse(_SWEEP.format(key=excerpt(key)) if is_key else _OVER_TIME, "against")
             else:
                 _check_word(one.against, keys, "a swept key", here.under("against"))
-        if one.of_ is not None and isinstance(problem, Problem):
-            given = problem.coordinates
-            known = [*given, *(f"v{name}" for name in given)]
+        if one.of_ is not None and coordinates:
+            known = [*coordinates, *(f"v{name}" for name in coordinates)]
             _check_word(one.of_, known, "a coordinate or velocity", here.under("of"))
         if one.after >= problem.final_time:
             here.refuse(f"not before final_time = {problem.final_time:g}", "after")
@@ -80,6 +93,15 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
 
 _EVENTS = "; give events: {turn: {when: vx, direction: falling}}"
 _QUANTITIES = "; give quantities: {drift: x2 - x1}"
+_NEEDS = {
+    "section": f"a section needs events{_EVENTS}",
+    "quantities": f"there are no quantities{_QUANTITIES}",
+    "hysteresis": "it needs the force of a damper; give quantities: {force: force_1}",
+}
+_MEMBERS = (
+    "give sweep: [{problem.initial.position: 1.0}, {problem.initial.position: 1.01}, ...] or a "
+    "range of a key"
+)
 _NO_SWEEP = "it is drawn against a swept key, and nothing is swept; it is in fvi.quantities(...)"
 _OVER_TIME = "must be a swept key, such as problem.stiffness; write figures: [quantities] over time"
 _SWEEP = "the experiment has no sweep; write sweep: {{{key}: {{from: ..., to: ..., number: ...}}}}"

@@ -151,7 +151,13 @@ def read_observations(
         if not is_complete(one):
             continue
         found = _expression(name, names, problem, advice, at.under("events"), "when")
-        if found is not None:
+        if found is not None and found.is_constant:
+            at.under("events", name).refuse(
+                f"{found.text} never changes its sign; for once every period T write "
+                "{when: sin(2*pi*t/T), direction: rising}",
+                "when",
+            )
+        elif found is not None:
             events[name] = Event(when=found.expand(ready), direction=one.direction, stop=one.stop)
     for name, one in _named(settings.impacts).items():
         under = at.under("impacts")
@@ -260,10 +266,12 @@ def _check_neighbours(
     )
     if at.has("output") and isinstance(settings.store, StoreKeys):
         if settings.store.every != 1:
-            at.refuse("not together with output, which chooses the stored times", "store", "every")
+            message = "not together with output, which chooses the stored times; leave out one"
+            at.refuse(message, "store", "every")
         if has_diagnostics:
             at.refuse(
-                "not together with output: they are stored on the mesh",
+                "not together with output: they are stored on the mesh; leave out output, or "
+                "write quantities such as {work: work_1}",
                 "store",
                 "diagnostics",
             )

@@ -175,7 +175,7 @@ def _check_pieces(problem: Kind, at: Cursor) -> None:
 def _check_values(problem: Kind, at: Cursor) -> None:
     """Expressions must be finite: forces inside of the interval, known functions at 0 as well."""
     final_time: Any = problem.final_time
-    if not isinstance(final_time, float):
+    if not isinstance(final_time, float) or not is_complete(getattr(problem, "parameters", None)):
         return
     values = with_parameters(vars(problem))
     for name in ("exact", "function"):

@@ -32,7 +32,8 @@ class ListOf(Shape):
             return at.needs(self.expected, self.meant(at))
         items = at.items()
         if not self.least <= len(items) <= self.most:
-            return at.refuse(f"{len(items)} entries; there must be {self.least} to {self.most}")
+            number = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
+            return at.refuse(f"{len(items)} entries; there must be {number}")
         return [self.shape.read(item) for item in items]
 
     def build(self, value: Any) -> Any:

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import Complaints, KeyPath, excerpt
-from fvi_cli.keys.nodes import (
-    ListNode,
-    MappingNode,
-    Node,
-    ScalarNode,
-    describe,
-    node_at,
-    read_scalar,
-)
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.keys.complaints import Complaints, KeyPath
+from fvi_cli.keys.meant_numbers import meant_number
+from fvi_cli.keys.nodes import ListNode, MappingNode, Node, ScalarNode, describe, node_at
 
 
 class Missing(Enum):
@@ -116,50 +105,8 @@ class Cursor:
         return self.node.value if isinstance(self.node, ScalarNode) else None
 
 
-def _number_before(text: str) -> str:
-    """What to write for a fraction, a percentage, or a number with a unit."""
-    found = _WITH_MORE.fullmatch(text.strip())
-    if found is None:
-        return _constant_in(text)
-    number, over, unit = found.groups()
-    if over is not None:
-        return f"; write {float(number) / float(over):.15g}" if float(over) else ""
-    if unit == "%":
-        return f"; write {float(number) / 100:.15g}"
-    if unit in ("°", "deg"):
-        return f"; angles are in radians: write {math.radians(float(number)):.15g}"
-    return f"; numbers have no unit: write {number}"
-
-
-def _constant_in(text: str) -> str:
-    """What to write for an expression of numbers, such as ``10*pi``."""
-    try:
-        value = Expression.parse(text, variables=()).evaluate({})
-        number = float(value)
-    except (ExpressionError, TypeError, ValueError, OverflowError):
-        return ""
-    return f"; write {number:.15g}" if math.isfinite(number) else ""
-
-
-_WITH_MORE: Final = re.compile(
-    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:/\s*(\d+\.?\d*)|(%|°|[a-zA-Zµ][\w/^*²³-]*))"
-)
-
-
 def needed(node: Node, expected: str) -> str:
     """The complaint that something else is needed."""
     if isinstance(node, ScalarNode) and node.value is None:
         return f"the value is missing; it must be {expected}"
-    return f"{describe(node)} is not allowed; it must be {expected}{_number_meant(node)}"
-
-
-def _number_meant(node: Node) -> str:
-    """How a text that looks like a number is written as one."""
-    if not isinstance(node, ScalarNode) or not isinstance(node.value, str):
-        return ""
-    bare = node.text.replace("_", "").replace(",", ".").strip()
-    value = read_scalar(bare)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return _number_before(node.text)
-    comma = " with a decimal point" if "," in node.text else ""
-    return f"; as a number it is written {excerpt(bare)}{comma}"
+    return f"{describe(node)} is not allowed; it must be {expected}{meant_number(node)}"

@@ -17,14 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.keys.complaints import Complaints, listed, suggestion
+from fvi_cli.keys.complaints import Complaints, listed, show_path, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
+from fvi_cli.keys.meant_numbers import meant_number
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe, plain
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import MOST_LISTED, Expression
 
 _logger = logging.getLogger(__name__)
+_WITH_NAMES = re.compile(r"(?=.*(?<![\w.])[A-Za-z])[$\w.+*/(){}-]+(?<!\d[A-Za-z])")
+"""A name, or an expression with one; no number with a unit."""
 Schema = dict[str, Any]
 
 
@@ -107,7 +110,16 @@ class Number(Shape):
             and (self.below is None or number < self.below)
             and (self.least is None or number >= self.least)
         )
-        return number if allowed else at.needs(self.expected)
+        return number if allowed else at.needs(self.expected, self._of_names(at))
+
+    def _of_names(self, at: Cursor) -> str:
+        """What to write for a name, or an expression with names."""
+        is_named = isinstance(at.scalar, str) and _WITH_NAMES.fullmatch(at.scalar)
+        if not is_named or meant_number(at.node):
+            return ""
+        can_vary = at.path[:1] == ("problem",) and at.path[-1] != "final_time"
+        vary = f"; to vary it sweep {show_path(at.path)}" if can_vary else ""
+        return f"; names stand in expressions only, here write the number itself{vary}"
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""

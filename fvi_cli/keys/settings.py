@@ -11,6 +11,7 @@ defaults, builds the value, and describes the key in the JSON schema and in the 
 
 from __future__ import annotations
 
+import re
 import types
 import typing
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
@@ -19,10 +20,16 @@ from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, listed, not_known
+from fvi_cli.keys.complaints import (
+    Complaints,
+    KeyPath,
+    SourcePosition,
+    listed,
+    not_known,
+)
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Built, Cursor, Missing, is_complete
-from fvi_cli.keys.nodes import MappingNode, ScalarNode, node_of
+from fvi_cli.keys.nodes import MappingNode, ScalarNode, node_at, node_of
 from fvi_cli.keys.scalars import Choice, Flag, Number, Schema, Shape, Text, referred
 from fvi_cli.mathematics.algebra.syntax import difference_of_sides
 
@@ -226,6 +233,17 @@ class Record(Shape):
             return reason if isinstance(reason, str) else reason(under)
         if name.isdecimal() and (meant := self._with_comma(name, node)):
             return f"not known; {meant}"
+        declared = node_at(node, (self.of.declares, name))[1] if self.of.declares else ()
+        if len(declared) == 2:
+            return f"not a key: write {self.of.declares}.{name}"
+        texts = [node_at(node, (one,))[0] for one in self.keys if one in node.entries]
+        if self.of.declares and any(
+            re.search(rf"\b{re.escape(name)}\b", one.text)
+            for one in texts
+            if isinstance(one, ScalarNode) and isinstance(one.value, str)
+        ):
+            value = f"{self.of.declares}: {{{name}: {under.scalar}}}"
+            return f"not a key: to define a name of expressions write {value}"
         return not_known(name, self.keys)
 
     def _with_comma(self, name: str, node: MappingNode) -> str:

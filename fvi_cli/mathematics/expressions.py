@@ -24,7 +24,7 @@ import numpy as np
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder, Term, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, compute
-from fvi_cli.mathematics.algebra.syntax import syntax_tree
+from fvi_cli.mathematics.algebra.syntax import EVERY_PERIOD, syntax_tree
 from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
@@ -43,6 +43,7 @@ _JUMPS: Final = "; give a force that jumps in pieces, so that the jump can lie o
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
         **dict.fromkeys(("heaviside", "step"), _JUMPS),
+        **dict.fromkeys(("mod", "fmod", "remainder"), EVERY_PERIOD),
         **{f"{name}imum": f"; did you mean {name!r}?" for name in ("min", "max")},
     }
 )

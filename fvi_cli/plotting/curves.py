@@ -12,6 +12,11 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.looks import EXACT, Look
 from fvi_cli.plotting.style import COLOURS, LINE_STYLES, MARKERS
 
+FEW_POINTS = 2001
+"""Points of a line up to which all are drawn; of more as many as its form needs."""
+MOST_POINTS = 20_000
+"""Points of a line up to which files hold them all; a longer one is a picture in them."""
+_VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
 _SAME = 0.02  # of a panel's height: less is one line to the eye
 
 
@@ -25,11 +30,34 @@ class Curve:
     by: float = math.nan  # a number that a colour bar shows in place of the label
     look: Look | None = None  # None: by its place among the curves of the panel
     peaks: Sequence[tuple[float, float]] = ()  # points that are marked by crosses
+    # regions around it: what they are, and their lower and upper edges over x
+    bands: Sequence[tuple[str, Array, Array]] = ()
     lost: Sequence[tuple[float, str]] = ()  # abscissas without a value, with what happened
     # slope that theory expects (one, or one for every point) and that the source states; nan: none
     order: float | Array = math.nan
     stated: float = math.nan
     floor: float = 0.0  # values below are round-off
+
+    def stride(self) -> int:
+        """Which points of a long line are drawn: every so many, as its form allows."""
+        every = max(1, self.x.size // FEW_POINTS)
+        while every > 1 and self._bends_between(every):
+            every //= 2
+        return every
+
+    def _bends_between(self, every: int) -> bool:
+        """Whether points that are left out lie visibly beside the line through the others."""
+        place, kept = np.arange(self.x.size), np.arange(0, self.x.size, every)
+        for values in (self.x, self.y):
+            finite = np.isfinite(values[kept])
+            if np.count_nonzero(finite) < 2:
+                continue
+            line = np.interp(place, kept[finite], values[kept][finite])
+            distance = np.abs(values - line)[: kept[-1] + 1]
+            size = float(np.ptp(values[np.isfinite(values)]))
+            if np.any(distance[np.isfinite(distance)] > _VISIBLE * size):
+                return True
+        return False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

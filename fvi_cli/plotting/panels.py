@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fvi_cli.plotting.curves import Curve, Panel, is_near, looks, merge_alike
+from fvi_cli.plotting.curves import MOST_POINTS, Curve, Panel, is_near, looks, merge_alike
 from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
 from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
     COLOURS,
     INK,
+    fill_band,
     hatch_rounding,
     journal_style,
     label_axis,
@@ -45,9 +46,10 @@ MOST_LINES = 6
 MOST_COLOURED = 100
 """Members that have a line with a colour of a bar; of more there are bands."""
 _MARKS, _FEWEST_MARKS = 12, 4  # on one curve
-_FINE_POINTS = 2001
 _ROUND_OFF = 1e-9  # of the largest value
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
+_ALPHAS = (0.3, 0.15)
+"""Of the bands of one curve, the inner one first."""
 
 
 @journal_style()
@@ -210,8 +212,10 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
                 curve.look or Look(colour="", width=0.6), colour=colour_of(colours, curve.by)
             )
             properties = look.properties()
-        every = max(1, curve.x.size // _FINE_POINTS) if look.has_line else 1
+        every = curve.stride() if look.has_line else 1
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
+        for (label, *edges), alpha in zip(curve.bands, _ALPHAS, strict=False):
+            fill_band(axes, xs, [one[::every] for one in edges], label, alpha, look.colour)
         # marks of different curves stand at different points, of many none at the first
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
         first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
@@ -230,6 +234,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             gid=f"floor {curve.floor:.1e}" if curve.floor else None,
             markevery=None if nested or not look.has_line else shifted,
             zorder=2.0 if look is EXACT else 3 + 0.01 * position + (not look.has_line),
+            rasterized=xs.size > MOST_POINTS,
             **properties,
         )
         if curve.peaks:
@@ -261,10 +266,7 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
     values, x = values[:, shown], x[shown]
     for low, high, label, alpha in _BANDS:
         edges = np.nanpercentile(values, [low, high], axis=0)
-        axes.fill_between(x, *edges, color=COLOURS[0], alpha=alpha, linewidth=0)
-        # the edges carry the numbers that a stored figure is compared by
-        for edge, name in zip(edges, ("least", "greatest"), strict=True):
-            axes.plot(x, edge, color=COLOURS[0], linewidth=0.5, label=f"_{label}, {name}")
+        fill_band(axes, x, edges, label, alpha, COLOURS[0])
     median = np.nanmedian(values, axis=0)
     axes.plot(x, median, color="black", marker="o" if marked else "", label="median")
 
@@ -289,6 +291,13 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
         if line.get_markersize() > size and line.get_marker() != "*":
             # what lies below other curves is larger in the panel
             entry.set(markersize=size, linewidth=width)
+    for label, alpha in {
+        label: alpha
+        for panel in panels
+        for curve in panel.curves
+        for (label, *_), alpha in zip(curve.bands, _ALPHAS, strict=False)
+    }.items():
+        entries[label] = Patch(facecolor=COLOURS[0], alpha=1.5 * alpha, label=label)
     if "median" in entries and any(panel.is_ensemble for panel in panels):
         for _, _, label, alpha in _BANDS:
             entries[label] = Patch(facecolor=COLOURS[0], alpha=1.5 * alpha, label=label)

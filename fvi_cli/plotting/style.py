@@ -6,7 +6,7 @@ import functools
 import itertools
 import logging
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from difflib import get_close_matches
@@ -22,6 +22,8 @@ from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, fontManager
 from matplotlib.text import Text
+
+from fvi_cli.mathematics.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -305,6 +307,17 @@ def note(
     text = axes.text(x, y, words, transform=axes.transAxes, fontsize=small(), bbox=box)
     text.set(ha=ha, va=va, rotation=rotation)
     return text
+
+
+def fill_band(
+    axes: Axes, x: Array, edges: Iterable[Array], label: str, alpha: float, colour: str
+) -> None:
+    """A region between two edges over x."""
+    low, high = edges
+    axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
+    # the edges carry the numbers that a stored figure is compared by
+    for edge, name in ((low, "least"), (high, "greatest")):
+        axes.plot(x, edge, color=colour, linewidth=0.5, label=f"_{label}, {name}")
 
 
 def hatch_rounding(axes: Axes, low: float, level: float) -> None:

@@ -30,6 +30,7 @@ from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.storage import StoredFile
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable
@@ -316,7 +317,12 @@ def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None
     listed = [outcomes] if isinstance(outcomes, Outcome) else list(outcomes)
     title = name or _only_name(listed)
     finished = [one for outcome in listed for one in outcome.finished]
-    if not any(one.trajectory.observed is not None for one in finished):
+    is_ensemble = any(
+        isinstance(one, FigureSettings) and one.ensemble
+        for outcome in listed
+        for one in outcome.experiment.figures
+    )
+    if not is_ensemble and not any(one.trajectory.observed is not None for one in finished):
         raise RequestError(
             f"{title}: no quantities, events or impacts are asked for; give for example "
             "quantities: {top: ax}"

@@ -7,7 +7,7 @@ import html
 import io
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +17,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.reports.naming import member_columns
+from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import EXTENTS
 
@@ -84,12 +85,14 @@ class Outcome:
             return drawn
         raise RequestError(*(left_out([study]) or [f"{experiment.name}: no figure to draw"]))
 
-    def to_dataframe(self, what: Literal["runs", "motions"] = "runs") -> Any:
+    def to_dataframe(self, what: Literal["runs", "motions", "events"] = "runs") -> Any:
         """A pandas DataFrame.
 
         ``runs``: a line for every run, with columns for the design and every swept key, error and
         status, extents of quantities (``peak_drift``, ``rms_drift``, ...) and numbers of events.
         ``motions``: the points of all runs, those columns as levels of the index beside the time.
+        ``events``: a line for every occurrence of an event or impact, with those columns, its
+        name and time, and positions (``x``) and velocities (``vx``) then.
 
         Raises
         ------
@@ -98,19 +101,36 @@ class Outcome:
         ValueError
             For another word.
         """
-        if what not in ("runs", "motions"):
-            raise ValueError(f"what: {what!r} is not known; write 'runs' or 'motions'")
+        if what not in ("runs", "motions", "events"):
+            raise ValueError(f"what: {what!r} is not known; write 'runs', 'motions' or 'events'")
         import pandas
 
         runs = [self._row(one) for one in self.finished]
         if what == "runs":
             return pandas.DataFrame([{**key, **found} for key, found in runs])
+        if what == "events":
+            frames = [
+                pandas.DataFrame({**key, **columns})
+                for one, (key, _) in zip(self.finished, runs, strict=True)
+                for columns in self._occurrences(one)
+                if columns["time"].size
+            ]
+            return pandas.concat(frames, ignore_index=True) if frames else pandas.DataFrame()
         frames = [one.trajectory.to_dataframe() for one in self.finished]
         keys = [key for key, _ in runs]
         names = list(keys[0]) if keys else []
         return pandas.concat(
             frames, keys=[tuple(key.values()) for key in keys], names=[*names, "time"]
         )
+
+    def _occurrences(self, one: FinishedRun) -> Iterator[dict[str, Any]]:
+        """The columns of every event of a run."""
+        problem, observed = one.run.problem, one.trajectory.observed
+        names = problem.coordinates if isinstance(problem, Problem) else ()
+        for name, seen in observed.events.items() if observed is not None else ():
+            motion = {n: seen.position[:, k] for k, n in enumerate(names)}
+            motion |= {f"v{n}": seen.velocity[:, k] for k, n in enumerate(names)}
+            yield {"event": name, "time": seen.time, **motion}
 
     def _row(self, one: FinishedRun) -> tuple[dict[str, Any], dict[str, Any]]:
         """What identifies a run, and what was found of it."""

@@ -131,8 +131,8 @@ def ranges(over: Sequence[str]) -> list[str]:
         parts = numbers.split(":")
         if not (equals and key.strip() and len(parts) in (3, 4) and all(parts)):
             raise RequestError(
-                f"--over: {text!r} is not allowed; it must be KEY=FROM:TO:NUMBER or "
-                "KEY=FROM:TO:NUMBER:log"
+                f"--over: {text!r} is not allowed; it must be KEY=FROM:TO:NUMBER[:log], such as "
+                "problem.stiffness=1:1e6:40:log"
             )
         spacing = parts[3] if len(parts) == 4 else "linear"
         entries.append(

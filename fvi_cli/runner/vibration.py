@@ -30,7 +30,7 @@ _logger = logging.getLogger(__name__)
 
 USUAL_COUNT = 10
 MOST_FREQUENCIES = 100_000
-_FORM = "it must be frequency=FROM:TO:NUMBER or frequency=FROM:TO:NUMBER:log"
+_FORM = "it must be frequency=FROM:TO:NUMBER[:log], such as frequency=0.2:8:400"
 
 
 def linear_scenes(request: Request) -> Iterator[tuple[Subject, Problem]]:

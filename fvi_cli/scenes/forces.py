@@ -218,12 +218,20 @@ def with_parameters(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
-
-
-_UNTIL: Final = key("Last time of the piece; the last piece has none.", unit="time", default=None)
-_VALUE: Final = ByForm(
-    single=FormulaText(), several=ListOf(shape=FormulaText(), example="[sin(t), 0]")
+_OF_MOTION: Final = (
+    "a force here depends on t alone; one of x is a potential energy (kind: lagrangian), -c*v is "
+    "damping: [{order: 1, coefficient: c}], and products such as x**2*vx have no place"
 )
+
+
+def _advice(name: str) -> str:
+    is_of_motion = re.fullmatch(r"[vad]?[xyzq]\d*|v\d*|v?theta\d+|vtheta|[xq]_?dot", name)
+    return _OF_MOTION if is_of_motion else ""
+
+
+_FORCE: Final = FormulaText(advice=_advice)
+_UNTIL: Final = key("Last time of the piece; the last piece has none.", unit="time", default=None)
+_VALUE: Final = ByForm(single=_FORCE, several=ListOf(shape=_FORCE, example="[sin(t), 0]"))
 
 
 class ForcePiece(PlainSetting):
@@ -263,7 +271,7 @@ class GroundPieces(PlainSetting):
     pieces: Annotated[Any, _list_of(GroundPiece)] = _PIECES
 
 
-_COMPONENT: Final = ByForm(single=FormulaText(), mappings=(SAMPLES,))
+_COMPONENT: Final = ByForm(single=_FORCE, mappings=(SAMPLES,))
 
 
 class ForcesAt(PlainSetting):
@@ -276,7 +284,7 @@ class ForcesAt(PlainSetting):
 
 
 _FORCES: Final = ByForm(
-    single=FormulaText(),
+    single=_FORCE,
     several=ListOf(shape=_COMPONENT, example="[sin(t), {file: quake.csv, column: a}]"),
     mappings=(record_of(ForcePieces), record_of(ForcesAt), SAMPLES),
     example=f"{PIECES_EXAMPLE}, where the value may be a list",

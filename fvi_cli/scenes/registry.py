@@ -61,6 +61,15 @@ PROBLEM: Final = ByKind(
             ("oscillator", "harmonic-oscillator", "spring", "mass-spring", "sdof"),
             "write kind: damped-oscillator",
         ),
+        **dict.fromkeys(
+            ("poincare", "bifurcation", "ensemble", "section"),
+            "no kind of problem but a figure; `fvi guide chaos` shows it",
+        ),
+        **dict.fromkeys(
+            ("van-der-pol", "vanderpol", "vdp"),
+            "its damping depends on x, and damping here is linear; conservative forces of any kind "
+            "are written with kind: lagrangian",
+        ),
         **dict.fromkeys(("building", "shear-building", "storeys"), "write kind: frame"),
         **dict.fromkeys(("mdof", "fem", "matrices"), "write kind: structure"),
         **dict.fromkeys(

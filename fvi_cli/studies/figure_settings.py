@@ -1,8 +1,9 @@
-"""Figures that say what they draw: something against a swept key, or a section of one event."""
+"""Figures that say what they draw: against a swept key, a section, quantities, an ensemble."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Annotated, Final
 
 from fvi_cli.keys.containers import ListOf
@@ -17,17 +18,50 @@ LONGEST_NAME: Final = 100
 _QUANTITIES: Final = ListOf(
     shape=Text(what="the name of a quantity"), most=12, example="[drift, base_shear]"
 )
+_VALUES: Final = ListOf(
+    shape=Text(what="the name of a coordinate or quantity"), most=12, example="[x, drift]"
+)
 EXAMPLE: Final = "{plot: peak_drift, against: problem.damping.0.coefficient}"
+_SECTION: Final = (
+    "write {section: turn}, the name of an event such as events: {turn: {when: vx, direction: "
+    "falling}}; once every period T: {when: sin(2*pi*t/T), direction: rising}"
+)
+_BIFURCATION: Final = (
+    "write {plot: turn, against: problem.parameters.F, after: 50}, the name of an event and a "
+    "swept key"
+)
+_ENSEMBLE: Final = "write {ensemble: [x]}, mean and spread over the members of a sweep"
+MEANT: Final[Mapping[str, str]] = {
+    **dict.fromkeys(
+        ("poincare", "poincare-section", "poincare-map", "stroboscopic", "return-map"), _SECTION
+    ),
+    **dict.fromkeys(("bifurcation", "bifurcation-diagram", "feigenbaum"), _BIFURCATION),
+    **dict.fromkeys(("ensemble", "mean", "average", "spread", "std"), _ENSEMBLE),
+    **dict.fromkeys(
+        ("time-series", "timeseries", "time", "motion", "solution"), "write trajectory"
+    ),
+    **dict.fromkeys(("phase-plane", "phase-portrait", "phase-space"), "write phase"),
+    **dict.fromkeys(("loop", "loops", "hysteresis-loop"), "write hysteresis"),
+}
+"""What to write for words of other programs that are figures here, or no kinds of problems."""
+_NO_KEYS: Final = ("poincare", "bifurcation", "mean")
 
 
 class FigureSettings(
     Setting,
-    forms=(("plot", "against", "of?", "after?"), ("section", "after?"), ("quantities",)),
-    expected=f"a figure such as {EXAMPLE}, {{section: turn, after: 50}} or {{quantities: [drift]}}",
+    forms=(
+        ("plot", "against", "of?", "after?"),
+        ("section", "after?"),
+        ("quantities",),
+        ("ensemble",),
+    ),
+    expected=f"a figure such as {EXAMPLE}, {{section: turn, after: 50}}, {{quantities: [drift]}} "
+    "or {ensemble: [x]}",
     refused={
         **dict.fromkeys(("y", "quantity"), "not a key: write plot"),
         **dict.fromkeys(("x", "over", "by", "versus", "vs"), "not a key: write against"),
         **dict.fromkeys(("skip", "transient", "from"), "not a key: write after, a time"),
+        **{word: f"not a key: {MEANT[word]}" for word in _NO_KEYS},
         "kind": "not a key: write the word alone, such as figures: [trajectory]",
     },
 ):
@@ -53,21 +87,28 @@ class FigureSettings(
     quantities: Annotated[tuple[str, ...] | None, _QUANTITIES] = key(
         "In place of plot: these quantities over time, a panel for each.", default=None
     )
+    ensemble: Annotated[tuple[str, ...] | None, _VALUES] = key(
+        "In place of plot: mean over the members at every time, with bands of one standard "
+        "deviation and of all members, a panel for each of these coordinates and quantities; of "
+        "designs with a sweep a mean for every design.",
+        default=None,
+    )
     after: NotNegative = key(
         "Of events: those before this time are left out.", unit="time", default=0.0
     )
 
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
-        """Either something against a key, or a section, or quantities."""
-        which = next((one for one in ("section", "quantities") if at.has(one)), "")
+        """Either something against a key, or a section, quantities or an ensemble."""
+        single = ("section", "quantities", "ensemble")
+        which = next((one for one in single if at.has(one)), "")
         if which:
-            for name in sorted({"plot", "against", "of", "section", "quantities"} - {which}):
+            for name in sorted({"plot", "against", "of", *single} - {which}):
                 if at.has(name):
                     at.refuse_key(name, f"not together with {which}: write two figures")
-            if which == "quantities" and at.has("after"):
+            if which != "section" and at.has("after"):
                 at.refuse_key("after", "for events only: leave it out")
-        else:
+        elif not any(map(at.has, _NO_KEYS)):
             for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
                 if not at.has(name):
                     at.refuse(f"missing; write {name}: {example}", name)
@@ -82,10 +123,13 @@ class FigureSettings(
     def file_name(self) -> str:
         """What stands behind the name of the experiment in those of files."""
         words = f"section-{self.section}"
-        if self.quantities is not None:
-            words = "-".join(("quantities", *self.quantities))
+        word, several = "quantities", self.quantities
+        if self.ensemble is not None:
+            word, several = "ensemble", self.ensemble
+        if several is not None:
+            words = "-".join((word, *several))
             if len(words) > LONGEST_NAME:
-                words = f"quantities-{self.quantities[0]}-and-{len(self.quantities) - 1}-more"
+                words = f"{word}-{several[0]}-and-{len(several) - 1}-more"
         elif self.plot is not None:
             of = f"-{self.of_}" if self.of_ else ""
             words = f"{self.plot}{of}-against-{(self.against or '').removeprefix('problem.')}"

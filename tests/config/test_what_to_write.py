@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from command_line import configuration, fvi
 
+import fvi_cli
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
 
@@ -153,3 +154,116 @@ def test_negative_matrices_and_members_are_said(caplog, damping, sweep, told):
     with caplog.at_level(logging.WARNING):
         parse_config(f"{text}allow_unstable: true\n", "f.yaml")
     assert not caplog.messages
+
+
+FORCED = """
+name: f
+problem:
+  kind: duffing
+  damping: [{order: 0.6, coefficient: 0.25}]
+  parameters: {F: 0.4, w: 2.0}
+  forcing: F*cos(w*t)
+  initial: {position: 0.5}
+  final_time: 10.0
+  exact: none
+method: gauss3
+ladder: {steps: [64]}
+events: {period: {when: sin(w*t), direction: rising}}
+"""
+
+
+def told(text, *changes):
+    with pytest.raises(ConfigError) as caught:
+        parse_config(text, "f.yaml", overrides=changes)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["F", "order", "coefficient", "parameters.w", "mass"])
+def test_a_swept_key_without_its_path_is_answered_with_the_path(key):
+    (meant,) = re.findall(r"write (problem\.\S+)$", told(f"{FORCED}sweep: {{{key}: [0.5, 0.6]}}"))
+    assert meant.endswith(f".{key}")
+    text = f"{FORCED}sweep: {{{meant}: [0.5, 0.6]}}"
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    assert [one.values for one in experiment.members] == [{meant: 0.5}, {meant: 0.6}]
+    names = "{weak: {%s: 0.5}, strong: {%s: 0.6}}"
+    assert told(f"{FORCED}designs: {names % (key, key)}").count(f"write {meant}") == 2
+    assert parse_config(f"{FORCED}designs: {names % (meant, meant)}", "f.yaml").experiments
+
+
+def test_a_parameter_that_is_set_without_its_path():
+    (change,) = re.findall(r"write (\S+)$", told(FORCED, "F=0.7"))
+    (experiment,) = parse_config(FORCED, "f.yaml", overrides=[change]).experiments
+    assert experiment.problem.numbers["F"] == 0.7
+
+
+def test_null_leaves_out_a_key_and_not_what_is_no_key():
+    usual = FORCED.replace("method: gauss3\n", "")
+    found = [
+        parse_config(text, "f.yaml", overrides=changes).experiments[0]
+        for text, changes in (
+            (FORCED, ["method=null", "events=~"]),
+            (usual, ["events=null"]),
+            (FORCED, ["events.period=null", "method=null", "events=null"]),
+        )
+    ]
+    assert len({one.methods for one in found}) == 1
+    assert not any(one.observations.events for one in found)
+    assert "did you mean 'method'" in told(FORCED, "methd=null")
+    assert "the value is missing" in told(FORCED, "problem.damping.0=null")
+    assert told(FORCED, "problem=null").startswith("f.yaml:2:1: problem: missing")
+
+
+def test_what_happens_once_every_period():
+    (when,) = re.findall(r"a rising zero of (\S+)$", told(FORCED.replace("sin(w*t)", "t % 2")))
+    text = FORCED.replace("sin(w*t)", when.replace("T", "2"))
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    outcome = fvi_cli.run(parse_config(text, "f.yaml"))[0]
+    seen = outcome.finished[0].trajectory.observed.events["period"]
+    assert np.allclose(seen.time, [2.0, 4.0, 6.0, 8.0, 10.0][: seen.time.size], atol=1e-9)
+    assert seen.time.size >= 4
+    assert experiment.observations.events["period"].direction == "rising"
+
+
+UNITS = {
+    "50 ms": 0.05,
+    "50 kN/m": 5e4,
+    "4 kN s/m": 4e3,
+    "9.81 m/s^2": 9.81,
+    "500 cm/s²": 5.0,
+    "1,5 s": 1.5,
+    "2pi": 2 * np.pi,
+    "1d3": 1e3,
+    "7 GPa": 7e9,
+    "2 min": 120.0,
+    "30 apples": 30.0,
+    "100 N·s/m": 100.0,
+    "2e-3 mm": 2e-6,
+    "5 %": 0.05,
+    "180 deg": np.pi,
+    "3/4": 0.75,
+}
+
+
+@pytest.mark.parametrize("given", UNITS)
+def test_numbers_with_more_behind_them_are_answered_in_units_without_prefixes(given):
+    (written,) = re.findall(r"write (\S+)$", told(FORCED.replace("10.0", given)))
+    assert float(written) == pytest.approx(UNITS[given], rel=1e-14)
+
+
+def test_a_force_of_the_motion_names_what_can_be_written():
+    said = told(FORCED.replace("F*cos(w*t)", "-0.5*vx"))
+    assert "unknown name 'vx'; a force here depends on t alone" in said
+    (term,) = re.findall(r"damping: \[(\{order: 1, coefficient: c\})\]", said)
+    text = FORCED.replace("F*cos(w*t)", "'0'").replace(
+        "{order: 0.6, coefficient: 0.25}", term.replace("c}", "0.5}")
+    )
+    assert parse_config(text, "f.yaml").experiments[0].problem.scene.damping[0].order == 1.0
+    # a phase and an angle of the force are names like others
+    assert "to define it write" in told(FORCED.replace("w*t", "w*t + phi"))
+
+
+@pytest.mark.parametrize("command", ["response five-storeys", "export x.h5", "modes", "stability"])
+def test_what_is_missing_on_the_command_line_has_an_example(command):
+    done = fvi(*command.split(), code=2)
+    (example,) = re.findall(rf"Write, for example, fvi ({command.split()[0]} .*)", done.stderr)
+    assert example

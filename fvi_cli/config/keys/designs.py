@@ -13,6 +13,7 @@ from fvi_cli.config.keys.sweep import (
     Sweep,
     indexed,
     is_absent,
+    meant_key,
     objection_to_name,
     read_sweep,
     swept_keys,
@@ -54,7 +55,7 @@ def read_members(at: Cursor) -> Sweep | None:
 
     None: it has neither, or complaints were noted.
     """
-    sweep = read_sweep(at.under(SWEEP)) if at.has(SWEEP) else None
+    sweep = read_sweep(at) if at.has(SWEEP) else None
     if not at.has(DESIGNS):
         return sweep
     designs = _read_designs(at)
@@ -148,11 +149,13 @@ def _changed(tree: Node, here: Cursor, places: dict[str, SourcePosition]) -> Nod
     if not isinstance(here.node, MappingNode):
         here.needs("a mapping of overrides, such as {problem.damping: []}")
         return tree
-    for key in swept_keys(here.node, here):
+    for key in swept_keys(here.node, here, tree):
         entry = here.node.entries[key]
         known = _known_keys(tree)
         if known and (name := key.split(".")[1]) not in known:
             hint = suggestion(name, known) or f" (known here: {listed(known)})"
+            if (meant := meant_key(name, tree)) != f"{PROBLEM}.{name}":
+                hint = f"; write {meant}"
             here.refuse_key(key, f"{excerpt(name)}: not known{hint}")
             continue
         places.setdefault(key, entry.key_place)

@@ -76,8 +76,19 @@ def _exact_multiples(length: float, parts: int, count: int) -> NDArray[np.float6
     return np.array([k * above / below for k in range(count)])
 
 
+def _every_period(at: Cursor) -> str:
+    """What to write for an event once every period."""
+    period = f"{at.scalar:g}" if type(at.scalar) in (int, float) else "T"
+    return f"not a key: write {{when: sin(2*pi*t/{period}), direction: rising}}"
+
+
 class GivenEvent(
-    Setting, refused={"terminal": "not a key: write stop", "function": "not a key: write when"}
+    Setting,
+    refused={
+        "terminal": "not a key: write stop",
+        "function": "not a key: write when",
+        **dict.fromkeys(("every", "period", "strobe", "step"), _every_period),
+    },
 ):
     """An event."""
 

@@ -17,6 +17,7 @@ from fvi_cli.keys.nodes import (
     MappingNode,
     Node,
     ScalarNode,
+    node_at,
     plain,
 )
 from fvi_cli.keys.ranges import RANGE
@@ -81,21 +82,21 @@ def _described(defs: Schema) -> Schema:
 Members = Annotated[Any, AsWritten(expected=_EXPECTED, described=_described)]
 
 
-def read_sweep(at: Cursor) -> Sweep | None:
+def read_sweep(experiment: Cursor) -> Sweep | None:
     """The members' values, as far as they are known where there are complaints; None: unknown."""
-    sweep = None
+    sweep, at = None, experiment.under(SWEEP)
     if isinstance(at.node, MappingNode) and at.node.entries:
-        sweep = _every_combination(at.node, at)
+        sweep = _every_combination(at.node, at, experiment.node)
     elif at.items():
-        sweep = _listed_members(at)
+        sweep = _listed_members(at, experiment.node)
     else:
         at.needs(_EXPECTED)
     return sweep if sweep is not None and sweep.values and sweep.combinations else None
 
 
-def _every_combination(node: MappingNode, at: Cursor) -> Sweep | None:
+def _every_combination(node: MappingNode, at: Cursor, tree: Node) -> Sweep | None:
     values: dict[str, Sequence[Node]] = {}
-    for key in swept_keys(node, at):
+    for key in swept_keys(node, at, tree):
         under = at.under(key)
         found: Sequence[Node] = [item.node for item in under.items()]
         if isinstance(under.node, ListNode):
@@ -150,14 +151,14 @@ def value_text(node: Node) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-def _listed_members(at: Cursor) -> Sweep | None:
+def _listed_members(at: Cursor, tree: Node) -> Sweep | None:
     items = at.items()
     if len(items) > MOST_MEMBERS:
         at.refuse(too_many(len(items)))
         return None
     first = items[0]
     entries = first.node.entries if isinstance(first.node, MappingNode) else {}
-    keys = swept_keys(first.node, first) if isinstance(first.node, MappingNode) else []
+    keys = swept_keys(first.node, first, tree) if isinstance(first.node, MappingNode) else []
     names: dict[str, str] = {}
     rows: list[Mapping[str, Node]] = []
     taken: list[Cursor] = []
@@ -177,7 +178,7 @@ def _listed_members(at: Cursor) -> Sweep | None:
             if reason := objection_to_name(word.scalar, names):
                 word.refuse(reason)
     values, combinations, repeated = indexed(keys, rows)
-    for later, _ in repeated:
+    for later, _ in repeated if keys else ():
         taken[later].refuse("these values are given twice")
     return Sweep(
         names=list(names.values()),
@@ -231,8 +232,11 @@ def objection_to_name(given: object, names: dict[str, str]) -> str:
     return ""
 
 
-def swept_keys(node: MappingNode, at: Cursor) -> list[str]:
-    """The keys, all of which must lead to something under ``problem``, and none into another."""
+def swept_keys(node: MappingNode, at: Cursor, tree: Node) -> list[str]:
+    """The keys, all of which must lead to something under ``problem``, and none into another.
+
+    `tree` is the experiment, for what to write in place of keys that do not.
+    """
     if len(node.entries) > MOST_KEYS:
         at.refuse(f"{len(node.entries)} keys are too many; at most {MOST_KEYS}")
         return []
@@ -246,7 +250,8 @@ def swept_keys(node: MappingNode, at: Cursor) -> list[str]:
         if parts[0] != PROBLEM or len(parts) == 1 or not all(parts):
             is_other = parts[0] != PROBLEM
             if is_other and parts[0] not in ("method", "ladder", "accuracy", "quantities"):
-                hint = f"; write problem.{excerpt(key)}" if key.strip(".") else ""
+                meant = meant_key(key, tree) if key.strip(".") else ""
+                hint = f"; write {excerpt(meant)}" if meant else ""
             else:
                 hint = "; methods and numbers of steps are listed there" if is_other else ""
             can = "differ between designs" if "designs" in at.path else "be swept"
@@ -262,3 +267,25 @@ def swept_keys(node: MappingNode, at: Cursor) -> list[str]:
         else:
             keys.append(key)
     return keys
+
+
+def meant_key(key: str, tree: Node) -> str:
+    """The whole path of a key of the problem of an experiment: ``problem.parameters.F`` for F.
+
+    Where no such key stands there, it is taken for one of the kind of problem.
+    """
+    parts = tuple(key.split("."))
+    inner: list[tuple[tuple[str, ...], Node]] = [((), node_at(tree, (PROBLEM,))[0])]
+    for path, node in inner:
+        if isinstance(node, MappingNode):
+            inside = [(name, entry.node) for name, entry in node.entries.items()]
+        elif isinstance(node, ListNode):
+            inside = [(str(index), item) for index, item in enumerate(node.items[:DEEPEST])]
+        else:
+            inside = []
+        for name, below in inside:
+            if (*path, name)[-len(parts) :] == parts:
+                return ".".join((PROBLEM, *path, name))
+            if len(path) < DEEPEST:
+                inner.append(((*path, name), below))
+    return f"{PROBLEM}.{key}"

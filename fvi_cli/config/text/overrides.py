@@ -7,9 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from fvi_cli.config.keys.experiment import SINGLE
 from fvi_cli.config.text.document import DEEPEST_NESTING, read_document
 from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, excerpt
-from fvi_cli.keys.nodes import ListNode, MappingNode, Node, NowhereError, node_at, with_node
+from fvi_cli.keys.nodes import (
+    ListNode,
+    MappingNode,
+    Node,
+    NowhereError,
+    ScalarNode,
+    node_at,
+    with_node,
+    without_node,
+)
 
 OPTION: Final = SourcePosition(source="--set")
 SWEEP: Final = "sweep"
@@ -29,14 +39,20 @@ _DISPLACED: Final[Mapping[str, tuple[str, ...]]] = {
 def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints) -> Node:
     """The tree with every override ``key.path=value`` in place, in their order.
 
-    The path is keys and list indices from 0, joined by dots, and the value is YAML. Mappings that
-    the path needs and the file lacks are made. Complaints stand at the place ``--set``.
+    The path is keys and list indices from 0, joined by dots, and the value is YAML; null leaves out
+    a key that is there. Mappings that the path needs and the file lacks are made. Complaints stand
+    at the place ``--set``.
     """
     for override in overrides:
         path = _path(override, root, complaints)
         node = path and read_document(override.partition("=")[2], OPTION, complaints, path)
         if not path or not node:
             continue
+        if isinstance(node, ScalarNode) and node.value is None:
+            without = without_node(root, path)
+            if without is not root:
+                root = without
+                continue
         try:
             root = with_node(_without_displaced(root, path), path, node, OPTION)
         except NowhereError as error:
@@ -51,7 +67,7 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
         complaints.add(OPTION, path, message)
         return ()
 
-    written, equals, _ = override.partition("=")
+    written, equals, value = override.partition("=")
     path = tuple(part.strip() for part in written.split("."))
     meant = re.sub(r"\.?\[\s*(\w+)\s*\]", r".\1", written.strip())
     if not equals or not all(path) or ("[" in written and meant == written.strip()):
@@ -65,6 +81,13 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
         return refuse(
             f"this file has several experiments; write experiments.0.{path[0]}, ...", path[0]
         )
+    is_key = path[0] in SINGLE.keys
+    if (
+        len(path) == 1
+        and not is_key
+        and node_at(root, ("problem", PARAMETERS, *path))[1][2:] == path
+    ):
+        return refuse(f"not a key here: write problem.{PARAMETERS}.{path[0]}={value}", path[0])
     return _swept(root, path)
 
 

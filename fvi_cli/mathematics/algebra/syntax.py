@@ -11,7 +11,11 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 
 LONGEST_TEXT: Final = 10_000
 DEEPEST_NESTING: Final = 100
+EVERY_PERIOD: Final = (
+    "; there is no remainder: what happens once every period T is a rising zero of sin(2*pi*t/T)"
+)
 _ADVICE: Final = {
+    "%": EVERY_PERIOD,
     "^²³": "; a power is written **, as in x**2",
     "<>": "; what jumps is given in pieces, an event as a change of sign",
     "=": "; give the difference of both sides",

@@ -13,11 +13,13 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
+from fvi_cli.plotting.motions.ensemble import ensemble_figure
 from fvi_cli.plotting.motions.section import section_figure
 from fvi_cli.plotting.motions.time_series import observed_of, quantities_figure
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import coordinates_of, quantity_in_words, typeset_name
+from fvi_cli.reports.kinds.ensembles import members_at_equal_times
 from fvi_cli.reports.naming import DESIGN, key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
@@ -67,11 +69,16 @@ def settings_figure(
         return section_figure(experiment, events_of(finished, settings.section, settings.after))
     if settings.quantities is not None:
         return quantities_figure(experiment, finished, settings.quantities)
+    if settings.ensemble is not None:
+        return ensemble_figure(experiment, finished, settings.ensemble)
     return against_figure(experiment, finished, settings)
 
 
 def obstacle(finished: Sequence[FinishedRun], settings: FigureSettings) -> str:
     """Why it cannot be drawn; empty: it can."""
+    if settings.ensemble is not None:
+        equal = members_at_equal_times(finished)
+        return "" if equal else "members have no times in common; give output: {count: 201}"
     name = settings.section or ("" if settings.extent[0] else settings.plot)
     if name and not any(
         observed_of(one).events[name].time.size

@@ -11,6 +11,7 @@ from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.results.observed import Extent, Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.designs import CLOSE, GOOD, design_blocks, design_sheet
+from fvi_cli.reports.kinds.ensembles import ensemble_sheet
 from fvi_cli.reports.naming import columns_with_units, member_columns
 from fvi_cli.reports.table import (
     About,
@@ -223,10 +224,10 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         "loops", columns_with_units(LOOP_COLUMNS, units, **kinds), _loops, "force", "loop"
     )
     sheets = (*sheets, loops) if loops.rows else sheets
-    designs = design_sheet(finished)
+    more = [one for one in (ensemble_sheet(finished), design_sheet(finished)) if one is not None]
     return Report(
         name=f"{name}-quantities",
-        sheets=(*sheets, designs) if designs else sheets,
+        sheets=(*sheets, *more),
         words=lambda sheets: alike(_words(name, sheets, advice)),
     )
 
@@ -252,6 +253,12 @@ def _words(name: str, sheets: Sheets, advice: str) -> Iterator[Block]:
         yield Paragraph(words=(advice, CodeSpan("accuracy: {tolerance: ...}"), "."))
     if designs := sheets.get("designs"):
         yield from design_blocks(designs)
+    if "ensemble" in sheets:
+        yield Paragraph(
+            words="Mean, standard deviation (with m - 1 for m members), least and greatest of the "
+            "members: of values at some times, and of peaks."
+        )
+        yield sheets["ensemble"].grid(text_columns=2, key_columns=3)
     for sheet in (sheets[one] for one in ("runs", "events", "loops") if one in sheets):
         if sheet.name == "loops":
             yield Paragraph(

@@ -15,7 +15,7 @@ from fvi_cli.keys.settings import NotNegative, Positive, key
 from fvi_cli.scenes.data import Damper, SceneData, duffing, kepler, linear_oscillator, pendulum
 from fvi_cli.scenes.kinds.damping_keys import DAMPING, NUMBER_OR_SYMMETRIC, Term, damping_terms
 from fvi_cli.scenes.kinds.kind import SceneKind
-from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, dampers
+from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, WRONG_AT_PROBLEM, dampers
 from fvi_cli.scenes.lagrangian import check_names, double_pendulum, lagrangian_scene
 from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_of
 
@@ -98,7 +98,16 @@ class Pendulum(SceneKind):
     omega: NotNegative = key("Angular frequency of small oscillations.", unit="1/time", default=1.0)
 
 
-class Duffing(SceneKind):
+_DUFFING: Final = (
+    "not a key: x'' + delta x' + alpha x + beta x^3 = f(t) is written damping: [{order: 1, "
+    "coefficient: delta}], stiffness: alpha, cubic_stiffness: beta"
+)
+
+
+class Duffing(
+    SceneKind,
+    refused={**WRONG_AT_PROBLEM, **dict.fromkeys(("alpha", "beta", "delta"), _DUFFING)},
+):
     """A spring that hardens or softens, or a double well."""
 
     kind = "duffing"

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 
 from fvi_cli.keys.containers import ByForm, ListOf, Named
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import FormulaText, Matrix, Number
 from fvi_cli.keys.settings import PlainSetting, Record, Refusal, Setting, key, record_of
 from fvi_cli.mathematics.arrays import Array
@@ -17,9 +18,30 @@ from fvi_cli.scenes.forces import by_coordinate
 from fvi_cli.scenes.kinds.damping_keys import NAME, ORDER, WRONG_NAMES, Name, Order, alpha
 from fvi_cli.scenes.structures.matrix_keys import MASS_FILE
 
+
+def _damping(order: str, coefficient: str) -> Refusal:
+    """What to write for one number of a damping term; ``{}`` stands for it."""
+
+    def refusal(at: Cursor) -> str:
+        given = f"{at.scalar:g}" if type(at.scalar) in (int, float) else "..."
+        own = order.format(given), coefficient.format(given)
+        return f"not a key here: write damping: [{{order: {own[0]}, coefficient: {own[1]}}}]"
+
+    return refusal
+
+
 WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
     "alpha": lambda at: f"{alpha(at)}, under damping",
-    **dict.fromkeys(("gamma", "mu"), "not a key: write damping: [{order: ..., coefficient: ...}]"),
+    "beta": "not a key: of damping write order, which is alpha + beta, under damping; the factor "
+    "of x^3 is cubic_stiffness, of kind: duffing",
+    **dict.fromkeys(("gamma", "order"), _damping("{}", "...")),
+    **dict.fromkeys(("mu", "coefficient"), _damping("...", "{}")),
+    **dict.fromkeys(("c", "delta", "eta", "viscosity"), _damping("1", "{}")),
+    **dict.fromkeys(("zeta", "xi", "damping_ratio"), _damping("1", "2*zeta*sqrt(k*m) as a number")),
+    **dict.fromkeys(
+        ("omega0", "omega_0", "w0", "omega_n"),
+        "not a key: write stiffness, which is mass times omega0**2 (omega itself for a pendulum)",
+    ),
     "m": "not a key: write mass",
     "k": "not a key: write stiffness",
     **dict.fromkeys(
@@ -31,7 +53,6 @@ WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
     "initial_position": "not a key: write initial: {position: ...}",
     "initial_velocity": "not a key: write initial: {velocity: ...}",
     "force": "not a key: write forcing",
-    "order": "not a key here: write damping: [{order: ..., coefficient: ...}]",
 }
 
 MOST_COORDINATES: Final = 100_000

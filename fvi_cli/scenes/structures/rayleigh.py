@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Final
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
 
 import numpy as np
 
@@ -12,12 +13,25 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Form, as_csc, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ListOf
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Setting, key
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_DENSE: Final = 400
 """Degrees of freedom up to which all modes are computed at once."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Ratio(Number):
+    """A damping ratio, which is easily given in percent."""
+
+    def read(self, at: Cursor) -> Any:
+        """A float."""
+        value = at.scalar
+        if type(value) in (int, float) and 1 <= value < 100:
+            return at.needs(self.expected, f"; {value:g} % is {value / 100:g}")
+        return super().read(at)
 
 
 class Rayleigh(
@@ -33,7 +47,7 @@ class Rayleigh(
 
     ratios: Annotated[
         tuple[float, float],
-        ListOf(shape=Number(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
+        ListOf(shape=_Ratio(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
     ] = key("Damping ratios of the two modes (no unit).")
     modes: Annotated[
         tuple[int, int],
@@ -59,11 +73,12 @@ def rayleigh_damping(
         )
     found = natural_frequencies(mass, stiffness, max(modes))
     first, second = (float(found[number - 1]) for number in modes)
+    hint = "; write modes: [1, 2]" if modes[0] == modes[1] and size > 1 else ""
     if not (first > 0 and second > 0) or math.isclose(first, second, rel_tol=1e-9):
         raise ArgumentError(
             "rayleigh.modes",
             f"their angular frequencies are {first:.6g} and {second:.6g}; two different ones "
-            "above 0 are needed",
+            f"above 0 are needed{hint}",
         )
     system = 0.5 * np.array([[1 / first, first], [1 / second, second]])
     a, b = np.linalg.solve(system, np.asarray(ratios, dtype=float))

@@ -1,0 +1,118 @@
+"""Mean and spread over the members of a sweep: figure, table and frame."""
+
+import json
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.plotting.drawn import drawn_data
+from fvi_cli.reports.kinds.ensembles import ensembles
+
+CONFIG = {
+    "name": "cloud",
+    "problem": {
+        "kind": "duffing",
+        "damping": [{"order": 0.6, "coefficient": 0.25}],
+        "forcing": "0.4*cos(t)",
+        "initial": {"position": 0.5},
+        "final_time": 4.0,
+        "exact": "none",
+    },
+    "method": "gauss3",
+    "ladder": {"steps": [40, 80]},
+    "output": {"step": 0.125},
+    "quantities": {"speed": "vx"},
+    "figures": [{"ensemble": ["x", "speed"]}],
+}
+SWEEP = {"problem.initial.position": {"from": 0.2, "to": 0.9, "number": 7}}
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    (found,) = fvi.run({**CONFIG, "sweep": SWEEP})
+    return found
+
+
+def test_means_and_deviations_are_those_of_numpy_and_pandas(outcome):
+    finest = [one for one in outcome.finished if one.run.n_steps == 80]
+    x = np.array([one.trajectory.position[:, 0] for one in finest])
+    place, speed = ensembles(outcome.finished, ["x", "speed"])
+    assert np.array_equal(place.time, finest[0].trajectory.time)
+    assert np.allclose(place.mean, np.mean(x, axis=0), rtol=1e-14)
+    assert np.allclose(place.deviation, np.std(x, axis=0, ddof=1), rtol=1e-12, atol=1e-15)
+    assert np.array_equal(
+        speed.peaks, [one.trajectory.observed.extents["speed"].peak for one in finest]
+    )
+    frame = outcome.to_dataframe("motions").xs(80, level="n_steps")
+    by_time = frame.groupby("time")["x"].agg(["mean", "std"])
+    assert np.allclose(by_time["mean"], place.mean, rtol=1e-13)
+    assert np.allclose(by_time["std"], place.deviation, rtol=1e-12, atol=1e-15)
+
+
+def test_the_figure_has_a_mean_and_the_edges_of_two_bands(outcome):
+    figure = fvi.figures(outcome)["cloud-ensemble-x-speed"]
+    drawn = json.loads(json.dumps(drawn_data(figure)))
+    assert drawn["legend"] == ["mean", "one standard deviation", "all members"]
+    assert [panel["y"]["label"] for panel in drawn["panels"]] == ["position $x(t)$", "speed"]
+    for panel, one in zip(
+        drawn["panels"], ensembles(outcome.finished, ["x", "speed"]), strict=True
+    ):
+        lines = {line["label"]: np.array(line["y"]) for line in panel["lines"]}
+        close = {"atol": 0.02 * np.abs(one.values).max()}
+        assert np.allclose(lines["mean"], one.mean, **close)
+        low, high = (lines[f"one standard deviation, {edge}"] for edge in ("least", "greatest"))
+        assert np.allclose((high - low) / 2, one.deviation, **close)
+        assert np.allclose(lines["all members, greatest"], one.values.max(axis=0), **close)
+
+
+def test_the_table_has_eleven_times_and_the_peak(outcome):
+    report = fvi.quantities(outcome)
+    sheet = next(one for one in report.sheets if one.name == "ensemble")
+    assert len(sheet.rows) == 2 * 12
+    one = ensembles(outcome.finished, ["x"])[0]
+    rows = [row for row in sheet.rows if row["quantity"] == "x"]
+    assert [row["t"] for row in rows[:-1]] == pytest.approx(np.linspace(0, 4, 11), abs=0.07)
+    assert rows[10]["mean"] == one.mean[-1]
+    assert rows[10]["deviation"] == pytest.approx(one.deviation[-1], rel=1e-12)
+    assert rows[11]["what"] == "peak"
+    assert rows[11]["mean"] == one.peaks.mean()
+    assert {row["members"] for row in sheet.rows} == {7}
+    assert "standard deviation" in fvi.as_text(report)
+
+
+def test_designs_with_a_sweep_have_a_mean_each():
+    designs = {"free": {"problem.damping": []}, "damped": {}}
+    (found,) = fvi.run({**CONFIG, "sweep": SWEEP, "designs": designs})
+    free, damped = ensembles(found.finished, ["x"])
+    assert (free.design, damped.design) == ("free", "damped")
+    assert len(free.values) == len(damped.values) == 7
+    assert not np.allclose(free.mean, damped.mean, rtol=1e-3)
+    (alone,) = fvi.run({**CONFIG, "sweep": SWEEP})
+    assert np.allclose(damped.mean, ensembles(alone.finished, ["x"])[0].mean, rtol=1e-12)
+    legend = drawn_data(found.plot({"ensemble": ["x"]}))["legend"]
+    assert legend == ["mean, free", "mean, damped", "one standard deviation"]
+    sheets = {one.name: one for one in fvi.quantities(found).sheets}
+    assert {row["design"] for row in sheets["ensemble"].rows} == {"free", "damped"}
+
+
+def test_positions_alone_need_no_quantities():
+    config = {key: one for key, one in CONFIG.items() if key not in ("quantities", "output")}
+    (found,) = fvi.run({**config, "sweep": SWEEP, "figures": [{"ensemble": ["x"]}]})
+    assert "cloud-ensemble-x" in fvi.figures(found)
+    assert "ensemble" in [one.name for one in fvi.quantities(found).sheets]
+
+
+def test_members_without_common_times_are_not_averaged():
+    config = {
+        **{key: one for key, one in CONFIG.items() if key not in ("ladder", "output")},
+        "sweep": {"problem.stiffness": [1.0, 50.0, 900.0]},
+        "accuracy": {"tolerance": 1e-6},
+    }
+    (found,) = fvi.run(config)
+    sizes = {one.trajectory.time.size for one in found.finished}
+    with pytest.raises(fvi.RequestError, match="no times in common; give output"):
+        found.plot()
+    assert len(sizes) > 1
+    (found,) = fvi.run({**config, "output": {"count": 33}})
+    assert ensembles(found.finished, ["x"])[0].values.shape == (3, 33)
