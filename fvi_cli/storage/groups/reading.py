@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.storage.groups.columns import Columns, attributes_in_row, read_column
-from fvi_cli.storage.records.fields import OCCURRENCE, TIME
+from fvi_cli.storage.records.fields import MESH, OCCURRENCE, TIME
 from fvi_cli.storage.records.record import SWEPT, Shapes
 
 MEMBER: Final = "member"
@@ -28,8 +28,11 @@ INDEX, INPUTS = "@index", "@inputs"
 SUBGROUPS: Final = ("quantities", "events")
 """Groups inside of the group of a run."""
 
-IDENTITY, POINTS, ARRAYS = LAYOUT = "identity", "points", "arrays"
-"""Attributes on the layout of runs: identity, number of points, names and axes of arrays."""
+IDENTITY, POINTS, ARRAYS, MESH_POINTS = LAYOUT = "identity", "points", "arrays", "mesh_points"
+"""Attributes on the layout of runs: identity, number of points, names and axes of arrays.
+
+Of members that were runs of their own with output also the number of the points of their steps.
+"""
 
 COUNTS: Final = "event_counts"
 
@@ -66,8 +69,13 @@ def is_shared(name: str, axes: Axes) -> bool:
     return axes[name] == (name,)
 
 
-def count_along(axis: str, attributes: Mapping[str, Any]) -> int:
-    """How much a member has along the first axis of an array: points, or times of an event."""
+def count_along(axis: str, attributes: Mapping[str, Any]) -> int | None:
+    """How much a member has along the first axis of an array: points, or times of an event.
+
+    None: all of it, as of points of steps in files that do not say how many there are.
+    """
+    if axis == MESH:
+        return int(attributes[MESH_POINTS]) if MESH_POINTS in attributes else None
     if axis.endswith(f"/{OCCURRENCE}"):
         return int(json.loads(attributes[COUNTS])[axis.split("/")[1]]["count"])
     return int(attributes[POINTS])
@@ -177,7 +185,8 @@ class StoredGroup:
             shape = tuple(self.datasets[name].shape)
             if self.keys:
                 count = count_along(along[0], own)
-                shape = (count, *shape[1 if is_shared(name, axes) else 2 :])
+                rest = shape[1 if is_shared(name, axes) else 2 :]
+                shape = (shape[0] if count is None else count, *rest)
             found.append((name, shape, along))
         return found
 

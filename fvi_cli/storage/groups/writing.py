@@ -19,13 +19,14 @@ from fvi_cli.storage.groups.reading import (
     BLOCK_BYTES,
     IDENTITY,
     MEMBER,
+    MESH_POINTS,
     MOST_ROWS,
     POINTS,
     Axes,
     axes_in_words,
     scale_of,
 )
-from fvi_cli.storage.records.fields import TIME, meaning_of
+from fvi_cli.storage.records.fields import MESH, TIME, meaning_of
 from fvi_cli.storage.records.record import SWEPT, Entry, StoredRecord
 from fvi_cli.studies.members import counts_in_words
 
@@ -38,6 +39,7 @@ ALWAYS_BY_MEMBER: Final = (
 _MEANINGS: Final[Mapping[str, str]] = {
     MEMBER: "member of the sweep",
     POINTS: "number of points that the member has; nan behind them",
+    MESH_POINTS: "number of points of its steps",
     IDENTITY: "SHA-256 of what determines the numbers",
     "seconds": "time for the steps in seconds",
 }
@@ -164,9 +166,13 @@ def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
                 sizes[axis] = max(sizes.get(axis, 0), size)
             if name == TIME:
                 points = shape[0]
-        text = axes_in_words(mine)
+            elif name == MESH:
+                mesh_points = shape[0]
+        text, attributes = axes_in_words(mine), row.attributes()
         layout = {IDENTITY: row.identity, POINTS: points, ARRAYS: words.setdefault(text, text)}
-        survey.add({**row.attributes(), **layout})
+        if MESH in mine and SWEPT in attributes:
+            layout[MESH_POINTS] = mesh_points
+        survey.add({**attributes, **layout})
     return survey, axes, sizes
 
 

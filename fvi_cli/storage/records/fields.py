@@ -102,6 +102,7 @@ def _texts(values: list[str]) -> tuple[str, ...]:
 
 TIME: Final = "time"
 OCCURRENCE: Final = "occurrence"
+MESH: Final = "mesh"
 _EVENT = f"events/*/{OCCURRENCE}"
 _D, _O, _N, _A = (
     "trajectory.diagnostics.", "trajectory.observed.", "trajectory.newton.", "assurance."
@@ -123,7 +124,7 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("momentum_map_defect",
           "momentum of a symmetry less its start and what damping and forcing have changed",
           _D + "momentum_map_defect", (TIME, "map")),
-    Field("mesh", "points of the steps", _mesh, ("mesh",)),
+    Field(MESH, "points of the steps", _mesh, (MESH,)),
     Field("quantities/*", "quantity *", _O + "quantities.*", (TIME,)),
     Field("events/*/time", "time at the event *", _O + "events.*.time", (_EVENT,)),
     Field("events/*/position", "position at the event *", _O + "events.*.position",
