@@ -147,8 +147,8 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
         "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "
         f"largest displacement over the period. Or mappings: {EXAMPLE_OF_FIGURE}; an event in "
-        "place of peak_... makes a bifurcation diagram, and {section: turn, after: 50} draws the "
-        "section of one event.",
+        "place of peak_... makes a bifurcation diagram, {section: turn, after: 50} draws the "
+        "section of one event, and {ensemble: [x]} mean and spread of the members.",
         default=[],
     )
     allow_unstable: bool = key("Compute runs that are predicted to blow up.", default=False)
