@@ -6,7 +6,7 @@ column, numbers that are not negative): what it does to exact intervals is no pr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from benchmarks.fit_kinds import Array, Kind, kind_named
+from benchmarks.fit_kind import Array, Kind
+from benchmarks.fit_kinds import kind_named
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
@@ -35,21 +36,34 @@ def noise_of(kind: Kind, number: int) -> list[Array]:
     ]
 
 
-def fitted(kind: Kind, number: int) -> ModelFit:
-    """A fit of noisy data, the noise estimated; what it says of a displacement is followed."""
+def noisy(kind: Kind, number: int) -> FitSettings:
+    """The data with noise, whose size is to be estimated."""
     noise, data = iter(noise_of(kind, number)), []
     for each in kind.data:
         series = [
             Series(**{**vars(one), "values": one.values + next(noise)}) for one in each.series
         ]
         data.append(DataSet(**{**vars(each), "series": tuple(series)}))
-    settings = FitSettings(data=tuple(data), models=())
-    found = fit_model(settings, kind.model, with_scan=False)
-    if not found.between:
-        return found
+    return FitSettings(data=tuple(data), models=())
+
+
+def fitted(kind: Kind, number: int) -> ModelFit:
+    """A fit of noisy data."""
+    return fit_model(noisy(kind, number), kind.model, with_scan=False)
+
+
+def fitted_as_advised(kind: Kind, number: int) -> tuple[ModelFit, ModelFit]:
+    """A fit with straight lines between the samples of a displacement, and what it leads to.
+
+    That is the same fit, or, where its remark asks for that, one with a cubic spline.
+    """
+    settings = noisy(kind, number)
+    first = fit_model(settings, kind.model, with_scan=False)
+    if not first.between:
+        return first, first
     cubic = {"problem.displacement.interpolation": "cubic"}
-    specification = with_values(kind.model.specification, cubic)
-    return fit_model(settings, replace(kind.model, specification=specification), with_scan=False)
+    model = replace(kind.model, specification=with_values(kind.model.specification, cubic))
+    return first, fit_model(settings, model, with_scan=False)
 
 
 def holds_truth(kind: Kind, found: ModelFit) -> tuple[bool, ...]:
@@ -110,6 +124,60 @@ def covered(kind: Kind, numbers: Iterable[int]) -> Iterator[tuple[bool, ...]]:
             not found.is_converged,
             found.is_converged and bool(np.isnan(ends).any()),
         )
+
+
+def covered_between(
+    kind_of: Callable[[int], Kind], numbers: Iterable[int]
+) -> Iterator[tuple[bool, ...]]:
+    """For every noisy fit of a displacement what is said of its samples, and which intervals hold.
+
+    Whether there is a remark, and one again where it was followed; the intervals of straight lines,
+    then those where the remark is followed; whether that fit did not converge, and has open ends.
+    """
+    for number in numbers:
+        kind = kind_of(number)
+        first, last = fitted_as_advised(kind, number)
+        ends = [end for one in last.estimates for end in (one.low, one.high)]
+        yield (
+            bool(first.between),
+            bool(first.between and last.between),
+            *holds_truth(kind, first),
+            *holds_truth(kind, last),
+            not (first.is_converged and last.is_converged),
+            last.is_converged and bool(np.isnan(ends).any()),
+        )
+
+
+def between_lines(groups: Mapping[str, Sequence[tuple[bool, ...]]]) -> list[str]:
+    """The table in Markdown of what is said of coarse samples, from the answers of every group."""
+    lines = [
+        "",
+        "**Between the samples.** A smooth displacement is fitted with straight lines between its "
+        "samples; where the remark of the fit asks for `interpolation: cubic`, again with that. "
+        "Shares of fits with the remark, with one again, and of 95% intervals, of all parameters, "
+        "that hold the truth: all of straight lines, those of fits without a remark, and those "
+        "where the remark is followed.",
+        "",
+        "| samples per period | fits | remark, % | again, % | straight lines hold, % "
+        "| without remark, % | remark followed, % | to within, % | not converged | open ends |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, answers in groups.items():
+        rows = np.array(answers, dtype=bool)
+        if not rows.size:
+            continue
+        count = (rows.shape[1] - 4) // 2
+        able = rows[~rows[:, -2]]
+        said, straight = able[:, 0], able[:, 2 : 2 + count]
+        followed = able[:, 2 + count : 2 + 2 * count]
+        silent = f"{100 * straight[~said].mean():.1f}" if not said.all() else "-"
+        spread = 100 * float(followed.mean(axis=1).std()) / len(able) ** 0.5
+        lines.append(
+            f"| {name} | {len(rows)} | {100 * said.mean():.0f} | {100 * able[:, 1].mean():.0f} | "
+            f"{100 * straight.mean():.1f} | {silent} | {100 * followed.mean():.1f} | "
+            f"{spread:.1f} | {int(rows[:, -2].sum())} | {int(rows[:, -1].sum())} |"
+        )
+    return lines
 
 
 def coverage_lines(held: Mapping[str, list[tuple[bool, ...]]]) -> list[str]:

@@ -5,9 +5,8 @@ They come from Laplace transforms inverted in extended precision, complex moduli
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,80 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from benchmarks.fit_data import (
-    BENCH_DEVIATION,
-    BENCH_ORDER,
-    BENCH_RELAXED,
-    BENCH_TIME,
-    BENCH_UNRELAXED,
-    bench_forces,
-)
-from fvi_cli.api import load
-from fvi_cli.scenes.records.data_files import samples_as_text
+from benchmarks.fit_benches import BENCH, bench
+from benchmarks.fit_kind import Array, Kind
 from fvi_cli.studies.fits.settings import (
     Amplitude,
     DataSet,
-    FitModel,
-    FitParameter,
     Series,
 )
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Transform = Callable[[mpmath.mpc], mpmath.mpc]
 
 HERTZ = np.geomspace(0.05, 1.5, 24)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Kind:
-    """Data of one kind with the true numbers.
-
-    Parameters
-    ----------
-    problem
-        The ``problem`` mapping of the truth.
-    free
-        Key paths below ``problem`` with their true values; with ``@`` those of one data set.
-    data
-        What is measured without noise.
-    deviations
-        Of the noise of every series.
-    name
-        Of the kind.
-    """
-
-    problem: Mapping[str, Any]
-    free: Mapping[str, float]
-    data: tuple[DataSet, ...]
-    deviations: tuple[float, ...]
-    name: str = ""
-
-    @property
-    def series(self) -> list[Series]:
-        """All series."""
-        return [one for each in self.data for one in each.series]
-
-    @property
-    def truth(self) -> Array:
-        """The true numbers."""
-        return np.array(list(self.free.values()))
-
-    @property
-    def model(self) -> FitModel:
-        """What is fitted, from near the truth."""
-        found: dict[str, FitParameter] = {}
-        for name, value in self.free.items():
-            key = f"problem.{name.partition('@')[0]}"
-            is_order = key.endswith("order")
-            found[key] = FitParameter(
-                key=key,
-                start=value if value else 0.1,
-                low=0.05 if is_order else 0.0,
-                high=(0.99 if "law" in str(self.problem) else 1.95) if is_order else np.inf,
-                is_own="@" in name,
-            )
-        return FitModel(name="", specification=self.problem, parameters=tuple(found.values()))
 
 
 def _problem(damping: list[Any], velocity: float = 0.0, **more: Any) -> dict[str, Any]:
@@ -291,86 +228,6 @@ def _beside_one(order: float) -> Kind:
     )
 
 
-def _bench() -> Kind:
-    """The shipped damper on the bench, with its exact forces."""
-    (experiment,) = load("damper-bench").experiments
-    assert experiment.fit is not None
-    (data,) = experiment.fit.data
-    (force,) = data.series
-    exact = np.array([force for _, _, force in bench_forces()])
-    return Kind(
-        problem=experiment.problem_specification,
-        free={
-            "law.order": BENCH_ORDER,
-            "law.time": BENCH_TIME,
-            "law.relaxed": BENCH_RELAXED,
-            "law.unrelaxed": BENCH_UNRELAXED,
-        },
-        data=(replace(data, series=(replace(force, values=exact),)),),
-        deviations=(BENCH_DEVIATION,),
-    )
-
-
-WAVES = ((4.0, 0.01), (9.0, 0.003))
-"""Angular frequencies and amplitudes of a smooth displacement on the bench."""
-
-
-def force_of_waves(times: Array) -> Array:
-    r"""Force of the damper on the bench along that displacement from rest.
-
-    Of the transform :math:`G(s) \sum a \omega / (s^2 + \omega^2)` the residues at
-    :math:`\pm i \omega` and the integral along the branch cut, by Gauss's rule in
-    :math:`\log x`.
-    """
-    points, weights = np.polynomial.legendre.leggauss(4000)
-    # outside of these rates the cut adds less than 1e-11 of the force
-    log_rate = math.log(1e9) * points
-    rate = np.exp(log_rate)
-
-    def modulus(power: Any) -> Any:
-        return BENCH_RELAXED + (BENCH_UNRELAXED - BENCH_RELAXED) * power / (1.0 + power)
-
-    cut = modulus((rate * BENCH_TIME) ** BENCH_ORDER * np.exp(1j * math.pi * BENCH_ORDER)).imag
-    fading = np.exp(-np.outer(times, rate)) * (rate * math.log(1e9) * weights)
-    total = np.zeros(times.size)
-    for omega, amplitude in WAVES:
-        steady = modulus((1j * omega * BENCH_TIME) ** BENCH_ORDER) * np.exp(1j * omega * times)
-        kernel = cut * omega / (rate**2 + omega**2)
-        total += amplitude * (steady.imag - fading @ kernel / math.pi)
-    return total
-
-
-def smooth_bench(per_period: int, noise: float) -> Kind:
-    """A smooth displacement by so many samples per period of its faster wave.
-
-    Read as straight lines, which the remark of the fit says how to change.
-    """
-    shipped = _bench()
-    last = 6.0
-    times = np.linspace(0.0, last, round(last * WAVES[1][0] / (2.0 * math.pi) * per_period) + 1)
-    moved = sum(amplitude * np.sin(omega * times) for omega, amplitude in WAVES)
-    force = force_of_waves(times)
-    displacement = {
-        **shipped.problem["displacement"],
-        "content": samples_as_text(times, np.asarray(moved)),
-    }
-    (data,) = shipped.data
-    (series,) = data.series
-    return replace(
-        shipped,
-        problem={**shipped.problem, "displacement": displacement, "final_time": last},
-        data=(replace(data, series=(replace(series, times=times, values=force),)),),
-        deviations=(noise * float(np.abs(force).max()),),
-    )
-
-
-BENCH = "a damper on the bench"
-COARSE_BENCHES: Mapping[str, Callable[[], Kind]] = {
-    "20 samples a period, noise 0.5 %": lambda: smooth_bench(20, 0.005),
-    "14 samples a period, noise 0.1 %": lambda: smooth_bench(14, 0.001),
-    "8 samples a period, noise 0.2 %": lambda: smooth_bench(8, 0.002),
-}
-"""Smooth displacements between coarse samples, with the remark of the fit followed."""
 KINDS: Mapping[str, Callable[[], Kind]] = {
     "two columns, noises 1:10": lambda: _with_velocity(10.0),
     "two columns, noises 1:100": lambda: _with_velocity(100.0),
@@ -391,5 +248,5 @@ KINDS: Mapping[str, Callable[[], Kind]] = {
 @cache
 def kind_named(name: str) -> Kind:
     """The data of a kind, made once."""
-    makers = {**KINDS, **COARSE_BENCHES, BENCH: _bench}
+    makers = {**KINDS, BENCH: bench}
     return replace(makers[name](), name=name)

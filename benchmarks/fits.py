@@ -5,6 +5,7 @@ Data are made by inverting Laplace transforms, with which fits have nothing in c
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,9 +18,10 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.fit_coverage import coverage_lines
+from benchmarks.fit_benches import BENCH, SMOOTH, drawn_bench, samples_per_period
+from benchmarks.fit_coverage import between_lines, coverage_lines, covered_between
 from benchmarks.fit_coverage import covered as covered_kind
-from benchmarks.fit_kinds import BENCH, COARSE_BENCHES, KINDS, kind_named
+from benchmarks.fit_kinds import KINDS, kind_named
 from benchmarks.measuring import yardstick_seconds
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.fitting import fit_model
@@ -34,6 +36,9 @@ N_FITS = 1000
 N_STARTS = 200
 N_BENCH = 200
 BENCH_ROWS = "bench-fits.csv"
+LINES = f"{BENCH}; between its samples"
+PER_PERIOD = (6, 10, 20, 40)
+"""Ends of the groups of samples per period."""
 ROWS = "fits.csv"
 """What came of every one of them; fits that stand there are not done again."""
 CLEAN = 1e-8
@@ -331,26 +336,23 @@ def fits_page(
 
 
 def run_bench(folder: Path, fits: int = N_BENCH) -> str:
-    """Intervals of fits of a damper on the bench to forces from a closed form, with noise."""
-    held = {
-        name: kept(
-            folder / BENCH_ROWS,
-            name.replace(",", ";"),
-            fits,
-            partial(covered_kind, kind_named(name)),
-        )
-        for name in (BENCH, *COARSE_BENCHES)
-    }
-    lines = coverage_lines(held)[1:]
-    return "\n".join(
-        [
-            *lines,
-            "",
-            "With a number of samples a period the displacement is smooth, and the fit begins with "
-            "straight lines between them: where its remark asks for `interpolation: cubic`, that "
-            "is written, and the interval is that of the second fit.",
+    """Intervals of fits of a damper on the bench to forces from a closed form, with noise.
+
+    Straight lines between the samples of its displacement are the truth; of smooth displacements,
+    of which there are half as many fits, they are not.
+    """
+    path = folder / BENCH_ROWS
+    held = kept(path, BENCH, fits, partial(covered_kind, kind_named(BENCH)))
+    drawn = kept(path, SMOOTH, fits // 2, partial(covered_between, drawn_bench))
+    control = kept(path, LINES, fits // 5, partial(covered_between, lambda _: kind_named(BENCH)))
+    groups = {
+        f"{low} to {high}": [
+            row for number, row in enumerate(drawn) if low <= samples_per_period(number) < high
         ]
-    )
+        for low, high in itertools.pairwise(PER_PERIOD)
+    }
+    lines = between_lines({**groups, "straight lines in truth": control})
+    return "\n".join([*coverage_lines({BENCH: held})[1:], *lines])
 
 
 def run_fits(folder: Path, fits: int = N_FITS, starts: int = N_STARTS) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from benchmarks.fit_kinds import smooth_bench
+from benchmarks.fit_benches import smooth_bench
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import with_values
