@@ -155,7 +155,8 @@ def test_outcomes_are_written_as_tables_and_figures(tmp_path):
     written = fvi.write(outcomes, tmp_path, name="other")
     folders = [path.relative_to(tmp_path).parts[0] for path in written]
     assert sorted(set(folders)) == ["figures", "tables"]
-    assert {path.stem for path in written} == {"other", "other-text", "other-convergence"}
+    tables = {"other", "other-free-runs", "other-text"}
+    assert {path.stem for path in written} == {*tables, "other-convergence"}
     assert fvi.compare(outcomes, tmp_path, name="other") == []
     tables = fvi.order_tables(outcomes)
     for mixed in ([*outcomes, *tables], [*tables, *outcomes]):

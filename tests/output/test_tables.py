@@ -464,7 +464,7 @@ def test_another_bound_of_the_same_errors_is_no_difference(tmp_path):
     assert "(below 1.3e-10)" in reports.rendered(stored)["made-up.md"]
     reports.write(tmp_path, stored)
     assert reports.compare(tmp_path, order_report("made-up", [near(1.6e-13)])) == []
-    for name in ("made-up.md", "made-up.tex"):
+    for name in ("made-up.md", "made-up-runs.tex"):
         path = tmp_path / name
         path.write_text(path.read_text().replace("(below", "(above"))
         assert reports.compare(tmp_path, stored)
