@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -27,6 +28,13 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_system
 
 T = TypeVar("T")
+
+ROUGH = float(np.finfo(float).eps) ** 0.25
+"""Differences that agree to this share of a derivative are those of a smooth function."""
+GROSS = 0.1
+"""Share of a derivative by which own ones may be off beside the start, as tables are."""
+PARTS = (-0.3, -0.01, 0.01, 0.3)
+"""Places beside a start at which functions of the user are tried, relative to sizes there."""
 
 
 class Potential(Protocol):
@@ -236,7 +244,7 @@ def checked_potential(
     ------
     ValueError
         If it lacks a function, one returns another shape or is not finite there, or one is not the
-        derivative of another by differences over two distances that agree with each other.
+        derivative of another there, or roughly beside it.
     """
     if isinstance(functions, QuadraticPotential | ExpressionPotential | SuppliedPotential):
         return functions
@@ -255,21 +263,45 @@ def checked_potential(
             raise ArgumentError(
                 "potential", f"{name} is not finite at the start, q = {position.tolist()}"
             )
-    spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(position))
+    _check_derivatives(found, name, position, "at the start", 4.0 * ROUGH)
+    for place in _beside(position):
+        # at rest a wrong sign is not seen; outside of its domain nothing is
+        with np.errstate(all="ignore"), contextlib.suppress(ArithmeticError, LookupError):
+            _check_derivatives(found, name, place, f"at q = {place.tolist()}", GROSS)
+    return found
+
+
+def _beside(position: Array) -> list[Array]:
+    """Places beside a position, by parts of 1 and of its own size."""
+    turns = np.cos(np.arange(1, position.size + 1))
+    sizes = (np.maximum(1.0, np.abs(position)), np.abs(position))
+    return [position + part * size * turns for size in sizes for part in PARTS if size.any()]
+
+
+def _check_derivatives(
+    found: SuppliedPotential, name: str, place: Array, where: str, tolerated: float
+) -> None:
+    """Refuse functions that are not the derivatives of each other at a place.
+
+    Raises
+    ------
+    ValueError
+        If differences over two distances agree with each other, and not with the derivative.
+    """
+    spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(place))
     for value, derivative in ((found.energy, found.gradient), (found.gradient, found.hessian)):
-        near, far = (_differences(value, position, size * spacing) for size in (1.0, 2.0))
-        own = derivative(position)
+        near, far = (_differences(value, place, size * spacing) for size in (1.0, 2.0))
+        own = derivative(place)
         # kinks, and round-off of large values, are no mistakes
-        allowed = np.sqrt(np.sqrt(np.finfo(float).eps)) * (np.abs(own).max() + np.abs(near).max())
-        agrees = np.abs(near - far).max() < allowed
-        if agrees and not np.abs(own - near).max() <= 4.0 * allowed:
+        size = np.abs(own).max() + np.abs(near).max()
+        agrees = np.abs(near - far).max() < ROUGH * size
+        if agrees and np.abs(own - near).max() > tolerated * size:
             raise ArgumentError(
                 "potential",
                 f"{name}.{derivative.__name__} is not the derivative of "
-                f"{name}.{value.__name__} at the start: it returns {own.tolist()}, "
+                f"{name}.{value.__name__} {where}: it returns {own.tolist()}, "
                 f"differences give {near.tolist()}",
             )
-    return found
 
 
 def _differences(function: Callable[[Array], Array], position: Array, sizes: Array) -> Array:

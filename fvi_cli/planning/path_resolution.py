@@ -38,6 +38,8 @@ BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
 SHARE = 0.1
 """Errors of phases below this share of the motion are not remarked on."""
 MUCH_SHORTER = 0.5
+UNBOUNDED = 3.0
+"""So many times farther than before, a run that ends early moves without bound (guessed)."""
 FINER = 1.25
 MOST_REFINEMENTS = 60
 
@@ -76,6 +78,35 @@ def path_remarks(
     if found or is_long or not (with_phases and has_patterns(method)):
         return found
     return _out_of_phase(modes, method, scene.final_time)
+
+
+def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
+    """That a run which ended early was driven away by its potential, and since when."""
+    with np.errstate(all="ignore"):
+        finite = np.isfinite(trajectory.position).all(axis=1)
+        time, path = trajectory.time[finite], trajectory.position[finite]
+        if scene.is_linear or scene.prescribed is not None or time.size < 3:
+            return ()
+        rest = np.zeros_like(path)
+        _, stiffness, force = _derivatives(scene, time[-1:], path[-1:], rest[-1:])
+        if scene.lagrangian is not None:
+            energy = -scene.lagrangian.lagrangian(path, rest, time)
+        else:
+            energy, force = scene.potential_energy(path), -force
+        lowest = np.linalg.eigvalsh(np.nan_to_num(stiffness[0]))[0]
+        distance = np.abs(path - path[0]).max(axis=1)
+    size = max(float(np.abs(path[0]).max()), float(np.median(distance)))
+    # it drives outwards, ever faster, and only where it falls
+    outwards = float(force[0] @ (path[-1] - path[0])) > 0.0 > lowest
+    if not (outwards and distance[-1] > UNBOUNDED * size and energy[-1] <= energy.min()):
+        return ()
+    since = float(time[np.flatnonzero(distance <= 0.1 * distance[-1])[-1]])
+    return (
+        f"motion: it grows without bound from t = {since:.4g} on, to "
+        f"{np.abs(path[-1]).max():.4g} at t = {time[-1]:.6g}: the potential energy falls from {energy[0]:.4g} to {energy[-1]:.4g} "
+        "and has no minimum on this side; is the sign of V meant? L is kinetic minus potential "
+        "energy",
+    )
 
 
 def _met(modes: _Modes, final_time: float, known: float) -> tuple[str, ...]:

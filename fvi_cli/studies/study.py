@@ -27,7 +27,7 @@ from fvi_cli.integrator.stability.prediction import (
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.path_resolution import path_remarks
+from fvi_cli.planning.path_resolution import path_remarks, unbounded_remark
 from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -257,6 +257,8 @@ def _remarks(
                     f"stability: nonlinear; linearised on the path at t = {worst[0]:.6g}: "
                     f"{worst[1].reason}"
                 )
+    if scene is not None and trajectory.status in ("failed", "diverged"):
+        found += unbounded_remark(scene, trajectory)
     if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
         found.append(
             "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "

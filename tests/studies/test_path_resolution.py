@@ -167,3 +167,26 @@ def test_phases_are_remarked_on_where_no_error_is_known() -> None:
         (outcome,) = fvi.run({**config, "ladder": {"steps": [n_steps]}})
         remarks = outcome.finished[0].trajectory.remarks
         assert any("shifts the phase" in one for one in remarks) == is_said
+
+
+@pytest.mark.parametrize("potential", ["q**4/4", "q**6", "cosh(q)", "exp(q)", "q**4*(1 + t)"])
+def test_a_potential_of_the_wrong_sign_is_asked_about(potential: str) -> None:
+    said = {}
+    for sign in "+-":
+        problem = {
+            "kind": "lagrangian",
+            "coordinates": ["q"],
+            "lagrangian": f"vq**2/2 {sign} {potential}",
+            "damping": [{"order": 0.6, "coefficient": 0.2}],
+            "initial": {"position": 1.0},
+            "final_time": 10.0,
+            "exact": "none",
+        }
+        (outcome,) = fvi.run({"name": "sign", "problem": problem, "ladder": {"steps": [400]}})
+        run = outcome.finished[0]
+        said[sign] = [one for one in run.trajectory.remarks if "is the sign of V meant?" in one]
+        assert (run.status == "ok") is (sign == "-")
+    (words,) = said["+"]
+    assert "grows without bound from t = " in words
+    # the control
+    assert said["-"] == []
