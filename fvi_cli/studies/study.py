@@ -209,11 +209,16 @@ def _unknown_error(reference: Reference) -> tuple[str, ...]:
 def _between_points(
     trajectory: Trajectory, reported: Trajectory, reference: Reference, measured: Measured
 ) -> tuple[str, ...]:
-    """A warning where outputs between the points of a mesh are much worse than those at points."""
-    times = reported.time
+    """A warning where outputs and events between the points of a mesh are much worse than points.
+
+    A reference on a grid does not say, and neither do peaks of quantities.
+    """
+    events = reported.observed.events.values() if reported.observed else ()
+    seen = [(reported.time, reported.position), *((one.time, one.position) for one in events)]
+    times, positions = (np.concatenate(one) for one in zip(*seen, strict=True))
     if not (reference.is_dense and times.size) or np.isin(times, trajectory.time).all():
         return ()
-    gaps = np.abs(reported.position - reference.values(times)).max(axis=1)
+    gaps = np.abs(positions - reference.values(times)).max(axis=1)
     worst = int(np.argmax(np.where(np.isnan(gaps), math.inf, gaps)))
     if gaps[worst] <= max(MUCH_WORSE * measured.max, NOTICED * measured.largest):
         return ()
