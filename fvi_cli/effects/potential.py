@@ -264,14 +264,14 @@ def checked_potential(
                 "potential", f"{name} is not finite at the start, q = {position.tolist()}"
             )
     _check_derivatives(found, name, position, "at the start", 4.0 * ROUGH)
-    for place in _beside(position):
+    for place in _places_near(position):
         # at rest a wrong sign is not seen; outside of its domain nothing is
         with np.errstate(all="ignore"), contextlib.suppress(ArithmeticError, LookupError):
             _check_derivatives(found, name, place, f"at q = {place.tolist()}", GROSS)
     return found
 
 
-def _beside(position: Array) -> list[Array]:
+def _places_near(position: Array) -> list[Array]:
     """Places beside a position, by parts of 1 and of its own size."""
     turns = np.cos(np.arange(1, position.size + 1))
     sizes = (np.maximum(1.0, np.abs(position)), np.abs(position))

@@ -103,7 +103,8 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
     since = float(time[np.flatnonzero(distance <= 0.1 * distance[-1])[-1]])
     return (
         f"motion: it grows without bound from t = {since:.4g} on, to "
-        f"{np.abs(path[-1]).max():.4g} at t = {time[-1]:.6g}: the potential energy falls from {energy[0]:.4g} to {energy[-1]:.4g} "
+        f"{np.abs(path[-1]).max():.4g} at t = {time[-1]:.6g}: the potential energy falls from "
+        f"{energy[0]:.4g} to {energy[-1]:.4g} "
         "and has no minimum on this side; is the sign of V meant? L is kinetic minus potential "
         "energy",
     )
