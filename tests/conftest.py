@@ -4,6 +4,7 @@ import datetime
 import gc
 import logging
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure() -> None:
     """Choose what is drawn today; workers, which are begun later, draw the same."""
     os.environ.setdefault(SEED, str(datetime.date.today().toordinal()))
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # what is begun in the background of a script, and the commands that it tests, hear none
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_report_header() -> str:

@@ -70,7 +70,7 @@ def test_usual_names_of_other_programs_are_refused(written, advice):
 def test_a_scene_without_its_end_says_what_to_write():
     with pytest.raises(TypeError, match="final_time is missing; write duffing\\(final_time="):
         fvi.duffing()
-    with pytest.raises(ArgumentError, match="final_time: 'ten' is not allowed"):
+    with pytest.raises(ArgumentError, match="final_time: 'ten' is not a number"):
         fvi.duffing(final_time="ten")
 
 

@@ -70,6 +70,7 @@ ValueError
 """What the docstring of every scene says of them."""
 
 _Make = TypeVar("_Make", bound=Callable[..., Scene])
+_NUMBERS = ("float", "int", "ArrayLike")
 
 
 def scene_function(make: _Make) -> _Make:
@@ -79,6 +80,7 @@ def scene_function(make: _Make) -> _Make:
     every = inspect.signature(make_scene).parameters
     known += [every[name] for name in SceneData.__annotations__]
     signature = inspect.Signature(known, return_annotation="Scene")
+    numbers = {one.name for one in known if str(one.annotation).startswith(_NUMBERS)}
 
     @functools.wraps(make)
     def checked(*unnamed: Any, **given: Any) -> Scene:
@@ -87,15 +89,10 @@ def scene_function(make: _Make) -> _Make:
             given[name] = listed_effects(name, given[name])
         for name in given.keys() & {"forcing", "ground_acceleration"}:
             given[name] = given_force(given[name], name)
-        try:
-            return make(**given)
-        except ArgumentError:
-            raise
-        except ValueError as error:
-            for name, value in given.items():
-                if isinstance(value, str) and repr(value) in str(error):
-                    raise ArgumentError(name, f"{excerpt(value)!r} is not a number") from None
-            raise
+        for name in given.keys() & numbers:
+            if isinstance(given[name], str):
+                raise ArgumentError(name, f"{excerpt(given[name])!r} is not a number")
+        return make(**given)
 
     checked.__signature__ = signature  # type: ignore[attr-defined]
     checked.__doc__ = f"{inspect.cleandoc(make.__doc__ or '')}\n{MEANING}"
