@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
@@ -30,6 +30,10 @@ NEGLIGIBLE_MOTION = 1e-9
 """Pulses that move a scene by less than this share of its start do not count (guessed)."""
 STEPS_PER_PULSE = 2.0
 """Steps up to so many times the length in which a pulse is a polynomial see it (guessed)."""
+FIRST_DIGITS = 0.01
+"""Pulses of which steps lose less than this share of the impulse do not count (guessed)."""
+PANELS, NODES = 256, 8
+"""Parts of a run, and nodes in each, by which impulses are found."""
 WAVES = ("sin", "cos")
 SLACK = 1.0 + 1e-9
 DIFFERENCE = 1e-6
@@ -74,21 +78,63 @@ def _long_steps(scene: Scene, step: float, periods: Sequence[tuple[float, str]])
 
 
 def _pulse_remark(scene: Scene, step: float) -> list[str]:
-    """Of the narrowest pulse that steps may pass over."""
+    """Of the narrowest pulse that steps may pass over, where that is seen in the first digits.
+
+    Jumps, kinks and steep flanks are as narrow, and steps across them are off by far less.
+    """
     size = float(np.abs(scene.initial_position).max())
     size += scene.final_time * float(np.abs(scene.initial_velocity).max())
     points = np.array(pulses_that_move(scene, NEGLIGIBLE_MOTION * size).points)
-    if points.size < 2:
+    if points.size < 2 or scene.forcing is None:
         return []
     narrowest = int(np.diff(points).argmin())
     width = float(points[narrowest + 1] - points[narrowest])
     if step <= STEPS_PER_PULSE * width:
         return []
+    seen = step
+    while seen > STEPS_PER_PULSE * width and _lost_share(scene, points, seen) > FIRST_DIGITS:
+        seen = 0.5 * seen
+    if seen == step:
+        return []
+    seen = max(seen, STEPS_PER_PULSE * width)
     return [
-        f"steps: h = {step:.4g} may pass over the pulse of the force near t = "
-        f"{points[narrowest]:.6g}, which asks for steps of {width:.3g}; "
-        f"{advice(scene.final_time, STEPS_PER_PULSE * width)}"
+        f"steps: h = {step:.4g} may pass over a pulse or jump of the force near t = "
+        f"{points[narrowest]:.6g}; {advice(scene.final_time, seen)}"
     ]
+
+
+def _lost_share(scene: Scene, points: Array, step: float) -> float:
+    """Share of the impulse of the forcing that three nodes in every step lose near `points`."""
+    assert scene.forcing is not None
+    ends = [0.0, *(one for one in scene.break_points if one < scene.final_time), scene.final_time]
+    coarse = np.linspace(0.0, scene.final_time, PANELS + 1)
+    _, total = _impulses(scene.forcing, np.unique([*ends, *points, *coarse]), NODES)
+    lost = 0.0
+    for shift in (0.0, 0.5):
+        # the ends of those steps that have such points in them
+        first = step * (np.unique(np.floor(points / step - shift)) + shift)
+        edges = np.unique(np.clip([*first, *(first + step), *ends], 0.0, scene.final_time))
+        edges = edges[np.diff(edges, prepend=-math.inf) > 1e-13 * scene.final_time]
+        panels = np.union1d(edges, points[(points > edges[0]) & (points < edges[-1])])
+        inside = np.searchsorted(edges, panels[:-1], side="right") - 1
+        held = np.zeros((edges.size - 1, scene.dimension))
+        np.add.at(held, inside, _impulses(scene.forcing, panels, NODES)[0])
+        seen, _ = _impulses(scene.forcing, edges, 3)
+        has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, points) - 1)
+        has_points &= np.diff(edges) <= step * SLACK
+        lost = max(lost, float(np.abs(held - seen)[has_points].sum()))
+    return lost / total if total > 0 else 0.0
+
+
+def _impulses(forcing: Forcing, ends: Array, count: int) -> tuple[Array, float]:
+    """Impulses between times by Gauss nodes, ``(n, d)``, and that of the size of the force."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    half = 0.5 * np.diff(ends)[:, None]
+    with np.errstate(all="ignore"):
+        values = forcing(ends[:-1, None] + half * (1.0 + nodes))
+    values = np.where(np.isfinite(values), values, 0.0)
+    weighted = (half * weights)[..., None] * values
+    return weighted.sum(axis=1), float(np.abs(weighted).sum())
 
 
 def advice(final_time: float, wanted: float) -> str:

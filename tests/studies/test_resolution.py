@@ -158,3 +158,42 @@ def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
         "fvi_cli.studies.reference.pulses_that_move", lambda scene, amplitude: Pulses()
     )
     assert run().error < 0.5 * swing
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "5*sign(t - 2.213)",
+        "5*sign(sin(2*t))",
+        "max(sin(3*t), 0)",
+        "abs(sin(3*t))",
+        "abs(t - 2.213)",
+        "5*atan(10000*(t - 2.2))",
+        "5 + 0.1*exp(-((t - 2.3)/0.001)**2)",
+    ],
+)
+def test_jumps_kinks_and_small_pulses_are_not_passed_over(text: str) -> None:
+    scene = spring((0.5, 0.1), k=1.0, T=5.0, forcing=Forcing.from_text(text))
+    positions = [fvi.integrate(scene, "gauss3", n).position[:: n // 100] for n in (100, 6400)]
+    assert np.abs(positions[0] - positions[1]).max() < 0.01 * np.ptp(positions[1])
+    assert resolution_remarks(scene, 100) == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "5000*exp(-((t - 2.3)/0.001)**2)",
+        "500/(1 + (1000*(t - 2.2))**2)",
+        "50*exp(-200*(1 - cos(30*t)))",
+        "5 + 10000*exp(-((t - 2.3)/0.001)**2)",
+    ],
+)
+def test_pulses_that_steps_pass_over(text: str) -> None:
+    scene = spring((0.5, 0.1), k=1.0, T=5.0, forcing=Forcing.from_text(text))
+    said = resolution_remarks(scene, 100)
+    assert "steps: h = 0.05 may pass over a pulse or jump of the force near t = " in said[0]
+    wanted = int(said[0].split("take ")[1].split()[0])
+    assert wanted < 5000
+    assert resolution_remarks(scene, wanted) == ()
+    enough, fine = (fvi.integrate(scene, "gauss3", n).position[-1] for n in (wanted, 8 * wanted))
+    assert abs(enough - fine) < 0.01 * abs(fine)
