@@ -15,6 +15,7 @@ from fvi_cli.integrator.stability.determinants import step_determinants
 from fvi_cli.integrator.stability.limits import largest_stable_step, stable_method
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.modes import growing_frequencies, growing_modes
+from fvi_cli.integrator.stability.patterns import step_patterns
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.integrator.stability.systems import MatrixPencil, matrix_pencil
 from fvi_cli.mathematics.transforms import zeros
@@ -446,3 +447,13 @@ def test_growing_frequencies_are_eigenvalues():
         distances = np.abs(found[:, None] - expected).min(axis=1, initial=math.inf)
         assert np.all(distances <= 1e-7 * np.abs(found)), seed
     assert counted > 40
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-14, 0.5])
+def test_step_equations_keep_their_digits_where_eigenvalues_of_the_symbol_meet(distance):
+    """Those of Gauss2 meet at z = 7 - 4 sqrt(3); the mean over a circle is the value within."""
+    patterns = step_patterns(Method(cq="gauss", degree=2), (0.5, 1.3))
+    meeting, circle = 7.0 - 4.0 * math.sqrt(3.0), 1e-2 * np.exp(2j * np.pi * np.arange(64) / 64)
+    centre = meeting + distance * np.exp(0.3j)
+    mean = patterns(centre + circle).mean(axis=0)
+    assert np.abs(patterns(np.array([centre]))[0] - mean).max() < 1e-11

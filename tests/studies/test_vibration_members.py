@@ -94,6 +94,16 @@ def test_growing_modes_are_seen_in_the_figure(coefficients, tmp_path):
         assert low < 100 * mode.damping_ratio < high
 
 
+def test_modes_of_one_experiment_are_numbered_in_the_figure(swept, tmp_path):
+    path = tmp_path / "one.yaml"
+    path.write_text(configuration(problem(0.2), name="one", steps="16"))
+    plane, _ = spectrum_figure(fvi_api.modes(path)).axes
+    assert [one.get_text() for one in plane.texts] == ["1", "2"]
+    # of several members they would not say which
+    plane, _ = spectrum_figure(fvi_api.modes(swept)).axes
+    assert not plane.texts
+
+
 def test_many_members_have_the_colours_of_what_is_swept(tmp_path):
     path = tmp_path / "many.yaml"
     swept = "\nsweep: {problem.damping.0.coefficient: {from: 0.05, to: 0.4, number: 8}}\n"

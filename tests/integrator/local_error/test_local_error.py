@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from letters import in_pieces, spring, swing
 
 from fvi_cli.effects.scene import Scene
@@ -96,3 +98,16 @@ def test_general_lagrangians_are_looked_at():
     assert SceneForces(kinked).has_kinks
     rough, fine = run(kinked, 1e-5), run(kinked, 1e-10, m=8)
     assert float(np.abs(rough(rough.time) - fine(rough.time)).max()) < 1e-6
+
+
+@settings(max_examples=3, deadline=None)
+@given(origin=st.floats(30.0, 300.0), is_left=st.booleans())
+def test_steps_do_not_depend_on_where_the_origin_lies(origin, is_left):
+    """The mass grows with the velocity, and not with the place."""
+    lagrangian = "0.5*vx**2 + 0.25*vx**4 - 0.5*(x - {!r})**2"
+    origin = -origin if is_left else origin
+    here, there = (
+        run(one_coordinate(lagrangian.format(at), at + 1.0, 0.3, 9.0), 1e-6) for at in (0.0, origin)
+    )
+    assert there.time == pytest.approx(here.time, rel=1e-6)
+    assert there.position - origin == pytest.approx(here.position, abs=1e-6)

@@ -7,6 +7,7 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
+from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,14 @@ def test_a_notebook_shows_a_picture_and_a_table(run):
     # what rests has a picture too
     still = fvi.integrate(spring(T=1.0, k=0.0, x=1.0), "gauss2", 4)
     assert ",0.0 " in still._repr_html_()
+
+
+def test_a_run_that_fails_in_its_first_step_has_a_table_and_no_picture():
+    data = {"initial_position": 2.0, "initial_velocity": 3.0, "final_time": 3.0}
+    steep = lagrangian_scene(coordinates=["x"], lagrangian="0.5*vx**2 + exp(x)", **data)
+    text = fvi.integrate(steep, "gauss2", 3)._repr_html_()
+    assert "<svg" not in text
+    assert text.count("<tr>") == 2
 
 
 def test_runs_of_a_configuration_know_their_coordinates():

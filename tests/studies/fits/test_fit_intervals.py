@@ -1,5 +1,6 @@
 """Intervals against profiles by brute force on closed forms; terms that the data do not need."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from oracles.least_squares import (
 from fvi_cli.studies.fits import profile
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
-from fvi_cli.studies.fits.profile import Minimum, profile_side
+from fvi_cli.studies.fits.profile import Minimum, Side, profile_side
 from fvi_cli.studies.fits.settings import (
     DataSet,
     FitModel,
@@ -116,8 +117,9 @@ def test_a_failed_evaluation_is_neither_inside_nor_outside(monkeypatch):
         assert "the end of the interval above was not found" in found.warnings[0]
 
 
-def test_a_descent_that_does_not_end_is_no_misfit(monkeypatch):
-    data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.01, 0)
+def start_of_profiles() -> Minimum:
+    """The data have no noise: their least misfit is at the start."""
+    data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.0, 0)
     model = MotionModel(
         FitModel(
             name="",
@@ -133,11 +135,30 @@ def test_a_descent_that_does_not_end_is_no_misfit(monkeypatch):
     )
     model.meshes = [1]
     at = model.evaluate(model.start)
-    begin = Minimum(model=model, point=model.start, evaluation=at, bounds=model.bounds)
+    return Minimum(model=model, point=model.start, evaluation=at, bounds=model.bounds)
+
+
+def side_of(begin: Minimum, step: float) -> Side:
+    least = begin.evaluation.cost
+    return profile_side(begin, 0, step, least=least, variance=1.0, threshold=1.96)
+
+
+def test_a_descent_that_does_not_end_is_no_misfit(monkeypatch):
+    begin = start_of_profiles()
     monkeypatch.setattr(profile, "MOST_STEPS", 0)
-    side = profile_side(begin, 0, 0.5, least=at.cost, variance=1.0, threshold=1.96)
+    side = side_of(begin, 0.5)
     assert np.isnan(side.end)
-    assert side.reached >= model.start[0]
+    assert side.reached >= begin.point[0]
+
+
+@pytest.mark.parametrize("share", [-0.7, 0.3, 0.6])
+def test_a_profile_that_begins_too_near_goes_on_to_its_end_and_not_beyond(share):
+    begin = start_of_profiles()
+    end = side_of(begin, math.copysign(0.5, share)).end
+    near = side_of(begin, share * abs(end - begin.point[0]))
+    assert near.end == pytest.approx(end, rel=1e-3)
+    assert len(near.points) <= 4
+    assert np.abs(near.points[:, 1]).max() < 1.2 * 1.96
 
 
 def test_removal_is_refused_where_a_term_matters_and_parts_of_a_spectrum_are_terms():
