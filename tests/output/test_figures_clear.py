@@ -84,8 +84,8 @@ def read(text: str) -> dict[str, object]:
     return content
 
 
-def stability(name: str, more: str) -> Iterator[Figure]:
-    text = configuration(OSCILLATOR, name=name, method="{bdf: [2, 5]}", steps="8, 64", more=more)
+def stability(name: str, more: str, steps: str = "8, 64") -> Iterator[Figure]:
+    text = configuration(OSCILLATOR, name=name, method="{bdf: [2, 5]}", steps=steps, more=more)
     config = text + UNITS % "" + "stability: {observe: false}\n"
     yield from stability_figures(name, fvi.stability(read(config))).values()
 
@@ -142,6 +142,17 @@ def forms(axis: Axis) -> set[str]:
         "multiple" if r"\times" in one else "power" if "10^" in one else "full"
         for one in numbers(axis)
     }
+
+
+def test_a_stability_figure_says_that_it_does_not_show_all_panels():
+    keys = "problem.stiffness: [1.0], problem.damping.0.coefficient: [0.1, 0.2]"
+    more = f"sweep: {{{keys}}}\n"
+    for steps, words in (("8, 64", ""), ("8, 16, 24, 32, 40, 48, 56", "the first 12 of 14 panels")):
+        (figure,) = stability("maps", more, steps)
+        shown = sum(bool(axes.get_title()) for axes in figure.axes)
+        (legend,) = figure.legends
+        said = legend.get_title().get_text()
+        assert (shown, said.partition(";")[0]) == (12 if words else 4, words)
 
 
 def test_numbers_beside_an_axis_have_one_form(figures):

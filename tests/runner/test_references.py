@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import fvi
 
+import fvi_cli
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.executor import InProcess
@@ -118,3 +119,21 @@ def test_a_table_has_no_value_between_its_times():
     np.testing.assert_array_equal(table(np.array([1.0 + 1e-14])), [[3.0]])
     with pytest.raises(ValueError, match=r"no value at t = 0\.5"):
         table(np.array([0.5]))
+
+
+def test_a_run_says_that_its_error_is_not_known_where_the_reference_ends_early(tmp_path):
+    """x'' = x^3 from 1 with the velocity 1 is infinite at t = 1.31."""
+    initial = {"position": 1.0, "velocity": 1.0}
+    problem = {"kind": "lagrangian", "coordinates": ["x"], "lagrangian": "vx**2/2 + x**4/4"}
+    for final_time, count in ((1.0, 0), (1.5, 1)):
+        config = {
+            "name": "up",
+            "problem": {**problem, "initial": initial, "final_time": final_time},
+            "method": {"rk": "gauss", "degree": 1},
+            "ladder": {"steps": [3]},
+        }
+        (outcome,) = fvi_cli.run(config, output=tmp_path)
+        remarks = outcome.finished[0].trajectory.remarks
+        said = "error: not known, reference: none (no exact solution is known, and the refined run"
+        assert sum(said in one for one in remarks) == count
+        assert sum("error: not known" in one for one in remarks) == count

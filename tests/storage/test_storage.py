@@ -653,6 +653,16 @@ def journal_of(folder: Path, runs: list[FinishedRun]) -> tuple[Path, list[int]]:
     return path, ends
 
 
+def test_what_runs_that_are_added_together_have_in_common_is_written_once(tmp_path, runs):
+    single = [one for one in runs if one.run.n_steps == runs[0].run.n_steps]
+    _, ends = journal_of(tmp_path / "one by one", single)
+    with open_results(tmp_path / "together", "sample") as results:
+        results.add(single)
+        size = (tmp_path / "together" / "sample.journal").stat().st_size
+    assert size < 0.75 * ends[-1]
+    assert found_in(tmp_path / "together", single) == [True] * len(single)
+
+
 def found_in(folder: Path, runs: list[FinishedRun]) -> list[bool]:
     """Which of the runs are there, as they were."""
     found = []
