@@ -94,6 +94,17 @@ class Newton:
             return False
         return None
 
+    def _scales(self, points: Array) -> tuple[Array, Array]:
+        """Changes that are negligible, and sizes of displacements and positions, ``(q, w)``."""
+        size = self._largest(points)
+        limit = NEGLIGIBLE * size
+        size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(self.state.x))
+        return limit, size
+
+    def _was_led_astray(self, points: Array, limit: Array) -> bool:
+        """Whether the iteration began so far away that the sizes there are not those of here."""
+        return bool((2.0 * NEGLIGIBLE * self._largest(points) < limit).any())
+
     def _falls(self, change: Array, before: Array, size: Array, least: float) -> Mask:
         """Members whose largest relative change is at least so large, and less than before."""
         share = 1.0 / np.maximum(size, SMALLEST)
@@ -135,12 +146,14 @@ class Newton:
                 points = np.where(live[:, None], moved, points)
                 iterations += live
             if iteration == 0:
-                size, before = self._largest(moved), change
-                limit = NEGLIGIBLE * size
-                size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(state.x))
+                before = change
+                limit, size = self._scales(moved)
                 continue
             if renewed is None and everyone:
                 has_ended = self._has_ended(change, before, limit)
+                if has_ended and self._was_led_astray(moved, limit):
+                    limit, size = self._scales(moved)
+                    has_ended = self._has_ended(change, before, limit)
                 if has_ended:
                     return self._solution(points, rest, iterations + len(changes), failed, changes)
                 # blocks may be iterated slowly, as long as large changes fall
@@ -152,6 +165,8 @@ class Newton:
                 # from here on members end one by one
                 everyone = False
                 iterations += len(changes)
+            if self._was_led_astray(moved, limit):
+                limit, size = self._scales(moved)
             good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
             if renewed is not None:

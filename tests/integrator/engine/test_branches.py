@@ -10,6 +10,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine import branch
+from fvi_cli.integrator.engine.newton import Newton
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
@@ -166,3 +167,34 @@ def test_bits_do_not_depend_on_companions(most):
             assert np.array_equal(one.position, together[place].position)
             assert one.newton.iterations == together[place].newton.iterations
             assert one.message == together[place].message
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_blocks_that_are_led_far_into_a_wall_come_back(seed):
+    """The first iteration of a block leaves for 1e9, whose round-off is no scale of the motion."""
+    random = np.random.default_rng([seed, 52])
+    steep, v0, duration = random.uniform(40, 60), random.uniform(0.9, 1.1), random.uniform(14, 17)
+    scene = lagrangian_scene(
+        coordinates=["x"],
+        lagrangian=f"vx**2/2-exp({steep}*(x-1))-x**2/2",
+        initial_position=[0.0],
+        initial_velocity=[v0],
+        final_time=duration,
+    )
+    for n_steps in (1026, int(random.integers(1030, 2000))):
+        found = integrate(scene, Method(cq="gauss", degree=3), n_steps)
+        assert found.status == "ok"
+        assert np.ptp(found.energy) < 1e-8
+
+
+def test_a_scale_from_afar_would_be_noticed(monkeypatch):
+    """The control."""
+    monkeypatch.setattr(Newton, "_was_led_astray", lambda *_: False)
+    scene = lagrangian_scene(
+        coordinates=["x"],
+        lagrangian="vx**2/2-exp(52.17*(x-1))-x**2/2",
+        initial_position=[0.0],
+        initial_velocity=[0.99046],
+        final_time=15.418,
+    )
+    assert np.ptp(integrate(scene, Method(cq="gauss", degree=3), 1130).energy) > 0.1
