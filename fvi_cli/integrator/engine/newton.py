@@ -94,16 +94,16 @@ class Newton:
             return False
         return None
 
-    def _scales(self, points: Array) -> tuple[Array, Array]:
-        """Changes that are negligible, and sizes of displacements and positions, ``(q, w)``."""
-        size = self._largest(points)
-        limit = NEGLIGIBLE * size
-        size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(self.state.x))
-        return limit, size
+    def _shrunk(self, points: Array, limit: Array) -> Mask:
+        """Components that began so far away that the scale there is not that of here."""
+        return np.asarray(2.0 * NEGLIGIBLE * self._largest(points) < limit)
 
-    def _was_led_astray(self, points: Array, limit: Array) -> bool:
-        """Whether the iteration began so far away that the sizes there are not those of here."""
-        return bool((2.0 * NEGLIGIBLE * self._largest(points) < limit).any())
+    def _rescale(self, limit: Array, size: Array, points: Array, places: Mask) -> None:
+        """Take what is negligible, and the sizes, of some components from where they are."""
+        now = self._largest(points)
+        limit[places] = NEGLIGIBLE * now[places]
+        now[:, : self.e] = np.maximum(now[:, : self.e], np.abs(self.state.x))
+        size[places] = now[places]
 
     def _falls(self, change: Array, before: Array, size: Array, least: float) -> Mask:
         """Members whose largest relative change is at least so large, and less than before."""
@@ -146,13 +146,14 @@ class Newton:
                 points = np.where(live[:, None], moved, points)
                 iterations += live
             if iteration == 0:
-                before = change
-                limit, size = self._scales(moved)
+                size, before = self._largest(moved), change
+                limit = NEGLIGIBLE * size
+                size[:, : self.e] = np.maximum(size[:, : self.e], np.abs(state.x))
                 continue
             if renewed is None and everyone:
                 has_ended = self._has_ended(change, before, limit)
-                if has_ended and self._was_led_astray(moved, limit):
-                    limit, size = self._scales(moved)
+                if has_ended and (far := self._shrunk(moved, limit)).any():
+                    self._rescale(limit, size, moved, far)
                     has_ended = self._has_ended(change, before, limit)
                 if has_ended:
                     return self._solution(points, rest, iterations + len(changes), failed, changes)
@@ -165,10 +166,13 @@ class Newton:
                 # from here on members end one by one
                 everyone = False
                 iterations += len(changes)
-            if self._was_led_astray(moved, limit):
-                limit, size = self._scales(moved)
             good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
+            ending = (good | (slow & (change <= UNIT * size))).all(axis=1)
+            far = self._shrunk(moved, limit) & np.asarray(ending)[:, None]
+            if far.any():
+                self._rescale(limit, size, moved, far)
+                good = change * change <= limit * before
             if renewed is not None:
                 good[renewed], slow[renewed] = False, ~np.isfinite(change[renewed])
                 renewed = None
