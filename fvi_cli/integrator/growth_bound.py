@@ -26,7 +26,7 @@ PERMITTED_ENERGY = 4.0
 """So many times the energy that a scene has, a run that is right cannot have: twice the way."""
 
 GAINS_ENERGY = "unstable: its energy rises to "
-"""The remark on a run begins so."""
+"""How the remark on a run begins; it is left out where growth was predicted."""
 
 FLEXIBILITY_SWEEPS = 10
 

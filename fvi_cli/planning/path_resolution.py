@@ -35,6 +35,8 @@ MOST_VALUES = 1_000_000
 """Second derivatives along a path that are looked at."""
 BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
 """Places in every step where a path is looked at, where there is room for all."""
+MOST_PHASES = 1_000
+"""States whose errors of phases are averaged."""
 SHARE = 0.1
 """Errors of phases below this share of the motion are not remarked on."""
 MUCH_SHORTER = 0.5
@@ -132,13 +134,15 @@ def _met(modes: _Modes, final_time: float, known: float) -> tuple[str, ...]:
 def _out_of_phase(modes: _Modes, method: AnyMethod, final_time: float) -> tuple[str, ...]:
     """Of the error that phases accumulate over a run."""
     error_of = oscillator_errors(method)
+    some = slice(None, None, math.ceil(modes.time.size / MOST_PHASES))
+    rates, step = modes.rates[some], modes.step[some, None]
+    # old errors decay with the mode
+    lasting = np.minimum(1.0, 1.0 / np.maximum(modes.decay[some] * final_time, 1e-300))
 
     def accumulated(refinement: float) -> tuple[float, int]:
         """The error relative to the motion, and the mode that has most of it."""
-        errors = error_of(modes.rates * modes.step[:, None] / refinement) * refinement
-        # old errors decay with the mode
-        lasting = np.minimum(1.0, 1.0 / np.maximum(modes.decay * final_time, 1e-300))
-        every = final_time * np.mean(errors / modes.step[:, None] * lasting, axis=0)
+        errors = error_of(rates * step / refinement) * refinement
+        every = final_time * np.mean(errors / step * lasting, axis=0)
         shares = np.minimum(every, 2.0) * np.minimum(modes.share.mean(axis=0), 1.0)
         return float(shares.sum()), int(shares.argmax())
 
@@ -148,11 +152,11 @@ def _out_of_phase(modes: _Modes, method: AnyMethod, final_time: float) -> tuple[
     refinement, count = 1.0, 0
     while count < MOST_REFINEMENTS and accumulated(refinement)[0] > SHARE:
         refinement, count = refinement * FINER, count + 1
-    rate, step = float(modes.rates[:, mode].max()), float(modes.step.max())
+    rate, longest = float(modes.rates[:, mode].max()), float(modes.step.max())
     return (
-        f"steps: with h = {step:.4g} {method_name(method)} shifts the phase of motions of the "
+        f"steps: with h = {longest:.4g} {method_name(method)} shifts the phase of motions of the "
         f"period {2.0 * math.pi / rate:.4g} until the error is some {100.0 * min(found, 1.0):.2g} "
-        f"% of the motion; {advice(final_time, step / refinement)}",
+        f"% of the motion; {advice(final_time, longest / refinement)}",
     )
 
 

@@ -91,8 +91,10 @@ def _pulse_remark(scene: Scene, step: float) -> list[str]:
     width = float(points[narrowest + 1] - points[narrowest])
     if step <= STEPS_PER_PULSE * width:
         return []
-    seen = step
-    while seen > STEPS_PER_PULSE * width and _lost_share(scene, points, seen) > FIRST_DIGITS:
+    seen, forcing = step, scene.forcing
+    while seen > STEPS_PER_PULSE * width and (
+        _lost_share(forcing, scene, points, seen) > FIRST_DIGITS
+    ):
         seen = 0.5 * seen
     if seen == step:
         return []
@@ -103,12 +105,11 @@ def _pulse_remark(scene: Scene, step: float) -> list[str]:
     ]
 
 
-def _lost_share(scene: Scene, points: Array, step: float) -> float:
+def _lost_share(forcing: Forcing, scene: Scene, points: Array, step: float) -> float:
     """Share of the impulse of the forcing that three nodes in every step lose near `points`."""
-    assert scene.forcing is not None
     ends = [0.0, *(one for one in scene.break_points if one < scene.final_time), scene.final_time]
     coarse = np.linspace(0.0, scene.final_time, PANELS + 1)
-    _, total = _impulses(scene.forcing, np.unique([*ends, *points, *coarse]), NODES)
+    _, total = _impulses(forcing, np.unique([*ends, *points, *coarse]), NODES)
     lost = 0.0
     for shift in (0.0, 0.5):
         # the ends of those steps that have such points in them
@@ -118,8 +119,8 @@ def _lost_share(scene: Scene, points: Array, step: float) -> float:
         panels = np.union1d(edges, points[(points > edges[0]) & (points < edges[-1])])
         inside = np.searchsorted(edges, panels[:-1], side="right") - 1
         held = np.zeros((edges.size - 1, scene.dimension))
-        np.add.at(held, inside, _impulses(scene.forcing, panels, NODES)[0])
-        seen, _ = _impulses(scene.forcing, edges, 3)
+        np.add.at(held, inside, _impulses(forcing, panels, NODES)[0])
+        seen, _ = _impulses(forcing, edges, 3)
         has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, points) - 1)
         has_points &= np.diff(edges) <= step * SLACK
         lost = max(lost, float(np.abs(held - seen)[has_points].sum()))

@@ -168,10 +168,9 @@ class Newton:
                 iterations += len(changes)
             good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
-            ending = (good | (slow & (change <= UNIT * size))).all(axis=1)
-            far = self._shrunk(moved, limit) & np.asarray(ending)[:, None]
-            if far.any():
-                self._rescale(limit, size, moved, far)
+            ending = np.asarray((good | (slow & (change <= UNIT * size))).all(axis=1))
+            if ending.any():
+                self._rescale(limit, size, moved, self._shrunk(moved, limit) & ending[:, None])
                 good = change * change <= limit * before
             if renewed is not None:
                 good[renewed], slow[renewed] = False, ~np.isfinite(change[renewed])
