@@ -1,15 +1,8 @@
-r"""Whether the steps of a finished run were short enough for what it met, and for its method.
-
-Along the path the scene is close to linear ones. In the modes of each the undamped oscillator
-:math:`x'' + \omega^2 x = 0` turns by :math:`\omega h` in a step of length h, and by the step
-equations of the method by an eigenvalue :math:`\lambda(\omega h)`: their distance
-:math:`|\log \lambda - i \omega h|`, summed over the steps, is the error of its phase.
-"""
+"""Whether the steps of a finished run were short enough for what it met, and for its method."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,31 +12,29 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.stability.patterns import MASS, STIFFNESS, has_patterns, step_patterns
+from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.planning.resolution import (
-    MOST_MODES,
-    SLACK,
-    STEPS_PER_PERIOD,
-    TAKES_PART,
-    advice,
-    own_period,
-)
+from fvi_cli.planning.accumulated_error import accumulated_error
+from fvi_cli.planning.one_step import rate_errors
+from fvi_cli.planning.resolution import SLACK, STEPS_PER_PERIOD, advice
 
+TAKES_PART = 1e-3
+"""Modes that move by less than this share of the motion do not count (guessed)."""
+MOST_MODES = 400
+"""Degrees of freedom up to which periods are looked at."""
 MOST_VALUES = 1_000_000
 """Second derivatives along a path that are looked at."""
 BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
 """Places in every step where a path is looked at, where there is room for all."""
-MOST_PHASES = 1_000
-"""States whose errors of phases are averaged."""
-SHARE = 0.1
-"""Errors of phases below this share of the motion are not remarked on."""
-MUCH_SHORTER = 0.5
+SHARE = 0.03
+"""Errors below this part of the motion are not remarked on: estimates may be thrice too small."""
+SMALL = 0.01
+"""Long steps are not remarked on where the method errs by less, over a run and in one step."""
+AMPLIFIED = 10.0
+"""So many times larger than all steps made them, it is said that errors grow (guessed)."""
 UNBOUNDED = 3.0
 """So many times farther than before, a run that ends early moves without bound (guessed)."""
-FINER = 1.25
-MOST_REFINEMENTS = 60
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,27 +50,35 @@ class _Modes:
 
 
 def path_remarks(
-    scene: Scene, method: AnyMethod, trajectory: Trajectory, *, with_phases: bool = True
+    scene: Scene, method: AnyMethod, trajectory: Trajectory, *, with_errors: bool = True
 ) -> tuple[str, ...]:
     """What the steps of a run were too long for, with what to write; empty: nothing.
 
-    Besides what was known before the run; errors of phases say something where no error is known.
+    Errors are estimated where none is known.
     """
     if scene.prescribed is not None or scene.is_sparse or scene.dimension > MOST_MODES:
         return ()
+    error, known = math.inf, None
     try:
         with np.errstate(all="ignore"):
             modes = _modes_along(scene, trajectory)
+            if with_errors and has_patterns(method):
+                known = accumulated_error(scene, method, trajectory, SHARE)
+                error = 0.0 if known is None else float(known.error.max())
     except np.linalg.LinAlgError:
         return ()
-    if modes is None:
-        return ()
-    known = own_period(scene)
-    is_long = bool(modes.step.max() > SLACK * known / STEPS_PER_PERIOD)
-    found = () if scene.is_linear else _met(modes, scene.final_time, known if is_long else math.inf)
-    if found or is_long or not (with_phases and has_patterns(method)):
+    found = () if modes is None else _met(modes, method, error, scene)
+    if found or known is None or not error > SHARE:
         return found
-    return _out_of_phase(modes, method, scene.final_time)
+    longest = float(np.diff(trajectory.time).max()) / trajectory.every
+    grows = f", for this motion makes errors {known.amplification:.2g} times larger"
+    return (
+        f"steps: with h = {longest:.4g} by {method_name(method)} the error is some "
+        f"{float(f'{100.0 * min(error, 1.0):.2g}'):g} % of the motion, above {100.0 * SHARE:g} % "
+        f"from t = {known.time[np.argmax(known.error > SHARE)]:.4g} on"
+        f"{grows if known.amplification > AMPLIFIED else ''}; "
+        f"{advice(scene.final_time, longest / known.refinement)}",
+    )
 
 
 def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
@@ -112,73 +111,29 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
     )
 
 
-def _met(modes: _Modes, final_time: float, known: float) -> tuple[str, ...]:
-    """Of the period that is shortest for the step that met it, if that is much below the known."""
+def _met(modes: _Modes, method: AnyMethod, error: float, scene: Scene) -> tuple[str, ...]:
+    """Of the period that is shortest for the step that met it, where the method errs there."""
     takes_part = (modes.share >= TAKES_PART) & (modes.decay < modes.rates)
     fastest = np.where(takes_part, modes.rates, 0.0).max(axis=1)
+    # a linear scene has the same modes everywhere
+    fastest = np.broadcast_to(fastest, modes.step.shape)
     worst = int(np.argmax(modes.step * fastest))
     if not fastest[worst] > 0.0:
         return ()
     step, period = float(modes.step[worst]), 2.0 * math.pi / float(fastest[worst])
-    if step <= SLACK * period / STEPS_PER_PERIOD or period > MUCH_SHORTER * known:
+    if step <= SLACK * period / STEPS_PER_PERIOD:
         return ()
+    if error <= SMALL:
+        turned = np.array([step * fastest[worst]])
+        if abs(rate_errors(method, (), turned)[0, 0]) <= SMALL:
+            return ()
     place = ", ".join(f"{one:.4g}" for one in modes.position[worst, :4])
     place += ", ..." if modes.position.shape[1] > 4 else ""
+    met = "" if scene.is_linear else f", met near t = {modes.time[worst]:.6g} at q = {place}"
     return (
         f"steps: h = {step:.4g} is longer than a quarter of the shortest period {period:.4g} of "
-        f"the motion, met near t = {modes.time[worst]:.6g} at q = {place}; "
-        f"{advice(final_time, period / STEPS_PER_PERIOD)}",
+        f"the motion{met}; {advice(scene.final_time, period / STEPS_PER_PERIOD)}",
     )
-
-
-def _out_of_phase(modes: _Modes, method: AnyMethod, final_time: float) -> tuple[str, ...]:
-    """Of the error that phases accumulate over a run."""
-    error_of = oscillator_errors(method)
-    some = slice(None, None, math.ceil(modes.time.size / MOST_PHASES))
-    rates, step = modes.rates[some], modes.step[some, None]
-    # old errors decay with the mode
-    lasting = np.minimum(1.0, 1.0 / np.maximum(modes.decay[some] * final_time, 1e-300))
-
-    def accumulated(refinement: float) -> tuple[float, int]:
-        """The error relative to the motion, and the mode that has most of it."""
-        errors = error_of(rates * step / refinement) * refinement
-        every = final_time * np.mean(errors / step * lasting, axis=0)
-        shares = np.minimum(every, 2.0) * np.minimum(modes.share.mean(axis=0), 1.0)
-        return float(shares.sum()), int(shares.argmax())
-
-    found, mode = accumulated(1.0)
-    if not found > SHARE:
-        return ()
-    refinement, count = 1.0, 0
-    while count < MOST_REFINEMENTS and accumulated(refinement)[0] > SHARE:
-        refinement, count = refinement * FINER, count + 1
-    rate, longest = float(modes.rates[:, mode].max()), float(modes.step.max())
-    return (
-        f"steps: with h = {longest:.4g} {method_name(method)} shifts the phase of motions of the "
-        f"period {2.0 * math.pi / rate:.4g} until the error is some {100.0 * min(found, 1.0):.2g} "
-        f"% of the motion; {advice(final_time, longest / refinement)}",
-    )
-
-
-def oscillator_errors(method: AnyMethod) -> Callable[[Array], Array]:
-    r""":math:`|\log \lambda - i \omega h|` of one step of a method for any :math:`\omega h > 0`.
-
-    The determinant of the step equations is a polynomial of degree 2 in :math:`1 / \lambda`.
-    """
-    matrices = step_patterns(method, ())(np.array([0.0, 1.0, -1.0], dtype=np.complex128)).real
-
-    def errors(turned: Array) -> Array:
-        square = (turned**2)[..., None, None, None]
-        whole = matrices[:, MASS] + square * matrices[:, STIFFNESS]
-        constant, plus, minus = np.moveaxis(np.linalg.det(whole), -1, 0)
-        linear, quadratic = 0.5 * (plus - minus), 0.5 * (plus + minus) - constant
-        root = np.sqrt((linear**2 - 4.0 * constant * quadratic).astype(np.complex128))
-        # z with Im z < 0, or the larger of two real ones: the other is its conjugate
-        inverse = np.stack([-linear + root, -linear - root]) / (2.0 * quadratic)
-        distance = np.abs(-np.log(inverse) - 1j * turned).min(axis=0)
-        return np.where(turned > 0.0, np.where(np.isfinite(distance), distance, turned), 0.0)
-
-    return errors
 
 
 def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:

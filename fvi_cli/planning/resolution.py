@@ -1,4 +1,4 @@
-"""Whether steps are short enough for records and for the shortest period that takes part."""
+"""Whether steps are short enough for records, pulses, and the periods of forces."""
 
 from __future__ import annotations
 
@@ -9,23 +9,16 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian
-from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
 from fvi_cli.integrator.local_error.pulses import pulses_that_move
-from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 STEPS_PER_PERIOD = 4.0
 """With fewer steps a period is not resolved."""
-TAKES_PART = 1e-3
-"""Modes that move less than this share of the largest one do not count (guessed)."""
-MOST_MODES = 400
-"""Degrees of freedom up to which periods are looked at."""
 NEGLIGIBLE_MOTION = 1e-9
 """Pulses that move a scene by less than this share of its start do not count (guessed)."""
 STEPS_PER_PULSE = 2.0
@@ -43,7 +36,7 @@ DIFFERENCE = 1e-6
 def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
     """What steps are too long for, with both numbers and what to write; empty: nothing.
 
-    Nonlinear scenes are linearised at the start.
+    Motions say themselves what they were too long for, by `path_remarks`.
     """
     # the longest one of N steps with ends T (k/N)^r
     step = scene.final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading)
@@ -59,9 +52,8 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
                 f"{component.source}; {advice(scene.final_time, spacing)}"
             )
     found += _pulse_remark(scene, step)
-    periods = [(own_period(scene), "motion")]
     forces = () if scene.forcing is None else scene.forcing.pieces
-    periods.append((_waves_period(forces, scene.final_time), "force"))
+    periods = [(_waves_period(forces, scene.final_time), "force")]
     if scene.lagrangian is not None:
         periods.append((_lagrangian_period(scene, scene.lagrangian), "Lagrangian"))
     found += _long_steps(scene, step, periods)
@@ -147,54 +139,6 @@ def advice(final_time: float, wanted: float) -> str:
 def _spacing(component: SampledForce, final_time: float) -> float:
     knots = component.knots[(component.knots >= 0) & (component.knots <= final_time)]
     return float(np.median(np.diff(knots))) if knots.size > 1 else math.inf
-
-
-def own_period(scene: Scene) -> float:
-    """Shortest period of the modes that take part; infinite where none is known."""
-    if scene.is_sparse or scene.dimension > MOST_MODES:
-        return math.inf
-    # a slow import, which runs that are stored need not wait for
-    from scipy.linalg import eigh
-
-    try:
-        near = linearised_at_start(scene)
-        if not isinstance(near.potential, QuadraticPotential):
-            return math.inf
-        squares, modes = eigh(dense(near.potential.form), dense(near.inertia.form))
-    except (ValueError, np.linalg.LinAlgError):
-        return math.inf
-    oscillates = squares > 1e-12 * np.abs(squares).max(initial=0.0)
-    squares, modes = squares[oscillates], modes[:, oscillates]
-    rates = np.sqrt(squares)
-    size = np.abs(modes).max(axis=0, initial=0.0)
-    mass = dense(near.inertia.form)
-    with np.errstate(all="ignore"):
-        moved = np.abs(modes.T @ (mass @ scene.initial_velocity)) / rates
-        if scene.is_linear:
-            moved = moved + np.abs(modes.T @ (mass @ scene.initial_position))
-        moved = moved + _pushed(scene, modes) / squares
-        damped = sum(
-            np.abs(np.einsum("im,ij,jm->m", modes, dense(term.form), modes)) * rates**term.order
-            for term in scene.active_damping
-        )
-    takes_part = (size * moved >= TAKES_PART * (size * moved).max(initial=0.0)) & (moved > 0)
-    takes_part &= damped < 2.0 * squares
-    return 2.0 * math.pi / float(rates[takes_part].max()) if takes_part.any() else math.inf
-
-
-def _pushed(scene: Scene, modes: Array) -> Array:
-    """Largest forces on modes that are probed, with those of a potential at the start."""
-    found = np.zeros(modes.shape[1])
-    if scene.forcing is not None:
-        values = scene.forcing(scene.final_time * PROBED_FRACTIONS)
-        values = np.where(np.isfinite(values), values, 0.0)
-        found = np.abs(values @ modes).max(axis=0, initial=0.0)
-    if scene.potential is not None and not scene.is_linear:
-        found = found + np.abs(scene.potential.gradient(scene.initial_position) @ modes)
-    if scene.lagrangian is not None:
-        _, force = scene.lagrangian.forces(scene.initial_position, scene.initial_velocity, 0.0)
-        found = found + np.abs(force @ modes)
-    return np.asarray(found)
 
 
 def _waves_period(pieces: Sequence[ForcingPiece], final_time: float) -> float:

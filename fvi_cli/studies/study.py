@@ -251,8 +251,11 @@ def _remarks(
             found += resolution_remarks(scene, n_steps, grading=experiment.grading)
             small = UNRELIABLE * measured.largest
             is_known = measured.floor("max", 1.0) <= small and math.isfinite(measured.max)
-            if trajectory.status == "ok" and not (is_known and measured.max <= small):
-                found += path_remarks(scene, run.method, trajectory, with_phases=not is_known)
+            if not (is_known and measured.max <= small):
+                # impacts take energy, and their steps are found by events
+                needed = trajectory.status == "ok" and not is_known
+                needed &= not experiment.observations.impacts
+                found += path_remarks(scene, run.method, trajectory, with_errors=needed)
         if prediction.is_noticed(n_steps) or prediction.linearised_verdict == "unstable":
             found.append(f"stability: {prediction.reason}")
         elif not scene.is_linear:

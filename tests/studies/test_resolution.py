@@ -12,6 +12,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.integrator.local_error.pulses import Pulses
+from fvi_cli.planning.path_resolution import path_remarks
 from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.scenes.data import linear_oscillator, pendulum
 from fvi_cli.studies.experiment import FinishedRun
@@ -52,25 +53,35 @@ def test_periods_that_take_part(seed: int) -> None:
     scene = linear_oscillator(
         mass=mass, stiffness=stiffness, damping=[], final_time=final_time, **start
     )
-    said = resolution_remarks(scene, 79)
-    assert len(said) == 1
-    assert f"shortest period {shortest:.4g} of the motion" in said[0]
-    assert "take 80 steps or more" in said[0]
-    assert resolution_remarks(scene, 81) == ()
-    # a graded mesh has longer steps
-    assert resolution_remarks(scene, 81, grading=2.0)
+
+    def said(method: str, n_steps: int, *, with_errors: bool) -> tuple[str, ...]:
+        run = fvi.integrate(scene, method, n_steps)
+        return path_remarks(scene, fvi.method_named(method), run, with_errors=with_errors)
+
+    (long,) = said("gauss1", 79, with_errors=False)
+    assert f"shortest period {shortest:.4g} of the motion" in long
+    assert "take 80 steps or more" in long
+    assert said("gauss1", 81, with_errors=False) == ()
+    # what the method makes of steps so long decides, and of shorter ones
+    assert said("gauss5", 79, with_errors=True) == ()
+    assert said("gauss1", 79, with_errors=True) == (long,)
+    (wrong,) = said("gauss1", 81, with_errors=True)
+    assert "by Gauss1, graded the error is some" in wrong
 
 
 def test_modes_that_rest_or_do_not_oscillate_do_not_count() -> None:
+    def said(scene: fvi.Scene) -> tuple[str, ...]:
+        method = fvi.method_named("gauss2")
+        return path_remarks(scene, method, fvi.integrate(scene, method, 64))
+
     data = {"mass": np.eye(2), "stiffness": np.diag([1.0, 1e6]), "final_time": 10.0}
-    still = linear_oscillator(damping=[], initial_position=[1.0, 0.0], **data)
-    assert resolution_remarks(still, 64) == ()
-    moving = linear_oscillator(damping=[], initial_position=[1.0, 0.1], **data)
-    assert resolution_remarks(moving, 64)
+    assert said(linear_oscillator(damping=[], initial_position=[1.0, 0.0], **data)) == ()
+    assert said(linear_oscillator(damping=[], initial_position=[1.0, 0.1], **data))
+    # a mode that its force moves is there, however little it moves
     pushed = linear_oscillator(damping=[], forcing=Forcing.from_text("0", "5"), **data)
-    assert resolution_remarks(pushed, 64)
-    assert resolution_remarks(spring((0.5, 1e6), k=1e4, T=10.0, x=1.0), 64) == ()
-    assert resolution_remarks(spring((0.5, 0.1), k=1e4, T=10.0, x=1.0), 64)
+    assert said(pushed)
+    assert said(spring((0.5, 1e6), k=1e4, T=10.0, x=1.0)) == ()
+    assert said(spring((0.5, 0.1), k=1e4, T=10.0, x=1.0))
 
 
 def test_sines_of_formulas_and_nonlinear_motions() -> None:
@@ -83,10 +94,11 @@ def test_sines_of_formulas_and_nonlinear_motions() -> None:
         (said,) = resolution_remarks(scene, 100)
         assert f"shortest period {period:.4g} of the force" in said
         assert resolution_remarks(scene, 1000) == ()
-    fast = pendulum(final_time=10.0, omega=20.0, initial_position=0.5)
-    slow = pendulum(final_time=10.0, initial_position=0.5)
-    assert "of the motion" in resolution_remarks(fast, 60)[0]
-    assert resolution_remarks(slow, 60) == ()
+    for rate, is_said in ((20.0, True), (1.0, False)):
+        swing = pendulum(final_time=10.0, omega=rate, initial_position=0.5)
+        method = fvi.method_named("gauss2")
+        remarks = path_remarks(swing, method, fvi.integrate(swing, method, 60))
+        assert any("of the motion" in one for one in remarks) == is_said
 
 
 CONFIG = """\

@@ -1,0 +1,308 @@
+r"""What the errors of all steps add up to along the path of a run.
+
+Close to a state y = (q, p) a motion is that of its quadratic Lagrangian, :math:`y' = A y + c`. From
+there one step of the method is off by :math:`d_k`, and what earlier steps left is carried on:
+
+.. math:: e_{k+1} = \Phi_k e_k + d_k, \qquad \Phi_k = e^{h (A_k + A_{k+1}) / 2} .
+
+So phases shift, and errors grow where a motion leaves unstable states. Where nothing gives or takes
+energy, the error has that of the run: :math:`\nabla H \cdot e_k = H(y_k) - H(y_0)`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.planning.one_step import exponentials, increments, rate_errors
+
+MOST_STEPS = 1_000
+"""Steps up to which all are looked at, of a scene with one coordinate."""
+MOST_ENTRIES = 4_000
+"""Second derivatives that are looked at."""
+WINDOWS, SHORTEST = 8, 4
+"""Parts of longer runs that are looked at, and the fewest steps of one."""
+ITERATIONS = 8
+"""For the rates of damped motions."""
+FINER, MOST_REFINEMENTS = 1.25, 60
+"""Ratio of the steps that are tried for a smaller error, and how many."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AccumulatedError:
+    """Estimated errors of positions at times of a run, relative to the motion."""
+
+    time: Array
+    error: Array
+    amplification: float  # of the largest over the errors of all steps
+    refinement: float  # so many times shorter steps have what was wanted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _States:
+    """n states of b independent parts of k coordinates: of a linear scene these are its modes."""
+
+    step: Array  # lengths of the steps from there, (n,)
+    every: int  # so many of which lie between two states
+    velocity: Array  # (n, b, k)
+    force: Array
+    momentum: Array
+    mass: Array  # (n, b, k, k)
+    mixed: Array
+    stiffness: Array  # of L: minus that of the potential
+    damping: tuple[tuple[float, Array], ...]  # orders and coefficients, (b, k, k)
+    gain: Array | None  # of energy since the first state, (n,), where it should be 0
+
+    @property
+    def acceleration(self) -> Array:
+        return np.asarray(np.linalg.solve(self.mass, self.force[..., None])[..., 0])
+
+    def flow(self, rate: Array, *, with_damping: bool) -> Array:
+        """The matrices A, with losses of the damping at given rates, (n, b, 2 k, 2 k)."""
+        inverse = np.linalg.inv(self.mass)
+        turned = self.mixed.swapaxes(-1, -2)
+        slope = inverse @ self.mixed
+        lower = [self.stiffness - turned @ slope, turned @ inverse]
+        for order, form in self.damping if with_damping else ():
+            loss = form * (math.sin(0.5 * math.pi * order) * rate ** (order - 1.0))[:, None, None]
+            lower = [lower[0] + loss @ slope, lower[1] - loss @ inverse]
+        return np.block([[-slope, inverse], lower])
+
+
+def accumulated_error(
+    scene: Scene, method: AnyMethod, trajectory: Trajectory, wanted: float
+) -> AccumulatedError | None:
+    """Estimate the errors of a run by a method with patterns, and the steps for those `wanted`.
+
+    To first order; None where the path does not move or is not finite.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If a mass matrix on the path is singular.
+    """
+    count, d = trajectory.time.size - 1, scene.dimension
+    size = 0.5 * float(np.ptp(trajectory.position, axis=0).max(initial=0.0))
+    if count < 2 or not 0.0 < size < math.inf:
+        return None
+    length, starts = min(count, MOST_STEPS, MOST_ENTRIES // (d if scene.is_linear else d * d)), [0]
+    if length < count:
+        length = min(max(length // WINDOWS, SHORTEST), count)
+        starts = sorted({int(one) for one in np.linspace(0, count - length, WINDOWS)})
+    lasting = count / (len(starts) * length)
+    shapes = _shapes(scene)
+    windows = [_states(scene, trajectory, shapes, one, one + length) for one in starts]
+    windows, rate = _with_real_parts(windows)
+    total, alone = np.zeros(shapes.shape[1:]), 0.0
+    errors: list[Array] = [np.zeros(1)]
+    for states in windows:
+        local = local_errors(states, method, rate)
+        found, whole = _carried(states, local, rate)
+        place = found[:, :, : shapes.shape[2]]
+        if len(starts) == 1:
+            errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
+        else:
+            # the steps up to the next window do as those of this one
+            kept = np.minimum(np.abs(np.linalg.eigvals(whole)).max(axis=1), 1.0) ** lasting
+            total = kept[:, None] * total
+            total += lasting * np.abs(place[-max(length // 4, 1) :]).max(axis=0)
+            errors.append(np.einsum("dbk,bk->d", np.abs(shapes), total).max(keepdims=True))
+        alone += lasting * _sum(states, local, shapes, rate)
+    error = np.concatenate(errors) / size
+    if not np.isfinite(error).all():
+        return None
+    largest, finer, tried = float(error.max()), 1.0, 0
+    while largest > wanted and tried < MOST_REFINEMENTS:
+        finer, tried = finer * FINER, tried + 1
+        left = sum(
+            _sum(one, local_errors(one, method, rate, finer), shapes, rate) for one in windows
+        )
+        largest = float(error.max()) * lasting * left / alone
+    ends = range(count + 1) if len(starts) == 1 else [0, *(one + length for one in starts)]
+    return AccumulatedError(
+        time=trajectory.time[ends],
+        error=error,
+        amplification=float(error.max()) * size / alone if alone > 0.0 else 1.0,
+        refinement=finer,
+    )
+
+
+def _shapes(scene: Scene) -> Array:
+    """Modes of a linear scene, relative to its mass; else all coordinates together: (d, b, k)."""
+    if not scene.is_linear:
+        return np.eye(scene.dimension)[:, None, :]
+    inverse = np.linalg.inv(np.linalg.cholesky(dense(scene.inertia.form)))
+    return np.asarray(inverse.T @ np.linalg.eigh(inverse @ _stiffness(scene) @ inverse.T)[1])[
+        :, :, None
+    ]
+
+
+def _stiffness(scene: Scene) -> Array:
+    known = scene.potential
+    if isinstance(known, QuadraticPotential):
+        return dense(known.form)
+    return np.zeros((scene.dimension, scene.dimension))
+
+
+def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, last: int) -> _States:
+    here = slice(first, last + 1)
+    time, position = trajectory.time[here], trajectory.position[here]
+    step = np.diff(time) / trajectory.every
+    velocity = np.gradient(position, time, axis=0)
+    if trajectory.momentum is not None:
+        found = scene.velocity(position, trajectory.momentum[here], time)
+        velocity = found if np.isfinite(found).all() else velocity
+    forcing: Array | float = 0.0
+    if scene.forcing is not None:
+        forcing = scene.forcing(time + 0.5 * np.append(step, step[-1]))
+    if scene.is_linear:
+        _, force = scene.forces(position, velocity, time)
+        modes, shape = shapes[..., 0], (*position.shape, 1, 1)
+        own = np.einsum("am,ab,bm->m", modes, _stiffness(scene), modes)
+        moved = (velocity @ dense(scene.inertia.form) @ modes)[..., None]
+        parts = {
+            "velocity": moved,
+            "momentum": moved,
+            "force": ((force + forcing) @ modes)[..., None],
+            "mass": np.ones(shape),
+            "mixed": np.zeros(shape),
+            "stiffness": np.broadcast_to(-own[:, None, None], shape),
+        }
+    else:
+        at = scene.derivatives(position, velocity, time)
+        parts = {
+            name: one[:, None]
+            for name, one in (
+                ("velocity", velocity),
+                ("momentum", at.momentum),
+                ("force", at.force + forcing),
+                ("mass", at.mass),
+                ("mixed", at.mixed),
+                ("stiffness", at.stiffness),
+            )
+        }
+    energy = trajectory.energy
+    changes = scene.is_linear or bool(scene.active_forces) or scene.forcing is not None
+    changes = changes or (scene.lagrangian is not None and scene.lagrangian.depends_on_time)
+    return _States(
+        step=step,
+        every=trajectory.every,
+        damping=tuple(
+            (one.order, np.einsum("abk,ac,cbl->bkl", shapes, dense(one.form), shapes))
+            for one in scene.active_damping
+        ),
+        gain=None if changes or energy is None else energy[here] - energy[first],
+        **parts,
+    )
+
+
+def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
+    r"""States with the mass and stiffness of damping, and the rate of each part's motion, (b,).
+
+    Of oscillations :math:`(i \omega)^\gamma` is a stiffness, a loss and, above 1, a mass.
+    """
+    squares = [
+        sum((one**2).sum(axis=(0, 2)) for one in parts)
+        for parts in zip(*((w.acceleration, w.velocity) for w in windows), strict=True)
+    ]
+    time, mass = sum(float(one.step.sum()) for one in windows), windows[0].mass[0]
+    with np.errstate(all="ignore"):
+        square = squares[0] / squares[1]
+    rest = (1e-6 / time) ** 2
+    square = np.where(np.isfinite(square) & (square > rest), square, rest)
+    rate = np.sqrt(square)
+    for _ in range(ITERATIONS):
+        added = [np.zeros_like(mass), np.zeros_like(mass)]
+        for order, form in windows[0].damping:
+            size = form * (math.cos(0.5 * math.pi * order) * rate**order)[:, None, None]
+            # above 1 it pulls as a mass does, outwards
+            added[int(order > 1.0)] += -size / (rate**2)[:, None, None] if order > 1.0 else size
+        shares = [
+            np.trace(np.linalg.solve(mass, one), axis1=1, axis2=2) / mass.shape[-1] for one in added
+        ]
+        rate = np.sqrt((square + np.maximum(shares[0], 0.0)) / (1.0 + np.maximum(shares[1], 0.0)))
+    found = [
+        replace(
+            one,
+            stiffness=one.stiffness - added[0],
+            mass=one.mass + added[1],
+            momentum=one.momentum + (added[1] @ one.velocity[..., None])[..., 0],
+        )
+        for one in windows
+    ]
+    return found, rate
+
+
+def local_errors(states: _States, method: AnyMethod, rate: Array, finer: float = 1.0) -> Array:
+    """What steps from states add to the error, those so many times shorter, (n - 1, b, 2 k)."""
+    h, k = states.step / finer, states.velocity.shape[2]
+    velocity, acceleration, mass = states.velocity[:-1], states.acceleration[:-1], states.mass[:-1]
+    rate_by, long = rate[:, None], h[:, None]
+    turned = acceleration / rate_by
+    shifts = rate_errors(method, tuple(one[0] for one in states.damping), rate * float(h.mean()))
+    # what errs, by its unit of mass, and what of the motion is lost
+    parts: list[tuple[Array, ComplexArray]] = []
+    if not isinstance(method, Method):
+        parts.append((np.eye(k), shifts[0] * np.ones_like(long)))
+    loss = np.zeros(velocity.shape[:2])
+    for (order, coefficient), shift in zip(states.damping, shifts[1:], strict=True):
+        form = np.asarray(np.linalg.solve(mass, np.broadcast_to(coefficient, mass.shape)))
+        parts.append((form, long ** (2.0 - order) * shift))
+        share = math.sin(0.5 * math.pi * order) * rate ** (order - 1.0) / (2.0 * k)
+        loss += share * np.trace(form, axis1=-2, axis2=-1)
+    found = np.zeros((*velocity.shape[:2], 2 * k))
+    if isinstance(method, Method):
+        whole = np.zeros((*velocity.shape[:2], 2 * k + 1, 2 * k + 1))
+        whole[..., : 2 * k, : 2 * k] = states.flow(rate, with_damping=False)[:-1]
+        whole[..., : 2 * k, 2 * k] = np.concatenate([velocity, states.force[:-1]], axis=-1)
+        exact = exponentials(whole * long[..., None, None])[..., : 2 * k, 2 * k]
+        names = ("velocity", "momentum", "force", "mass", "mixed", "stiffness")
+        found = increments(method, h, *(getattr(states, name)[:-1] for name in names)) - exact
+    for form, shift in parts:
+        real, imaginary = shift.real[..., None], shift.imag[..., None]
+        place = form @ ((imaginary * velocity - real * turned) / rate_by)[..., None]
+        speed = mass @ form @ (real * velocity + imaginary * turned)[..., None]
+        found += np.concatenate([place, speed], axis=-2)[..., 0]
+    # where a motion is lost in a step, so is its error
+    found *= np.exp(-np.maximum(loss, 0.0) * long)[..., None]
+    return np.asarray(found * finer * states.every)
+
+
+def _carried(states: _States, local: Array, rate: Array) -> tuple[Array, Array]:
+    """Errors behind all steps, (n - 1, b, 2 k), and the maps of the first state to the last."""
+    flow = states.flow(rate, with_damping=True)
+    h = (states.step * states.every)[:, None, None, None]
+    maps, errors = exponentials(0.5 * h * (flow[:-1] + flow[1:])), local[..., None].copy()
+    if states.gain is not None:
+        # in place of the energy that they have by the maps, that which is known
+        slope = np.concatenate([-states.force, states.velocity], axis=-1)[1:]
+        units = np.abs(states.stiffness).sum(axis=-1), 1.0 / np.abs(states.mass).sum(axis=-1)
+        units = np.maximum(units[0], 1e-12 * units[0].max()), units[1]
+        across = slope / np.concatenate(units, axis=-1)[1:]
+        size = (slope * across).sum(axis=-1)
+        across /= np.where(size > 0.0, size, math.inf)[..., None]
+        kept = np.eye(slope.shape[-1]) - across[..., None] * slope[..., None, :]
+        maps = kept @ maps
+        errors = kept @ errors + (across * states.gain[1:, None, None])[..., None]
+    shift = 1
+    while shift < len(errors):
+        errors[shift:] = errors[shift:] + maps[shift:] @ errors[:-shift]
+        maps[shift:] = maps[shift:] @ maps[:-shift]
+        shift *= 2
+    return errors[..., 0], maps[-1]
+
+
+def _sum(states: _States, local: Array, shapes: Array, rate: Array) -> float:
+    """The sum of the sizes of local errors, as positions at the rates of the motion."""
+    k = shapes.shape[2]
+    speed = np.linalg.solve(states.mass[:-1], local[..., k:, None])[..., 0]
+    place = (np.abs(local[..., :k]) + np.abs(speed) / rate[:, None]).sum(axis=0)
+    return float(np.einsum("dbk,bk->d", np.abs(shapes), place).max())
