@@ -253,12 +253,16 @@ def energy_remarks(
     starts_free = scene.derivative == "caputo" and (
         not scene.initial_velocity.any() or all(one.order <= 1 for one in scene.active_damping)
     )
-    if scene.lagrangian is not None or not starts_free or not energy.size:
+    own = scene.lagrangian
+    if own is not None and (own.depends_on_time or scene.forcing is not None):
         return ()
-    if energy.max() <= energy[0]:
+    if not starts_free or not energy.size or energy.max() <= energy[0]:
         return ()
     with np.errstate(all="ignore"):
-        least = float(scene.potential_energy(position).min())
+        level = scene.potential_energy(position)
+        if own is not None:
+            level = -own.lagrangian(position, np.zeros_like(position), 0.0)
+        least = float(level.min())
         push = largest_force * scene.final_time * math.sqrt(0.5 * scene.dimension)
         push *= math.sqrt(_largest_flexibility(scene.inertia)) if push else 0.0
         permitted = (math.sqrt(max(float(energy[0]) - least, 0.0)) + push) ** 2

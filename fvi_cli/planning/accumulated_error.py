@@ -30,9 +30,11 @@ MOST_ENTRIES = 4_000
 """Second derivatives that are looked at."""
 WINDOWS, SHORTEST = 8, 4
 """Parts of longer runs that are looked at, and the fewest steps of one."""
+ROUND_OFF = 1e-12
+"""Changes of the energy below this part of the kinetic one are no error (guessed)."""
 ITERATIONS = 8
 """For the rates of damped motions."""
-FINER, MOST_REFINEMENTS = 1.25, 60
+FINER, MOST_REFINEMENTS = 1.25, 32
 """Ratio of the steps that are tried for a smaller error, and how many."""
 
 
@@ -43,7 +45,7 @@ class AccumulatedError:
     time: Array
     error: Array
     amplification: float  # of the largest over the errors of all steps
-    refinement: float  # so many times shorter steps have what was wanted
+    refinement: float | None  # so many times shorter steps have what was wanted, if any
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,7 +133,7 @@ def accumulated_error(
         time=trajectory.time[ends],
         error=error,
         amplification=float(error.max()) * size / alone if alone > 0.0 else 1.0,
-        refinement=finer,
+        refinement=finer if largest <= wanted else None,
     )
 
 
@@ -192,6 +194,13 @@ def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, las
     energy = trajectory.energy
     changes = scene.is_linear or bool(scene.active_forces) or scene.forcing is not None
     changes = changes or (scene.lagrangian is not None and scene.lagrangian.depends_on_time)
+    gain = None
+    if not changes and energy is not None:
+        gain = energy[here] - energy[first]
+        # a part of the energy so small is round-off
+        gain[
+            np.abs(gain) < ROUND_OFF * np.abs((parts["momentum"] * velocity[:, None]).sum((1, 2)))
+        ] = 0
     return _States(
         step=step,
         every=trajectory.every,
@@ -199,7 +208,7 @@ def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, las
             (one.order, np.einsum("abk,ac,cbl->bkl", shapes, dense(one.form), shapes))
             for one in scene.active_damping
         ),
-        gain=None if changes or energy is None else energy[here] - energy[first],
+        gain=gain,
         **parts,
     )
 

@@ -73,9 +73,11 @@ def rate_errors(method: AnyMethod, orders: tuple[float, ...], turned: Array) -> 
     root = np.sqrt(linear**2 - 4.0 * ends[0] * quadratic)
     with np.errstate(all="ignore"):
         both = np.stack([-linear + root, -linear - root]) / (2.0 * quadratic)
-        errors = -np.log(both) - 1j * turned
-        z = np.take_along_axis(both, np.abs(errors).argmin(axis=0)[None], axis=0)[0]
-        found = [-np.log(z) - 1j * turned]
+        # beyond half a turn as well
+        errors = -np.log(both * np.exp(1j * turned))
+        best = np.abs(errors).argmin(axis=0)[None]
+        z, first = (np.take_along_axis(one, best, axis=0)[0] for one in (both, errors))
+        found = [first]
         matrices = step_patterns(method, orders)(np.where(np.isfinite(z), z, 1.0))
         whole = matrices[:, MASS] + square * matrices[:, STIFFNESS]
         for index, order in enumerate(orders):

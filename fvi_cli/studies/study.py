@@ -265,7 +265,7 @@ def _remarks(
                     f"stability: nonlinear; linearised on the path at t = {worst[0]:.6g}: "
                     f"{worst[1].reason}"
                 )
-    if scene is not None and trajectory.status in ("failed", "diverged"):
+    if scene is not None:
         found += unbounded_remark(scene, trajectory)
     if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
         found.append(

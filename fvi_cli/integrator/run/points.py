@@ -202,8 +202,7 @@ def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFail
     else:
         words = (
             f"Newton's iteration did not converge in {len(changes)} iterations (changes "
-            f"{changes[0]:.1e} .. {changes[-1]:.1e}); take a smaller step, or see whether the "
-            f"mass matrix is singular near q = {near}"
+            f"{changes[0]:.1e} .. {changes[-1]:.1e}) near q = {near}; take a smaller step"
         )
     return attempt.first, StepFailedError(words, changes)
 

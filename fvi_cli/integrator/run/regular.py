@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
@@ -13,6 +15,10 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 
+AHEAD = np.linspace(0.0, 2.0, 9)
+"""Steps ahead of one that failed, where its mass matrix is looked at."""
+NEARLY_SINGULAR = 0.1
+"""Part that is left of the least eigenvalue of a mass matrix that is named (guessed)."""
 MOST_FOR_MOMENTA = 2**27
 """Numbers that are kept of the steps for the sake of the momenta, at most."""
 
@@ -77,3 +83,21 @@ def regular_until(
         f"(smallest eigenvalue {np.linalg.eigvalsh(mass[first])[0]:.3g})"
     )
     return first, Failure(words, "irregular", step, time)
+
+
+def with_singular_mass(
+    failure: Failure, lagrangian: Lagrangian, path: Array, time: float, step: float
+) -> Failure:
+    """The same failure of a step behind `path`, with what is known of the mass matrix ahead."""
+    here, velocity = path[-1], (path[-1] - path[-2]) / step if len(path) > 1 else 0.0 * path[-1]
+    ahead = np.stack([path[0], *(here + AHEAD[:, None] * step * velocity)])
+    with np.errstate(all="ignore"):
+        mass = lagrangian.derivatives(ahead, np.broadcast_to(velocity, ahead.shape), time).mass
+        if not np.isfinite(mass).all():
+            return failure
+        least = np.linalg.eigvalsh(mass)[:, 0]
+    if least[1:].min() > NEARLY_SINGULAR * least[0]:
+        return failure
+    return replace(
+        failure, words=f"{failure.words}, or see whether the mass matrix is singular there"
+    )

@@ -31,7 +31,12 @@ from fvi_cli.integrator.run.checkpoint import (
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import Source
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.regular import has_rough_momenta, regular_until, rough_remarks
+from fvi_cli.integrator.run.regular import (
+    has_rough_momenta,
+    regular_until,
+    rough_remarks,
+    with_singular_mass,
+)
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 
 
@@ -183,6 +188,9 @@ def trajectory_of(
                 one[:kept] for one in (time, position, momentum, energy)
             )
             failure = irregular
+        elif failure is not None and failure.reason == "step failed":
+            step = scene.final_time / max(n_steps, 1)
+            failure = with_singular_mass(failure, scene.lagrangian, position, time[-1], step)
     finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
     found = None
     if steps is not None and not diagnostics.is_empty and steps.n_steps:
