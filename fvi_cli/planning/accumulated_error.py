@@ -107,14 +107,13 @@ def accumulated_error(
     errors: list[Array] = [np.zeros(1)]
     for states in windows:
         local = local_errors(states, method, rate)
-        found, whole = _carried(states, local, rate)
-        place = found[:, :, : shapes.shape[2]]
+        place = _carried(states, local, rate)[:, :, : shapes.shape[2]]
         if len(starts) == 1:
             errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
         else:
             # the steps up to the next window do as those of this one
-            kept = np.minimum(np.abs(np.linalg.eigvals(whole)).max(axis=1), 1.0) ** lasting
-            total = kept[:, None] * total
+            gap = trajectory.time[-1] / len(starts)
+            total *= np.exp(-gap * _losses(states, rate).mean(axis=0))[:, None]
             total += lasting * np.abs(place[-max(length // 4, 1) :]).max(axis=0)
             errors.append(np.einsum("dbk,bk->d", np.abs(shapes), total).max(keepdims=True))
         alone += lasting * _sum(states, local, shapes, rate)
@@ -257,16 +256,13 @@ def local_errors(states: _States, method: AnyMethod, rate: Array, finer: float =
     rate_by, long = rate[:, None], h[:, None]
     turned = acceleration / rate_by
     shifts = rate_errors(method, tuple(one[0] for one in states.damping), rate * float(h.mean()))
-    # what errs, by its unit of mass, and what of the motion is lost
+    # what errs, by its unit of mass
     parts: list[tuple[Array, ComplexArray]] = []
     if not isinstance(method, Method):
         parts.append((np.eye(k), shifts[0] * np.ones_like(long)))
-    loss = np.zeros(velocity.shape[:2])
     for (order, coefficient), shift in zip(states.damping, shifts[1:], strict=True):
         form = np.asarray(np.linalg.solve(mass, np.broadcast_to(coefficient, mass.shape)))
         parts.append((form, long ** (2.0 - order) * shift))
-        share = math.sin(0.5 * math.pi * order) * rate ** (order - 1.0) / (2.0 * k)
-        loss += share * np.trace(form, axis1=-2, axis2=-1)
     found = np.zeros((*velocity.shape[:2], 2 * k))
     if isinstance(method, Method):
         whole = np.zeros((*velocity.shape[:2], 2 * k + 1, 2 * k + 1))
@@ -281,12 +277,23 @@ def local_errors(states: _States, method: AnyMethod, rate: Array, finer: float =
         speed = mass @ form @ (real * velocity + imaginary * turned)[..., None]
         found += np.concatenate([place, speed], axis=-2)[..., 0]
     # where a motion is lost in a step, so is its error
-    found *= np.exp(-np.maximum(loss, 0.0) * long)[..., None]
+    found *= np.exp(-_losses(states, rate) * long)[..., None]
     return np.asarray(found * finer * states.every)
 
 
-def _carried(states: _States, local: Array, rate: Array) -> tuple[Array, Array]:
-    """Errors behind all steps, (n - 1, b, 2 k), and the maps of the first state to the last."""
+def _losses(states: _States, rate: Array) -> Array:
+    """Rates at which amplitudes decay, of the coordinates least damped, (n - 1, b)."""
+    mass = states.mass[:-1]
+    loss = np.zeros(mass.shape[:2])
+    for order, form in states.damping:
+        share = 0.5 * math.sin(0.5 * math.pi * order) * rate ** (order - 1.0)
+        solved = np.linalg.solve(mass, np.broadcast_to(form, mass.shape))
+        loss += share * np.linalg.eigvals(solved).real.min(axis=-1)
+    return np.maximum(loss, 0.0)
+
+
+def _carried(states: _States, local: Array, rate: Array) -> Array:
+    """Errors behind all steps, (n - 1, b, 2 k)."""
     flow = states.flow(rate, with_damping=True)
     h = (states.step * states.every)[:, None, None, None]
     maps, errors = exponentials(0.5 * h * (flow[:-1] + flow[1:])), local[..., None].copy()
@@ -306,7 +313,7 @@ def _carried(states: _States, local: Array, rate: Array) -> tuple[Array, Array]:
         errors[shift:] = errors[shift:] + maps[shift:] @ errors[:-shift]
         maps[shift:] = maps[shift:] @ maps[:-shift]
         shift *= 2
-    return errors[..., 0], maps[-1]
+    return np.asarray(errors[..., 0])
 
 
 def _sum(states: _States, local: Array, shapes: Array, rate: Array) -> float:

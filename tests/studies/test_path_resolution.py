@@ -132,7 +132,9 @@ def test_errors_that_are_said_of_phases_are_those_of_the_run(seed: int) -> None:
         finer = re.search(r"take (\d+) steps", one)
         assert finer is not None
         assert not path_remarks(
-            scene, fvi.method_named(name), fvi.integrate(scene, name, math.ceil(1.4 * int(finer[1])))
+            scene,
+            fvi.method_named(name),
+            fvi.integrate(scene, name, math.ceil(1.4 * int(finer[1]))),
         )
 
 
