@@ -28,7 +28,7 @@ MOST_STEPS = 1_000
 """Steps up to which all are looked at, of a scene with one coordinate."""
 MOST_ENTRIES = 4_000
 """Second derivatives that are looked at."""
-WINDOWS, SHORTEST = 8, 4
+WINDOWS, SHORTEST = 4, 8
 """Parts of longer runs that are looked at, and the fewest steps of one."""
 ROUND_OFF = 1e-12
 """Changes of the energy below this part of the kinetic one are no error (guessed)."""
@@ -103,10 +103,18 @@ def accumulated_error(
     shapes = _shapes(scene)
     windows = [_states(scene, trajectory, shapes, one, one + length) for one in starts]
     windows, rate = _with_real_parts(windows)
-    total, alone = np.zeros(shapes.shape[1:]), 0.0
+    orders, mean = tuple(one[0] for one in windows[0].damping), trajectory.time[-1] / count
+
+    def shifts(finer: float) -> ComplexArray:
+        """Of modes at the rates of the motion, of what is not in the increments of a step."""
+        if isinstance(method, Method) and not orders:
+            return np.zeros((1, rate.size), dtype=np.complex128)
+        return rate_errors(method, orders, rate * (mean / (finer * trajectory.every)))
+
+    total, alone, shifted = np.zeros(shapes.shape[1:]), 0.0, shifts(1.0)
     errors: list[Array] = [np.zeros(1)]
     for states in windows:
-        local = local_errors(states, method, rate)
+        local = local_errors(states, method, rate, shifted)
         place = _carried(states, local, rate)[:, :, : shapes.shape[2]]
         if len(starts) == 1:
             errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
@@ -123,8 +131,10 @@ def accumulated_error(
     largest, finer, tried = float(error.max()), 1.0, 0
     while largest > wanted and tried < MOST_REFINEMENTS:
         finer, tried = finer * FINER, tried + 1
+        shifted = shifts(finer)
         left = sum(
-            _sum(one, local_errors(one, method, rate, finer), shapes, rate) for one in windows
+            _sum(one, local_errors(one, method, rate, shifted, finer), shapes, rate)
+            for one in windows
         )
         largest = float(error.max()) * lasting * left / alone
     ends = range(count + 1) if len(starts) == 1 else [0, *(one + length for one in starts)]
@@ -249,13 +259,14 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
     return found, rate
 
 
-def local_errors(states: _States, method: AnyMethod, rate: Array, finer: float = 1.0) -> Array:
+def local_errors(
+    states: _States, method: AnyMethod, rate: Array, shifts: ComplexArray, finer: float = 1.0
+) -> Array:
     """What steps from states add to the error, those so many times shorter, (n - 1, b, 2 k)."""
     h, k = states.step / finer, states.velocity.shape[2]
     velocity, acceleration, mass = states.velocity[:-1], states.acceleration[:-1], states.mass[:-1]
     rate_by, long = rate[:, None], h[:, None]
     turned = acceleration / rate_by
-    shifts = rate_errors(method, tuple(one[0] for one in states.damping), rate * float(h.mean()))
     # what errs, by its unit of mass
     parts: list[tuple[Array, ComplexArray]] = []
     if not isinstance(method, Method):

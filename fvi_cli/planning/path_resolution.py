@@ -25,6 +25,8 @@ MOST_MODES = 400
 """Degrees of freedom up to which periods are looked at."""
 MOST_VALUES = 1_000_000
 """Second derivatives along a path that are looked at."""
+MOST_BETWEEN = 200_000
+"""The same of places between the points of a run."""
 BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
 """Places in every step where a path is looked at, where there is room for all."""
 SHARE = 0.03
@@ -168,6 +170,14 @@ def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
         time, path, velocity, step = _between(time, path, velocity, step)
         mass, stiffness, force = _derivatives(scene, time, path, velocity)
         known = np.isfinite(mass).all(axis=(1, 2)) & np.isfinite(stiffness).all(axis=(1, 2))
+        # where steps are short for any mode there is nothing to find, and that is seen at once
+        lowest = (
+            np.linalg.det(mass) / np.trace(mass, axis1=1, axis2=2) ** (d - 1)
+            if d > 1
+            else mass[:, 0, 0]
+        )
+        fastest = np.linalg.norm(stiffness, axis=(1, 2)) / lowest
+        known &= ~(step**2 * fastest < (2.0 * math.pi / STEPS_PER_PERIOD) ** 2)
         if not known.any():
             return None
         mass, stiffness, force = mass[known], stiffness[known], force[known]
@@ -227,7 +237,7 @@ def _between(
     """States at the points of a run and, where there is room, between them by cubics."""
     values = path.shape[1] ** 2
     some = slice(None, None, math.ceil(time.size * values / MOST_VALUES))
-    if time.size * values * BETWEEN.size > MOST_VALUES:
+    if time.size * values * BETWEEN.size > MOST_BETWEEN:
         return time[some], path[some], velocity[some], step[some]
     h = np.diff(time)[:, None, None]
     tau = BETWEEN[None, :, None]
