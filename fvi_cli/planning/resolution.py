@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
-from fvi_cli.integrator.local_error.pulses import pulses_that_move
+from fvi_cli.integrator.local_error.pulses import Motion, Pulsed, pulsed
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -26,23 +27,24 @@ STEPS_PER_PULSE = 2.0
 FIRST_DIGITS = 0.01
 """Pulses of which steps lose less than this share of the impulse do not count (guessed)."""
 PANELS, NODES = 256, 8
-"""Parts of a run, and nodes in each, by which impulses are found."""
+"""Parts of a run, and nodes in each, by which integrals are found."""
+Effect = Callable[[Array], Array]
 WAVES = ("sin", "cos")
 SLACK = 1.0 + 1e-9
 DIFFERENCE = 1e-6
 """Times by which rates of arguments are found lie so far apart, relative to T."""
 
 
-def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
+def resolution_remarks(
+    scene: Scene, n_steps: int, *, grading: float = 1.0, trajectory: Trajectory | None = None
+) -> tuple[str, ...]:
     """What steps are too long for, with both numbers and what to write; empty: nothing.
 
-    Motions say themselves what they were too long for, by `path_remarks`.
+    Motions say themselves what they were too long for, by `path_remarks`. Lagrangians that depend
+    on the time are looked at in states of a run, where there is one.
     """
     # the longest one of N steps with ends T (k/N)^r
     step = scene.final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading)
-    if scene.prescribed is not None:
-        period = _waves_period(scene.prescribed.displacement.pieces, scene.final_time)
-        return tuple(_long_steps(scene, step, [(period, "displacement")]))
     found: list[str] = []
     for component in () if scene.forcing is None else scene.forcing.samples:
         spacing = _spacing(component, scene.final_time)
@@ -51,7 +53,10 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
                 f"steps: h = {step:.4g} is longer than the spacing {spacing:.4g} of "
                 f"{component.source}; {advice(scene.final_time, spacing)}"
             )
-    found += _pulse_remark(scene, step)
+    found += _pulse_remarks(scene, step, trajectory)
+    if scene.prescribed is not None:
+        period = _waves_period(scene.prescribed.displacement.pieces, scene.final_time)
+        return (*found, *_long_steps(scene, step, [(period, "displacement")]))
     forces = () if scene.forcing is None else scene.forcing.pieces
     periods = [(_waves_period(forces, scene.final_time), "force")]
     if scene.lagrangian is not None:
@@ -69,39 +74,60 @@ def _long_steps(scene: Scene, step: float, periods: Sequence[tuple[float, str]])
     ]
 
 
-def _pulse_remark(scene: Scene, step: float) -> list[str]:
-    """Of the narrowest pulse that steps may pass over, where that is seen in the first digits.
+def _pulse_remarks(scene: Scene, step: float, trajectory: Trajectory | None) -> list[str]:
+    """Of the narrowest pulses that steps may pass over, where that is seen in the first digits.
 
     Jumps, kinks and steep flanks are as narrow, and steps across them are off by far less.
     """
     size = float(np.abs(scene.initial_position).max())
     size += scene.final_time * float(np.abs(scene.initial_velocity).max())
-    points = np.array(pulses_that_move(scene, NEGLIGIBLE_MOTION * size).points)
-    if points.size < 2 or scene.forcing is None:
-        return []
+    motion = None if trajectory is None else _motion_of(trajectory)
+    found: dict[str, tuple[float, str]] = {}
+    for one in pulsed(scene, NEGLIGIBLE_MOTION * size, motion):
+        now = _passed_over(one, scene, step)
+        found[one.name] = min(now, found.get(one.name, now))
+    return [words for _, words in found.values() if words]
+
+
+def _motion_of(trajectory: Trajectory) -> Motion | None:
+    """Positions and velocities between the points of a run."""
+    path, time = trajectory.position, trajectory.time
+    if time.size < 3 or not np.isfinite(path).all():
+        return None
+    both = path, np.gradient(path, time, axis=0)
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        x, v = (np.stack([np.interp(t, time, one) for one in k.T], axis=-1) for k in both)
+        return x, v
+
+    return motion
+
+
+def _passed_over(one: Pulsed, scene: Scene, step: float) -> tuple[float, str]:
+    """Steps that see all of it, and words where these are too long."""
+    points, seen = np.array(one.pulses.points), step
+    if points.size < 2:
+        return step, ""
     narrowest = int(np.diff(points).argmin())
     width = float(points[narrowest + 1] - points[narrowest])
-    if step <= STEPS_PER_PULSE * width:
-        return []
-    seen, forcing = step, scene.forcing
-    while seen > STEPS_PER_PULSE * width and (
-        _lost_share(forcing, scene, points, seen) > FIRST_DIGITS
+    while seen > SLACK * STEPS_PER_PULSE * width and (
+        _lost_share(one.effect, scene, points, seen) > FIRST_DIGITS
     ):
         seen = 0.5 * seen
     if seen == step:
-        return []
+        return step, ""
     seen = max(seen, STEPS_PER_PULSE * width)
-    return [
-        f"steps: h = {step:.4g} may pass over a pulse or jump of the force near t = "
-        f"{points[narrowest]:.6g}; {advice(scene.final_time, seen)}"
-    ]
+    return seen, (
+        f"steps: h = {step:.4g} may pass over a pulse or jump of the {one.name} near t = "
+        f"{points[narrowest]:.6g}, some {width:.2g} long; {advice(scene.final_time, seen)}"
+    )
 
 
-def _lost_share(forcing: Forcing, scene: Scene, points: Array, step: float) -> float:
-    """Share of the impulse of the forcing that three nodes in every step lose near `points`."""
+def _lost_share(effect: Effect, scene: Scene, points: Array, step: float) -> float:
+    """Share of an integral over the time that three nodes in every step lose near `points`."""
     ends = [0.0, *(one for one in scene.break_points if one < scene.final_time), scene.final_time]
     coarse = np.linspace(0.0, scene.final_time, PANELS + 1)
-    _, total = _impulses(forcing, np.unique([*ends, *points, *coarse]), NODES)
+    _, total = _integrals(effect, np.unique([*ends, *points, *coarse]), NODES)
     lost = 0.0
     for shift in (0.0, 0.5):
         # the ends of those steps that have such points in them
@@ -110,21 +136,22 @@ def _lost_share(forcing: Forcing, scene: Scene, points: Array, step: float) -> f
         edges = edges[np.diff(edges, prepend=-math.inf) > 1e-13 * scene.final_time]
         panels = np.union1d(edges, points[(points > edges[0]) & (points < edges[-1])])
         inside = np.searchsorted(edges, panels[:-1], side="right") - 1
-        held = np.zeros((edges.size - 1, scene.dimension))
-        np.add.at(held, inside, _impulses(forcing, panels, NODES)[0])
-        seen, _ = _impulses(forcing, edges, 3)
+        own, _ = _integrals(effect, panels, NODES)
+        held = np.zeros((edges.size - 1, own.shape[1]))
+        np.add.at(held, inside, own)
+        seen, _ = _integrals(effect, edges, 3)
         has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, points) - 1)
         has_points &= np.diff(edges) <= step * SLACK
         lost = max(lost, float(np.abs(held - seen)[has_points].sum()))
     return lost / total if total > 0 else 0.0
 
 
-def _impulses(forcing: Forcing, ends: Array, count: int) -> tuple[Array, float]:
-    """Impulses between times by Gauss nodes, ``(n, d)``, and that of the size of the force."""
+def _integrals(effect: Effect, ends: Array, count: int) -> tuple[Array, float]:
+    """Integrals between times by Gauss nodes, ``(n, k)``, and that of all sizes."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     half = 0.5 * np.diff(ends)[:, None]
     with np.errstate(all="ignore"):
-        values = forcing(ends[:-1, None] + half * (1.0 + nodes))
+        values = effect(ends[:-1, None] + half * (1.0 + nodes))
     values = np.where(np.isfinite(values), values, 0.0)
     weighted = (half * weights)[..., None] * values
     return weighted.sum(axis=1), float(np.abs(weighted).sum())

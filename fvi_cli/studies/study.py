@@ -248,7 +248,9 @@ def _remarks(
         found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
         # on the finest steps of a ladder
         if n_steps >= max(experiment.steps) and getattr(run.method, "name", "") != "dop853":
-            found += resolution_remarks(scene, n_steps, grading=experiment.grading)
+            found += resolution_remarks(
+                scene, n_steps, grading=experiment.grading, trajectory=trajectory
+            )
             small = UNRELIABLE * measured.largest
             is_known = measured.floor("max", 1.0) <= small and math.isfinite(measured.max)
             if not (is_known and measured.max <= small):

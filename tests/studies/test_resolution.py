@@ -209,3 +209,71 @@ def test_pulses_that_steps_pass_over(text: str) -> None:
     assert resolution_remarks(scene, wanted) == ()
     enough, fine = (fvi.integrate(scene, "gauss3", n).position[-1] for n in (wanted, 8 * wanted))
     assert abs(enough - fine) < 0.01 * abs(fine)
+
+
+OF_LAGRANGIANS = (
+    "m*vx**2/2 - m*(1 + F*{pulse})*(x/u)**2/2",
+    "(m*vx**2/2 - m*(x/u)**2/2)*(1 + F*{pulse})",
+    "m*vx**2/2/(1 + F*{pulse}) - m*(x/u)**2/2",
+    "m*vx**2/2 - m*(x/u)**2/2 - m*F*{pulse}*x**4/(u*l)**2",
+    "m*vx**2/2 - m*(x/u)**2/2 - m*l**2*exp(x/l + log(F)*{pulse})/u**2",
+)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_pulses_of_lagrangians_that_steps_pass_over(seed: int) -> None:
+    random = np.random.default_rng([25, 6, seed])
+    mass, length, second = (float(10 ** random.uniform(-6, 6)) for _ in range(3))
+    place, width = float(random.uniform(1, 4)), float(10 ** random.uniform(-3.5, -2.5))
+    scene, weak = (
+        fvi.lagrangian_scene(
+            coordinates=["x"],
+            lagrangian=OF_LAGRANGIANS[seed % 5].replace("{pulse}", "exp(-((t/u - p)/w)**2)"),
+            parameters={
+                "m": mass,
+                "l": length,
+                "u": second,
+                "p": place,
+                "w": width,
+                "F": height / width,
+            },
+            initial_position=[length],
+            final_time=5 * second,
+        )
+        for height in (3.0, 1e-5)
+    )
+    coarse = fvi.integrate(scene, "gauss3", 100)
+    for trajectory in (coarse, None):
+        (said,) = resolution_remarks(scene, 100, trajectory=trajectory)
+        assert "may pass over a pulse or jump of the Lagrangian near t = " in said
+        time = float(said.split("near t = ")[1].split(",")[0])
+        assert time / second == pytest.approx(place, abs=20 * width)
+        wanted = int(said.split("take ")[1].split()[0])
+        assert resolution_remarks(scene, wanted, trajectory=trajectory) == ()
+    enough, fine = (fvi.integrate(scene, "gauss3", n).position[-1] for n in (wanted, 4 * wanted))
+    assert abs(enough - fine) < 0.05 * max(abs(fine), length)
+    # the control
+    assert resolution_remarks(weak, 100) == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pulses_of_displacements_that_steps_pass_over(seed: int) -> None:
+    random = np.random.default_rng([25, 7, seed])
+    length, second = (float(10 ** random.uniform(-6, 6)) for _ in range(2))
+    width = second * float(10 ** random.uniform(-3.5, -2.5))
+    u = f"((t - {second * float(random.uniform(2, 8))!r})/{width!r})"
+    shape = (f"exp(-{u}**2)", f"tanh{u}")[seed % 2]
+    said = []
+    for height in (3.0, 1e-4):
+        problem = {
+            "kind": "material",
+            "displacement": f"{length!r}*(sin(t/{second!r}) + {height!r}*{shape})",
+            "law": {"law": "springpot", "order": 0.5, "coefficient": 1.0},
+            "final_time": 10 * second,
+        }
+        (outcome,) = fvi.run({"name": "u", "problem": problem, "ladder": {"steps": [100]}})
+        remarks = outcome.finished[0].trajectory.remarks
+        said.append([one for one in remarks if "pulse or jump of the displacement" in one])
+    assert len(said[0]) == 1
+    # the control
+    assert said[1] == []

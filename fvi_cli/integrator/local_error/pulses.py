@@ -1,29 +1,36 @@
-"""Pulses in forces that are functions of time, found before a run by the ranges of formulas.
+"""Pulses in formulas of the time, found before a run by the ranges of the formulas.
 
-Every piece of a force is halved until nothing can hide in any part: the range of each function
-that occurs is at most a few times what 17 samples of it span, and a polynomial through 9 of them
-meets the others; or all that the formula could do there has an impulse that does not matter. Where
-parts have become far shorter than they usually are, steps have to end at their ends.
+These are forces, given displacements, and Lagrangians at one state of the motion. Every piece of a
+force is halved until nothing can hide in any part: the range of each function that occurs is at
+most a few times what 17 samples of it span, and a polynomial through 9 of them meets the others; or
+all that the formula could do there has an impulse that does not matter. Where parts have become far
+shorter than they usually are, steps have to end at their ends.
 """
 
 from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.forcing import ForceComponent, Forcing
+from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.lagrangian import TIME, Lagrangian
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces, may_hide
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.traced import trace
 from fvi_cli.mathematics.lagrange import LagrangeBasis
 
+LOOKED_AT = (0.0, 0.37, 0.74)
+"""Times of the states in which a Lagrangian is looked at, relative to T."""
 FIRST_PARTS = 16
 MOST_PARTS = 40_000
 """Parts of one level; with more the search is given up."""
@@ -45,14 +52,100 @@ class Pulses:
     unresolved_at: float | None = None  # time near which something may hide; None: nowhere
 
 
+Motion = Callable[[Array], tuple[Array, Array]]
+"""Times ``(...)`` to positions and velocities ``(..., d)``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulsed:
+    """Something with formulas of the time, and its pulses."""
+
+    name: str
+    effect: Callable[[Array], Array]  # what counts by its integral, times (...) to (..., k)
+    pulses: Pulses
+
+
 def pulses_that_move(scene: Scene, length: float) -> Pulses:
-    """Pulses of the forcing that may move a scene by more than `length` until its end."""
-    if scene.forcing is None:
-        return Pulses()
-    forces = SceneForces(scene)
-    mobility = forces.mobility(scene.initial_position, scene.initial_velocity, 0.0)
-    negligible = length / (mobility * scene.final_time) if mobility > 0 else math.inf
-    return find_pulses(scene.forcing, scene.final_time, negligible)
+    """Pulses of formulas of the time that may move a scene by more than `length` until its end."""
+    every = [one.pulses for one in pulsed(scene, length)]
+    unresolved = (one.unresolved_at for one in every if one.unresolved_at is not None)
+    return Pulses(
+        points=tuple(sorted({time for one in every for time in one.points})),
+        unresolved_at=min(unresolved, default=None),
+    )
+
+
+def pulsed(scene: Scene, length: float, motion: Motion | None = None) -> Iterator[Pulsed]:
+    """What has formulas of the time, each with the pulses that may move a scene by this length.
+
+    A Lagrangian is looked at along a motion, by default one from the start with its velocity.
+    """
+    end, (x, v) = scene.final_time, (scene.initial_position, scene.initial_velocity)
+    if scene.prescribed is not None:
+        given, rate = scene.prescribed.displacement, scene.prescribed.rate
+        found = find_pulses(given, end, length * end)
+        # work is dissipated by the square of the rate
+        yield Pulsed(name="displacement", effect=lambda t: rate(t) ** 2, pulses=found)
+        return
+    lagrangian = scene.lagrangian
+    is_moved = lagrangian and lagrangian.depends_on_time and may_hide(lagrangian.value)
+    if scene.forcing is None and not is_moved:
+        return
+    mobility = SceneForces(scene).mobility(x, v, 0.0)
+    impulse = length / (mobility * end) if mobility > 0 else math.inf
+    if scene.forcing is not None:
+        found = find_pulses(scene.forcing, end, impulse)
+        yield Pulsed(name="force", effect=scene.forcing, pulses=found)
+    if lagrangian is not None and is_moved:
+        yield from _pulsed_lagrangian(lagrangian, end, motion or _uniform(x, v), impulse)
+
+
+def _uniform(x: Array, v: Array) -> Motion:
+    """Motion with one velocity; from 0, and at rest, so that something may act."""
+    return lambda t: (
+        x + (x == 0) + t[..., None] * v,
+        np.broadcast_to(v + (v == 0), (*t.shape, v.size)),
+    )
+
+
+def _pulsed_lagrangian(
+    lagrangian: Lagrangian, end: float, motion: Motion, impulse: float
+) -> Iterator[Pulsed]:
+    """Forces, and velocities to momenta, with the pulses in the first state that has any."""
+
+    def inverse_masses(t: Array) -> Array:
+        mass = lagrangian.derivatives(*motion(t), t).mass
+        return np.asarray(1.0 / np.diagonal(mass, axis1=-2, axis2=-1))
+
+    places = [motion(np.array(share * end)) for share in LOOKED_AT]
+    effects = (lambda t: lagrangian.forces(*motion(t), t)[1], inverse_masses)
+    for kind, effect in enumerate(effects):
+        found = Pulses()
+        for place in places:
+            formulas = _formulas_at(lagrangian, *place)[kind:][:1]
+            found = find_pulses(formulas[0], end, 0.0 if kind else impulse) if formulas else found
+            if found.points or found.unresolved_at is not None:
+                break
+        yield Pulsed(name="Lagrangian", effect=effect, pulses=found)
+
+
+def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> list[Forcing]:
+    """Forces, and inverses of masses, in one state by the time; empty where there are none."""
+    d = lagrangian.dimension
+    names = (*lagrangian.coordinates, *lagrangian.velocities)
+    state = dict(zip(names, map(float, (*position, *velocity)), strict=True))
+    values = {name: float(one) for name, one in lagrangian.parameters.items()}
+    builder = Builder()
+    try:
+        found = builder.include(lagrangian.second[: 2 * d + d * d], {**values, **state})
+        every = found[d : 2 * d], [1.0 / found[2 * d + k * (d + 1)] for k in range(d)]
+    except ExpressionError:
+        return []
+    components = (
+        tuple(Expression("of t", (TIME,), (), builder.system([one])) for one in terms)
+        for terms in every
+    )
+    return [Forcing(pieces=(ForcingPiece(components=one),)) for one in components]
 
 
 def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -> Pulses:
