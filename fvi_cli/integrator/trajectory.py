@@ -80,7 +80,7 @@ class Trajectory:
     setup_seconds, stepping_seconds
         Time for weights and factorisations, and for the steps.
     remarks
-        What the reader of a table should know, for example that a start fell back.
+        What the reader of the numbers should know, for example that steps were too long.
     every
         Only every n-th point of the grid is kept, with the first and the last.
     diagnostics
@@ -195,9 +195,11 @@ class Trajectory:
         points, d = self.position.shape
         end = f"{self.time[-1]:.6g}" if points else "-"
         detail = f": {self.message}" if self.message else ""
+        count = len(self.remarks)
+        remarks = f", {count} remark{'s' if count > 1 else ''}" if count else ""
         return (
             f"Trajectory {self.status}{detail}, {points} points to t = {end}, {d} "
-            f"coordinate{'s' if d > 1 else ''}, {self.n_steps} steps"
+            f"coordinate{'s' if d > 1 else ''}, {self.n_steps} steps{remarks}"
         )
 
     def _names(self) -> tuple[str, ...]:

@@ -36,7 +36,7 @@ DIFFERENCE = 1e-6
 
 
 def resolution_remarks(
-    scene: Scene, n_steps: int, *, grading: float = 1.0, trajectory: Trajectory | None = None
+    scene: Scene, n_steps: float, *, grading: float = 1.0, trajectory: Trajectory | None = None
 ) -> tuple[str, ...]:
     """What steps are too long for, with both numbers and what to write; empty: nothing.
 
@@ -81,7 +81,9 @@ def _pulse_remarks(scene: Scene, step: float, trajectory: Trajectory | None) -> 
     """
     size = float(np.abs(scene.initial_position).max())
     size += scene.final_time * float(np.abs(scene.initial_velocity).max())
-    motion = None if trajectory is None else _motion_of(trajectory)
+    motion = None
+    if trajectory is not None and scene.lagrangian and scene.lagrangian.depends_on_time:
+        motion = _motion_of(trajectory)
     found: dict[str, tuple[float, str]] = {}
     for one in pulsed(scene, NEGLIGIBLE_MOTION * size, motion):
         now = _passed_over(one, scene, step)

@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_by_name import as_method
 from fvi_cli.integrator.observations.dampers import damper_values
@@ -18,6 +20,8 @@ from fvi_cli.integrator.observations.request import Event, names_of, observation
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.keys.complaints import excerpt
+from fvi_cli.planning.path_resolution import path_remarks, unbounded_remark
+from fvi_cli.planning.resolution import resolution_remarks
 
 
 def integrate(
@@ -74,7 +78,8 @@ def integrate(
     Returns
     -------
     Trajectory
-        With its status; a run that diverges is no exception.
+        With its status; a run that diverges is no exception. ``trajectory.remarks`` say what its
+        steps were too long for, and what to write.
 
     Raises
     ------
@@ -96,7 +101,7 @@ def integrate(
         parameters=parameters,
         further=tuple(damper_values(scene)),
     )
-    ((_, found),) = integrate_requested(
+    ((whole, found),) = integrate_requested(
         [scene],
         chosen,
         [n_steps],
@@ -105,8 +110,29 @@ def integrate(
         diagnostics=diagnostics,
         with_steps=with_steps,
     )
-    steps = found.steps if with_steps else None
-    return replace(found, steps=steps, coordinates=request.coordinates)
+    remarks = _step_remarks(scene, chosen, n_steps, whole)
+    return replace(
+        found,
+        steps=found.steps if with_steps else None,
+        coordinates=request.coordinates,
+        remarks=tuple(dict.fromkeys((*found.remarks, *remarks))),
+    )
+
+
+def _step_remarks(
+    scene: Scene, method: AnyMethod, n_steps: AnySteps, run: Trajectory
+) -> tuple[str, ...]:
+    """What the steps of a run were too long for; adaptive steps look for that themselves."""
+    if isinstance(n_steps, AdaptiveSteps) or getattr(method, "name", "") == "dop853":
+        return ()
+    longest = float(np.diff(n_steps.times).max()) if isinstance(n_steps, Mesh) else run.step_size
+    # impacts take energy, and their steps are found by events
+    with_errors = run.status == "ok" and not (run.steps and run.steps.jump is not None)
+    return (
+        *resolution_remarks(scene, scene.final_time / longest, trajectory=run),
+        *path_remarks(scene, method, run, with_errors=with_errors),
+        *unbounded_remark(scene, run),
+    )
 
 
 def method_on(method: AnyMethod | str, n_steps: AnySteps) -> AnyMethod:
