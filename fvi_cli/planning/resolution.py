@@ -36,12 +36,18 @@ DIFFERENCE = 1e-6
 
 
 def resolution_remarks(
-    scene: Scene, n_steps: float, *, grading: float = 1.0, trajectory: Trajectory | None = None
+    scene: Scene,
+    n_steps: float,
+    *,
+    grading: float = 1.0,
+    nodes: int = 3,
+    trajectory: Trajectory | None = None,
 ) -> tuple[str, ...]:
     """What steps are too long for, with both numbers and what to write; empty: nothing.
 
-    Motions say themselves what they were too long for, by `path_remarks`. Lagrangians that depend
-    on the time are looked at in states of a run, where there is one.
+    Motions say themselves what they were too long for, by `path_remarks`. A step sees so many nodes
+    of a formula. Lagrangians that depend on the time are looked at in states of a run, where there
+    is one.
     """
     # the longest one of N steps with ends T (k/N)^r
     step = scene.final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading)
@@ -53,7 +59,7 @@ def resolution_remarks(
                 f"steps: h = {step:.4g} is longer than the spacing {spacing:.4g} of "
                 f"{component.source}; {advice(scene.final_time, spacing)}"
             )
-    found += _pulse_remarks(scene, step, trajectory)
+    found += _pulse_remarks(scene, step, nodes, trajectory)
     if scene.prescribed is not None:
         period = _waves_period(scene.prescribed.displacement.pieces, scene.final_time)
         return (*found, *_long_steps(scene, step, [(period, "displacement")]))
@@ -74,7 +80,9 @@ def _long_steps(scene: Scene, step: float, periods: Sequence[tuple[float, str]])
     ]
 
 
-def _pulse_remarks(scene: Scene, step: float, trajectory: Trajectory | None) -> list[str]:
+def _pulse_remarks(
+    scene: Scene, step: float, nodes: int, trajectory: Trajectory | None
+) -> list[str]:
     """Of the narrowest pulses that steps may pass over, where that is seen in the first digits.
 
     Jumps, kinks and steep flanks are as narrow, and steps across them are off by far less.
@@ -86,7 +94,7 @@ def _pulse_remarks(scene: Scene, step: float, trajectory: Trajectory | None) -> 
         motion = _motion_of(trajectory)
     found: dict[str, tuple[float, str]] = {}
     for one in pulsed(scene, NEGLIGIBLE_MOTION * size, motion):
-        now = _passed_over(one, scene, step)
+        now = _passed_over(one, scene, step, nodes)
         found[one.name] = min(now, found.get(one.name, now))
     return [words for _, words in found.values() if words]
 
@@ -105,7 +113,7 @@ def _motion_of(trajectory: Trajectory) -> Motion | None:
     return motion
 
 
-def _passed_over(one: Pulsed, scene: Scene, step: float) -> tuple[float, str]:
+def _passed_over(one: Pulsed, scene: Scene, step: float, nodes: int) -> tuple[float, str]:
     """Steps that see all of it, and words where these are too long."""
     points, seen = np.array(one.pulses.points), step
     if points.size < 2:
@@ -113,7 +121,7 @@ def _passed_over(one: Pulsed, scene: Scene, step: float) -> tuple[float, str]:
     narrowest = int(np.diff(points).argmin())
     width = float(points[narrowest + 1] - points[narrowest])
     while seen > SLACK * STEPS_PER_PULSE * width and (
-        _lost_share(one.effect, scene, points, seen) > FIRST_DIGITS
+        _lost_share(one.effect, scene, points, seen, nodes) > FIRST_DIGITS
     ):
         seen = 0.5 * seen
     if seen == step:
@@ -125,8 +133,8 @@ def _passed_over(one: Pulsed, scene: Scene, step: float) -> tuple[float, str]:
     )
 
 
-def _lost_share(effect: Effect, scene: Scene, points: Array, step: float) -> float:
-    """Share of an integral over the time that three nodes in every step lose near `points`."""
+def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes: int) -> float:
+    """Share of an integral over the time that nodes in every step lose near `points`."""
     ends = [0.0, *(one for one in scene.break_points if one < scene.final_time), scene.final_time]
     coarse = np.linspace(0.0, scene.final_time, PANELS + 1)
     _, total = _integrals(effect, np.unique([*ends, *points, *coarse]), NODES)
@@ -141,7 +149,7 @@ def _lost_share(effect: Effect, scene: Scene, points: Array, step: float) -> flo
         own, _ = _integrals(effect, panels, NODES)
         held = np.zeros((edges.size - 1, own.shape[1]))
         np.add.at(held, inside, own)
-        seen, _ = _integrals(effect, edges, 3)
+        seen, _ = _integrals(effect, edges, nodes)
         has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, points) - 1)
         has_points &= np.diff(edges) <= step * SLACK
         lost = max(lost, float(np.abs(held - seen)[has_points].sum()))

@@ -249,7 +249,11 @@ def _remarks(
         # on the finest steps of a ladder
         if n_steps >= max(experiment.steps) and getattr(run.method, "name", "") != "dop853":
             found += resolution_remarks(
-                scene, n_steps, grading=experiment.grading, trajectory=trajectory
+                scene,
+                n_steps,
+                grading=experiment.grading,
+                nodes=getattr(run.method, "degree", 1),
+                trajectory=trajectory,
             )
             small = UNRELIABLE * measured.largest
             is_known = measured.floor("max", 1.0) <= small and math.isfinite(measured.max)

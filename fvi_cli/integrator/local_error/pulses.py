@@ -111,26 +111,28 @@ def _uniform(x: Array, v: Array) -> Motion:
 def _pulsed_lagrangian(
     lagrangian: Lagrangian, end: float, motion: Motion, impulse: float
 ) -> Iterator[Pulsed]:
-    """Forces, and velocities to momenta, with the pulses in the first state that has any."""
+    """Forces, inverses of masses and, by momenta, velocities, with their pulses.
 
-    def inverse_masses(t: Array) -> Array:
-        mass = lagrangian.derivatives(*motion(t), t).mass
-        return np.asarray(1.0 / np.diagonal(mass, axis1=-2, axis2=-1))
+    These are those of the first state that has any.
+    """
 
-    places = [motion(np.array(share * end)) for share in LOOKED_AT]
-    effects = (lambda t: lagrangian.forces(*motion(t), t)[1], inverse_masses)
-    for kind, effect in enumerate(effects):
+    def effect(kind: int, t: Array) -> Array:
+        at = lagrangian.derivatives(*motion(t), t)
+        mass = np.diagonal(at.mass, axis1=-2, axis2=-1)
+        return (at.force, 1.0 / mass, at.momentum / mass)[kind]
+
+    every = [_formulas_at(lagrangian, *motion(np.array(share * end))) for share in LOOKED_AT]
+    for kind in range(3):
         found = Pulses()
-        for place in places:
-            formulas = _formulas_at(lagrangian, *place)[kind:][:1]
-            found = find_pulses(formulas[0], end, 0.0 if kind else impulse) if formulas else found
+        for one in filter(None, every):
+            found = find_pulses(one[kind], end, 0.0 if kind else impulse)
             if found.points or found.unresolved_at is not None:
                 break
-        yield Pulsed(name="Lagrangian", effect=effect, pulses=found)
+        yield Pulsed(name="Lagrangian", effect=functools.partial(effect, kind), pulses=found)
 
 
 def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> list[Forcing]:
-    """Forces, and inverses of masses, in one state by the time; empty where there are none."""
+    """The same in one state, by the time; empty where there are none."""
     d = lagrangian.dimension
     names = (*lagrangian.coordinates, *lagrangian.velocities)
     state = dict(zip(names, map(float, (*position, *velocity)), strict=True))
@@ -138,7 +140,12 @@ def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> li
     builder = Builder()
     try:
         found = builder.include(lagrangian.second[: 2 * d + d * d], {**values, **state})
-        every = found[d : 2 * d], [1.0 / found[2 * d + k * (d + 1)] for k in range(d)]
+        masses = found[2 * d :: d + 1]
+        every = (
+            found[d : 2 * d],
+            [1.0 / one for one in masses],
+            [one / mass for one, mass in zip(found[:d], masses, strict=True)],
+        )
     except ExpressionError:
         return []
     components = (
