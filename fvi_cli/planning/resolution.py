@@ -23,7 +23,8 @@ STEPS_PER_PERIOD = 4.0
 NEGLIGIBLE_MOTION = 1e-9
 """Pulses that move a scene by less than this share of its start do not count (guessed)."""
 STEPS_PER_PULSE = 2.0
-"""Steps up to so many times the length in which a pulse is a polynomial see it (guessed)."""
+"""Steps up to so many times the length in which a pulse is a polynomial see it, by three nodes
+(guessed)."""
 FIRST_DIGITS = 0.01
 """Pulses of which steps lose less than this share of the impulse do not count (guessed)."""
 PANELS, NODES = 256, 8
@@ -100,15 +101,15 @@ def _pulse_remarks(
 
 
 def _motion_of(trajectory: Trajectory) -> Motion | None:
-    """Positions and velocities between the points of a run."""
-    path, time = trajectory.position, trajectory.time
-    if time.size < 3 or not np.isfinite(path).all():
+    """Positions, velocities and momenta between the points of a run."""
+    path, time, momentum = trajectory.position, trajectory.time, trajectory.momentum
+    if time.size < 3 or momentum is None or not np.isfinite(path).all():
         return None
-    both = path, np.gradient(path, time, axis=0)
+    every = path, np.gradient(path, time, axis=0), momentum
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        x, v = (np.stack([np.interp(t, time, one) for one in k.T], axis=-1) for k in both)
-        return x, v
+    def motion(t: Array) -> tuple[Array, Array, Array]:
+        x, v, p = (np.stack([np.interp(t, time, one) for one in k.T], axis=-1) for k in every)
+        return x, v, p
 
     return motion
 
@@ -120,13 +121,12 @@ def _passed_over(one: Pulsed, scene: Scene, step: float, nodes: int) -> tuple[fl
         return step, ""
     narrowest = int(np.diff(points).argmin())
     width = float(points[narrowest + 1] - points[narrowest])
-    while seen > SLACK * STEPS_PER_PULSE * width and (
-        _lost_share(one.effect, scene, points, seen, nodes) > FIRST_DIGITS
-    ):
+    enough = SLACK * STEPS_PER_PULSE * width * (min(nodes, 3) / 3.0) ** 2
+    while seen > enough and (_lost_share(one.effect, scene, points, seen, nodes) > FIRST_DIGITS):
         seen = 0.5 * seen
     if seen == step:
         return step, ""
-    seen = max(seen, STEPS_PER_PULSE * width)
+    seen = max(seen, enough / SLACK)
     return seen, (
         f"steps: h = {step:.4g} may pass over a pulse or jump of the {one.name} near t = "
         f"{points[narrowest]:.6g}, some {width:.2g} long; {advice(scene.final_time, seen)}"
@@ -134,10 +134,14 @@ def _passed_over(one: Pulsed, scene: Scene, step: float, nodes: int) -> tuple[fl
 
 
 def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes: int) -> float:
-    """Share of an integral over the time that nodes in every step lose near `points`."""
+    """Part of the range of an integral that nodes in every step lose near `points`."""
     ends = [0.0, *(one for one in scene.break_points if one < scene.final_time), scene.final_time]
     coarse = np.linspace(0.0, scene.final_time, PANELS + 1)
-    _, total = _integrals(effect, np.unique([*ends, *points, *coarse]), NODES)
+    times = np.unique([*ends, *points, *coarse])
+    whole = np.cumsum(_integrals(effect, times, NODES), axis=0)
+    # inside of pulses it may be much larger
+    whole = whole[np.isin(times[1:], coarse)]
+    size = float((np.maximum(whole.max(axis=0), 0) - np.minimum(whole.min(axis=0), 0)).max())
     lost = 0.0
     for shift in (0.0, 0.5):
         # the ends of those steps that have such points in them
@@ -146,25 +150,25 @@ def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes:
         edges = edges[np.diff(edges, prepend=-math.inf) > 1e-13 * scene.final_time]
         panels = np.union1d(edges, points[(points > edges[0]) & (points < edges[-1])])
         inside = np.searchsorted(edges, panels[:-1], side="right") - 1
-        own, _ = _integrals(effect, panels, NODES)
+        own = _integrals(effect, panels, NODES)
         held = np.zeros((edges.size - 1, own.shape[1]))
         np.add.at(held, inside, own)
-        seen, _ = _integrals(effect, edges, nodes)
+        seen = _integrals(effect, edges, nodes)
         has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, points) - 1)
         has_points &= np.diff(edges) <= step * SLACK
-        lost = max(lost, float(np.abs(held - seen)[has_points].sum()))
-    return lost / total if total > 0 else 0.0
+        missed = np.cumsum(np.where(has_points[:, None], held - seen, 0.0), axis=0)
+        lost = max(lost, float(np.abs(missed).max()))
+    return lost / size if size > 0 else 0.0
 
 
-def _integrals(effect: Effect, ends: Array, count: int) -> tuple[Array, float]:
-    """Integrals between times by Gauss nodes, ``(n, k)``, and that of all sizes."""
+def _integrals(effect: Effect, ends: Array, count: int) -> Array:
+    """Integrals between times by Gauss nodes, ``(n, k)``."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     half = 0.5 * np.diff(ends)[:, None]
     with np.errstate(all="ignore"):
         values = effect(ends[:-1, None] + half * (1.0 + nodes))
     values = np.where(np.isfinite(values), values, 0.0)
-    weighted = (half * weights)[..., None] * values
-    return weighted.sum(axis=1), float(np.abs(weighted).sum())
+    return np.asarray(((half * weights)[..., None] * values).sum(axis=1))
 
 
 def advice(final_time: float, wanted: float) -> str:

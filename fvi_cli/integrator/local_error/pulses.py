@@ -52,8 +52,8 @@ class Pulses:
     unresolved_at: float | None = None  # time near which something may hide; None: nowhere
 
 
-Motion = Callable[[Array], tuple[Array, Array]]
-"""Times ``(...)`` to positions and velocities ``(..., d)``."""
+Motion = Callable[[Array], tuple[Array, Array, Array]]
+"""Times ``(...)`` to positions, velocities and momenta ``(..., d)``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,42 +97,49 @@ def pulsed(scene: Scene, length: float, motion: Motion | None = None) -> Iterato
         found = find_pulses(scene.forcing, end, impulse)
         yield Pulsed(name="force", effect=scene.forcing, pulses=found)
     if lagrangian is not None and is_moved:
-        yield from _pulsed_lagrangian(lagrangian, end, motion or _uniform(x, v), impulse)
+        yield from _pulsed_lagrangian(
+            lagrangian, end, motion or _uniform(lagrangian, x, v, end), impulse
+        )
 
 
-def _uniform(x: Array, v: Array) -> Motion:
-    """Motion with one velocity; from 0, and at rest, so that something may act."""
-    return lambda t: (
-        x + (x == 0) + t[..., None] * v,
-        np.broadcast_to(v + (v == 0), (*t.shape, v.size)),
-    )
+def _uniform(lagrangian: Lagrangian, x: Array, v: Array, end: float) -> Motion:
+    """Motion with one velocity; not from 0, and not at rest, so that something may act."""
+    size = float(np.abs(x).max()) or float(np.abs(v).max()) * end or 1.0
+    x, v = x + (x == 0) * size, v + (v == 0) * size / end
+    p, _ = lagrangian.forces(x, v, 0.0)
+
+    def motion(t: Array) -> tuple[Array, Array, Array]:
+        along = x + t[..., None] * v
+        return along, np.broadcast_to(v, along.shape), np.broadcast_to(p, along.shape)
+
+    return motion
 
 
 def _pulsed_lagrangian(
     lagrangian: Lagrangian, end: float, motion: Motion, impulse: float
 ) -> Iterator[Pulsed]:
-    """Forces, inverses of masses and, by momenta, velocities, with their pulses.
+    """Forces, and velocities to momenta, with the pulses in the first state that has any."""
 
-    These are those of the first state that has any.
-    """
+    def force(t: Array) -> Array:
+        position, velocity, _ = motion(t)
+        return lagrangian.forces(position, velocity, t)[1]
 
-    def effect(kind: int, t: Array) -> Array:
-        at = lagrangian.derivatives(*motion(t), t)
-        mass = np.diagonal(at.mass, axis1=-2, axis2=-1)
-        return (at.force, 1.0 / mass, at.momentum / mass)[kind]
+    def velocity(t: Array) -> Array:
+        position, _, momentum = motion(t)
+        return lagrangian.velocity(position, momentum, t)
 
-    every = [_formulas_at(lagrangian, *motion(np.array(share * end))) for share in LOOKED_AT]
-    for kind in range(3):
+    every = [_formulas_at(lagrangian, *motion(np.array(share * end))[:2]) for share in LOOKED_AT]
+    for kind, effect in enumerate((force, velocity)):
         found = Pulses()
         for one in filter(None, every):
             found = find_pulses(one[kind], end, 0.0 if kind else impulse)
             if found.points or found.unresolved_at is not None:
                 break
-        yield Pulsed(name="Lagrangian", effect=functools.partial(effect, kind), pulses=found)
+        yield Pulsed(name="Lagrangian", effect=effect, pulses=found)
 
 
 def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> list[Forcing]:
-    """The same in one state, by the time; empty where there are none."""
+    """Forces, and what velocities to momenta are made of, in one state; empty: it has none."""
     d = lagrangian.dimension
     names = (*lagrangian.coordinates, *lagrangian.velocities)
     state = dict(zip(names, map(float, (*position, *velocity)), strict=True))
@@ -140,17 +147,13 @@ def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> li
     builder = Builder()
     try:
         found = builder.include(lagrangian.second[: 2 * d + d * d], {**values, **state})
-        masses = found[2 * d :: d + 1]
-        every = (
-            found[d : 2 * d],
-            [1.0 / one for one in masses],
-            [one / mass for one, mass in zip(found[:d], masses, strict=True)],
-        )
+        masses = [1.0 / one for one in found[2 * d :: d + 1]]
+        momenta = [one * mass for one, mass in zip(found[:d], masses, strict=True)]
     except ExpressionError:
         return []
     components = (
         tuple(Expression("of t", (TIME,), (), builder.system([one])) for one in terms)
-        for terms in every
+        for terms in (found[d : 2 * d], [*masses, *momenta])
     )
     return [Forcing(pieces=(ForcingPiece(components=one),)) for one in components]
 
