@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import check_counts
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Method
@@ -18,10 +19,11 @@ from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Trajectory, thinned
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.planning.path_resolution import path_remarks, unbounded_remark
 from fvi_cli.planning.resolution import resolution_remarks
+from fvi_cli.studies.study import KEPT_BYTES
 
 
 def integrate(
@@ -101,22 +103,34 @@ def integrate(
         parameters=parameters,
         further=tuple(damper_values(scene)),
     )
+    # remarks look at all points of a nonlinear run, where there is room for them
+    is_thinned = every != 1 and request.is_empty and _fits(scene, n_steps, every)
     ((whole, found),) = integrate_requested(
         [scene],
         chosen,
         [n_steps],
         [request],
-        every=every,
+        every=1 if is_thinned else every,
         diagnostics=diagnostics,
         with_steps=with_steps,
     )
     remarks = _step_remarks(scene, chosen, n_steps, whole)
+    if is_thinned:
+        found = thinned(found, every)
     return replace(
         found,
         steps=found.steps if with_steps else None,
         coordinates=request.coordinates,
         remarks=tuple(dict.fromkeys((*found.remarks, *remarks))),
     )
+
+
+def _fits(scene: Scene, n_steps: AnySteps, every: int) -> bool:
+    """Whether all points of a nonlinear run may be kept for a while."""
+    if not isinstance(n_steps, int) or scene.is_linear or scene.prescribed is not None:
+        return False
+    check_counts(n_steps, every)
+    return 8 * (n_steps + 1) * (2 * scene.dimension + 2) <= KEPT_BYTES
 
 
 def _step_remarks(
