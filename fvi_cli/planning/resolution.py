@@ -143,9 +143,10 @@ def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes:
     whole = whole[np.isin(times[1:], coarse)]
     size = float((np.maximum(whole.max(axis=0), 0) - np.minimum(whole.min(axis=0), 0)).max())
     lost = 0.0
+    places = np.interp(np.arange(0, points.size - 0.9, 0.25), np.arange(points.size), points)
     for shift in (0.0, 0.5):
-        # the ends of those steps that have such points in them
-        first = step * (np.unique(np.floor(points / step - shift)) + shift)
+        # the ends of those steps that have such points in them, or lie between two that are close
+        first = step * (np.unique(np.floor(places / step - shift)) + shift)
         edges = np.unique(np.clip([*first, *(first + step), *ends], 0.0, scene.final_time))
         edges = edges[np.diff(edges, prepend=-math.inf) > 1e-13 * scene.final_time]
         panels = np.union1d(edges, points[(points > edges[0]) & (points < edges[-1])])
@@ -154,10 +155,12 @@ def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes:
         held = np.zeros((edges.size - 1, own.shape[1]))
         np.add.at(held, inside, own)
         seen = _integrals(effect, edges, nodes)
-        has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, points) - 1)
+        has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, places) - 1)
         has_points &= np.diff(edges) <= step * SLACK
         missed = np.cumsum(np.where(has_points[:, None], held - seen, 0.0), axis=0)
-        lost = max(lost, float(np.abs(missed).max()))
+        # behind pulses: what steps across one miss cancels
+        has_points[-1] = False
+        lost = max(lost, float(np.abs(missed[~has_points]).max()))
     return lost / size if size > 0 else 0.0
 
 
