@@ -97,7 +97,7 @@ def accumulated_error(
         return None
     length, starts = min(count, MOST_STEPS, MOST_ENTRIES // (d if scene.is_linear else d * d)), [0]
     if length < count:
-        length = min(max(length // (4 * WINDOWS), SHORTEST), count)
+        length = min(max(length // WINDOWS, SHORTEST), count)
         starts = sorted({int(one) for one in np.linspace(0, count - length, WINDOWS)})
     lasting = count / (len(starts) * length)
     shapes = _shapes(scene)
@@ -115,17 +115,14 @@ def accumulated_error(
     errors: list[Array] = [np.zeros(1)]
     for states in windows:
         local = local_errors(states, method, rate, shifted)
-        found = _carried(states, local, rate)
-        place = found[:, :, : shapes.shape[2]]
+        place = _carried(states, local, rate)[:, :, : shapes.shape[2]]
         if len(starts) == 1:
             errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
         else:
             # the steps up to the next window do as those of this one
             gap = trajectory.time[-1] / len(starts)
             total *= np.exp(-gap * _losses(states, rate).mean(axis=0))[:, None]
-            # a quarter of a period later speeds are places
-            size_of = np.maximum(np.abs(place), np.abs(_speeds(states, found)) / rate[:, None])
-            total += lasting * size_of[-max(length // 4, 1) :].max(axis=0)
+            total += lasting * np.abs(place[-max(length // 4, 1) :]).max(axis=0)
             errors.append(np.einsum("dbk,bk->d", np.abs(shapes), total).max(keepdims=True))
         alone += lasting * _sum(states, local, shapes, rate)
     error = np.concatenate(errors) / size
@@ -330,14 +327,9 @@ def _carried(states: _States, local: Array, rate: Array) -> Array:
     return np.asarray(errors[..., 0])
 
 
-def _speeds(states: _States, errors: Array) -> Array:
-    """Velocities to the momenta of errors, (n - 1, b, k)."""
-    momenta = errors[..., states.velocity.shape[2] :, None]
-    return np.asarray(np.linalg.solve(states.mass[:-1], momenta)[..., 0])
-
-
 def _sum(states: _States, local: Array, shapes: Array, rate: Array) -> float:
     """The sum of the sizes of local errors, as positions at the rates of the motion."""
-    place = np.abs(local[..., : shapes.shape[2]])
-    place = (place + np.abs(_speeds(states, local)) / rate[:, None]).sum(axis=0)
+    k = shapes.shape[2]
+    speed = np.linalg.solve(states.mass[:-1], local[..., k:, None])[..., 0]
+    place = (np.abs(local[..., :k]) + np.abs(speed) / rate[:, None]).sum(axis=0)
     return float(np.einsum("dbk,bk->d", np.abs(shapes), place).max())
