@@ -34,8 +34,8 @@ ROUND_OFF = 1e-12
 """Changes of the energy below this part of the kinetic one are no error (guessed)."""
 ITERATIONS = 8
 """For the rates of damped motions."""
-FINER, MOST_REFINEMENTS = 1.25, 32
-"""Ratio of the steps that are tried for a smaller error, and how many."""
+FINER, LARGEST_RATIO, MOST_REFINEMENTS = 1.25, 4.0, 9
+"""Ratios of the steps that are tried for a smaller error, and how many."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,15 +128,18 @@ def accumulated_error(
     error = np.concatenate(errors) / size
     if not np.isfinite(error).all():
         return None
-    largest, finer, tried = float(error.max()), 1.0, 0
+    largest, finer, tried, ratio = float(error.max()), 1.0, 0, FINER
     while largest > wanted and tried < MOST_REFINEMENTS:
-        finer, tried = finer * FINER, tried + 1
+        finer, tried = finer * ratio, tried + 1
         shifted = shifts(finer)
         left = sum(
             _sum(one, local_errors(one, method, rate, shifted, finer), shapes, rate)
             for one in windows
         )
-        largest = float(error.max()) * lasting * left / alone
+        before, largest = largest, float(error.max()) * lasting * left / alone
+        # by the order that is seen
+        order = math.log(max(before / largest, 1.0 + 1e-9)) / math.log(ratio) if largest else 1.0
+        ratio = min(max((largest / wanted) ** (1.0 / max(order, 0.5)), FINER), LARGEST_RATIO)
     ends = range(count + 1) if len(starts) == 1 else [0, *(one + length for one in starts)]
     return AccumulatedError(
         time=trajectory.time[ends],
