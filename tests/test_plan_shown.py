@@ -53,13 +53,21 @@ def test_machinery_is_printed_when_more_is_asked_for(folder):
 def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, monkeypatch):
     """The dense matrices of Gauss3 take more than those of Gauss2; the limit lies between."""
     (folder / "planned.yaml").write_text(SCENE.replace("[64, 128]", "[4096]"))
-    module = "fvi_cli.config.experiment.machine_bytes"
+    module = "fvi_cli.config.memory.machine_bytes"
     monkeypatch.setattr(module, lambda: 3_900_000)
     result = fvi("run", "planned.yaml", code=2)
     assert "planned.yaml:4:18: ladder.steps.0: 4096 steps need about 0.00462" in result.stderr
     assert "this machine has 0.0039 GB" in result.stderr
     assert not (folder / "results").exists()
     fvi("check", "planned.yaml", "--set", "method.degree=2", code=0)
+    # without diagnostics there is room; a mistake elsewhere is reported first
+    monkeypatch.setattr(module, lambda: 5_000_000)
+    fvi("check", "planned.yaml", code=0)
+    diagnosed = ("check", "planned.yaml", "--set", "store.diagnostics=[energy-balance]")
+    assert "ladder.steps.0: 4096 steps need about" in fvi(*diagnosed, code=2).stderr
+    other = fvi(*diagnosed, "--set", "claims={bdf2: 2}", code=2).stderr
+    assert "claims" in other
+    assert "steps need" not in other
 
 
 def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):

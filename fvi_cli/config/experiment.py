@@ -26,8 +26,8 @@ from fvi_cli.config.keys.ladder import (
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import SWEEP, Sweep
-from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
-from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
+from fvi_cli.config.members import ReadMembers, make_members
+from fvi_cli.config.memory import check_memory
 from fvi_cli.config.observations import check_member, read_observations, read_units
 from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
@@ -40,7 +40,7 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.settings import as_plain
-from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.scenes.structures.matrix_keys import file_form
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
@@ -89,9 +89,6 @@ def make_experiment(
     observed, units = Observations(), dict[str, str]()
     if problem is not None:
         _check_meeting(problem, methods)
-        every = settings.store.every if isinstance(settings.store, StoreKeys) else None
-        if isinstance(every, int):
-            _check_memory(problem, methods, steps, every, at)
         if isinstance(settings.accuracy, Accuracy):
             accuracy = accuracy_of(settings.accuracy, problem, methods, at)
         if isinstance(settings.store, StoreKeys) and is_complete(settings.store):
@@ -106,10 +103,6 @@ def make_experiment(
                 under = at.under(SWEEP if at.has(SWEEP) else DESIGNS)
                 # the first member that has one says it for all
                 any(_warn_of_negative(one.values, under) for one in members[0])
-            if members is not None and isinstance(every, int):
-                dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
-                points = [n_steps // every + 2 for n_steps in steps]
-                check_total_memory(len(members[0]), dimension, points, len(methods), at)
         if is_complete(settings.figures) and not (at.has(SWEEP) and members is None):
             found = () if members is None else members[0]
             check_figures(settings.figures, problem, observed, found, at.under("figures"))
@@ -151,7 +144,8 @@ def make_experiment(
         fit=fit,
         units=units,
     )
-    return resolved, experiment
+    check_memory(experiment, at)
+    return resolved, experiment if len(at.complaints) == before else None
 
 
 def _warn_of_negative(values: Mapping[str, Any], at: Cursor) -> bool:
@@ -319,39 +313,3 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
             f"quadrature points, not {method.rule.points}"
         )
     return ""
-
-
-def _check_memory(
-    problem: AnyProblem,
-    methods: Sequence[ListedMethod],
-    steps: tuple[int, ...],
-    every: int,
-    at: Cursor,
-) -> None:
-    """No run may need more memory than there is."""
-    available = machine_bytes()
-
-    def predicted(n_steps: int) -> int:
-        if isinstance(problem, DerivativeProblem):
-            return derivative_bytes(n_steps)
-        scene, found = problem.scene, [one.method for one in methods]
-        generous = [bytes_at_most(method, n_steps, scene.dimension) for method in found]
-        if available is not None and max(generous, default=0) <= available:
-            return 0
-        # plans know the whole engine, which takes long to import
-        from fvi_cli.planning.plan import plan_run
-
-        plans = [plan_run(scene, one, n_steps, every=every) for one in found]
-        return max((plan.memory_bytes for plan in plans), default=0)
-
-    # memory grows with the number of steps
-    for index in sorted(range(len(steps)), key=lambda index: -steps[index]):
-        needed = predicted(steps[index]) if available is not None else 0
-        if available is None or needed <= available:
-            break
-        refuse_step(
-            at,
-            index,
-            f"{steps[index]} steps need about {in_gigabytes(needed)} of memory, this machine "
-            f"has {in_gigabytes(available)}",
-        )

@@ -10,19 +10,17 @@ from typing import Any, Final
 
 from fvi_cli.config.keys.designs import DESIGNS, read_members
 from fvi_cli.config.keys.sweep import (
-    BYTES_PER_RUN,
     NAME,
     PROBLEM,
     SWEEP,
     Sweep,
     is_absent,
 )
-from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.keys.complaints import Complaints, excerpt, no_member, not_known
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
-from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
+from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
 
@@ -110,7 +108,7 @@ def make_members(
                 for (key, found), index in zip(values.items(), combination, strict=True)
             },
             template=text,
-            dimension=_dimension(first),
+            dimension=first.dimension,
             name=sweep.names[number] if sweep.names else "",
             named=sweep.named,
         )
@@ -217,30 +215,11 @@ def _check_member(
     problem = make_problem(problem_keys(specification), at.under(PROBLEM), search=False)
     if problem is None:
         return
-    if _dimension(problem) == _dimension(first):
+    if problem.dimension == first.dimension:
         check(problem, at)
         return
     at.refuse(
-        f"has {_dimension(problem)} degrees of freedom, the first member "
-        f"{_dimension(first)}; members must have the same number",
+        f"has {problem.dimension} degrees of freedom, the first member "
+        f"{first.dimension}; members must have the same number",
         PROBLEM,
     )
-
-
-def _dimension(problem: AnyProblem) -> int:
-    return 1 if isinstance(problem, DerivativeProblem) else problem.scene.dimension
-
-
-def check_total_memory(
-    count: int, dimension: int, points: Sequence[int], n_methods: int, at: Cursor
-) -> None:
-    """All finished runs of a sweep must have room in memory, for tables and figures."""
-    each = sum(8 * (1 + 3 * dimension) * size + BYTES_PER_RUN for size in points)
-    needed, available = count * n_methods * each, machine_bytes()
-    if available is not None and needed > available:
-        at.refuse(
-            f"{count} members need about {in_gigabytes(needed)} of memory in all, this machine has "
-            f"{in_gigabytes(available)}; store: {{every: n}}, fewer numbers of steps, or several "
-            "files need less",
-            SWEEP,
-        )

@@ -9,7 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from fvi_cli.config.keys.ladder import refuse_step
+from fvi_cli.config.keys.sweep import BYTES_PER_RUN, SWEEP
 from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.scenes.problem import DerivativeProblem
+from fvi_cli.studies.experiment import Experiment
 
 ROOT: Final = Path("/")
 UNLIMITED: Final = 1 << 60
@@ -22,9 +27,21 @@ GENEROUS_BYTES: Final = 2**28
 """More than the tables of any method take, whatever the number of steps."""
 
 
-def derivative_bytes(n_steps: int) -> int:
-    """Estimated memory of a fractional derivative on so many steps, in bytes."""
-    return 8 * DOUBLES_PER_STEP * n_steps
+def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, members: int = 1) -> int:
+    """Bytes at the peak of a run, or of so many members together."""
+    if isinstance(experiment.problem, DerivativeProblem):
+        return 8 * DOUBLES_PER_STEP * n_steps
+    # plans know the whole engine, which takes long to import
+    from fvi_cli.planning.plan import plan_run
+
+    return plan_run(
+        experiment.problem.scene,
+        method,
+        n_steps,
+        every=experiment.store_every,
+        members=members,
+        is_diagnosed=not experiment.diagnostics.is_empty,
+    ).memory_bytes
 
 
 def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:
@@ -34,9 +51,33 @@ def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:
     return GENEROUS_BYTES + 8 * (moving + 10 * (degree * dimension) ** 2)
 
 
-def in_gigabytes(size: int) -> str:
-    """`size` in bytes as ``1.5 GB``."""
-    return f"{size / 1e9:.3g} GB"
+def shortage(needed: int, when: str = "") -> str:
+    """Words for bytes that this machine does not have; empty where it has them or does not tell."""
+    available = machine_bytes()
+    if available is None or needed <= available:
+        return ""
+    wanted, left = (f"{size / 1e9:.3g} GB" for size in (needed, available))
+    return f"need about {wanted} of memory{when}, this machine has {left}"
+
+
+def check_memory(experiment: Experiment, at: Cursor) -> None:
+    """No run may need more memory than there is, nor all finished runs of a sweep together."""
+    steps, methods, members = experiment.steps, experiment.methods, len(experiment.members)
+    dimension = experiment.problem.dimension
+    # memory grows with the number of steps
+    for index in sorted(range(len(steps)), key=lambda index: -steps[index]):
+        n_steps = steps[index]
+        if not any(shortage(bytes_at_most(one, n_steps, dimension)) for one in methods):
+            break
+        words = shortage(max(run_bytes(experiment, one, n_steps) for one in methods))
+        if not words:
+            break
+        refuse_step(at, index, f"{n_steps} steps {words}")
+    points = sum(n_steps // experiment.store_every + 2 for n_steps in steps)
+    each = 8 * (1 + 3 * dimension) * points + BYTES_PER_RUN * len(steps)
+    if words := shortage(members * len(methods) * each, " in all"):
+        less = "store: {every: n}, fewer numbers of steps, or several files need less"
+        at.refuse(f"{members} members {words}; {less}", SWEEP)
 
 
 def machine_bytes(root: Path = ROOT) -> int | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fvi_cli.config.memory import derivative_bytes, in_gigabytes, machine_bytes
+from fvi_cli.config.memory import run_bytes, shortage
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.members import companions
@@ -21,7 +21,6 @@ from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
@@ -192,32 +191,16 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
 
 def check_memory(request: Request, settings: Settings) -> None:
     """The longest runs must have room at the same time; one alone was looked at before."""
-    available = machine_bytes()
-    if settings.workers == 1 or request.stored is not None or available is None:
+    if settings.workers == 1 or request.stored is not None:
         return
-    sizes: list[int] = []
-    for experiment in request.loaded.experiments:
-        problem = experiment.problem
-        if not isinstance(problem, Problem):
-            sizes += map(derivative_bytes, experiment.steps)
-            continue
-        together = pack_size(experiment) if experiment.members else 1
-        sizes += [
-            plan_run(
-                problem.scene,
-                method,
-                n,
-                every=experiment.store_every,
-                members=together,
-                is_diagnosed=not experiment.diagnostics.is_empty,
-            ).memory_bytes
-            for method in experiment.methods
-            for n in experiment.steps
-        ]
-    needed = sum(sorted(sizes)[-settings.workers :])
-    if needed > available:
+    sizes = [
+        run_bytes(one, method, n_steps, members=pack_size(one))
+        for one in request.loaded.experiments
+        for method in one.methods
+        for n_steps in one.steps
+    ]
+    if words := shortage(sum(sorted(sizes)[-settings.workers :]), " at the same time"):
         raise RequestError(
-            f"--workers {settings.workers}: the longest runs of {request.name} need about "
-            f"{in_gigabytes(needed)} of memory at the same time, this machine has "
-            f"{in_gigabytes(available)}; fewer processes need less"
+            f"--workers {settings.workers}: the longest runs of {request.name} {words}; fewer "
+            "processes need less"
         )

@@ -38,12 +38,18 @@ class Problem:
         """T: the solution is sought on [0, T]."""
         return self.scene.final_time
 
+    @property
+    def dimension(self) -> int:
+        """d: the number of degrees of freedom."""
+        return self.scene.dimension
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DerivativeProblem:
     r"""The Caputo derivative of a known function, to measure convolution quadrature alone."""
 
     scene: ClassVar[None] = None  # it has no motion
+    dimension: ClassVar[int] = 1
     coordinates: ClassVar[tuple[str, ...]] = ()
     inputs: ClassVar[Mapping[str, Forcing | None]] = {}
     numbers: ClassVar[Mapping[str, float]] = {}

@@ -145,10 +145,9 @@ def _thinning(run: Run) -> int:
 
     Errors are those of all points wherever these are in memory, as they are of observed runs.
     """
-    method, scene = run.method, run.problem.scene
+    method = run.method
     is_memory_free = isinstance(method, Method) and method.history == "exponentials"
-    dimension = 1 if scene is None else scene.dimension
-    fits = 8 * (run.n_steps + 1) * (2 * dimension + 2) <= KEPT_BYTES
+    fits = 8 * (run.n_steps + 1) * (2 * run.problem.dimension + 2) <= KEPT_BYTES
     is_thinned = is_memory_free and not fits and run.observations.is_empty
     return run.experiment.store_every if is_thinned else 1
 

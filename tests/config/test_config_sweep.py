@@ -105,11 +105,11 @@ def test_overrides_reach_into_a_sweep():
 
 
 def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("fvi_cli.config.members.machine_bytes", lambda: 10**6)
+    monkeypatch.setattr("fvi_cli.config.memory.machine_bytes", lambda: 10**6)
     sweep = "sweep: {problem.stiffness: {from: 1, to: 2, number: 300}}"
     (told,) = complaints(sweep)
     assert told.startswith("many.yaml:8:8: sweep: 300 members need about 0.00")
-    monkeypatch.setattr("fvi_cli.config.members.machine_bytes", lambda: 10**8)
+    monkeypatch.setattr("fvi_cli.config.memory.machine_bytes", lambda: 10**8)
     assert len(experiment(sweep).members) == 300
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
-from fvi_cli.config import experiment, parse_config
+from fvi_cli.config import memory, parse_config
 from fvi_cli.errors import ConfigError
 
 FILES = sorted((Path(__file__).parent.parent / "mistakes").glob("*.yaml"))
@@ -58,13 +58,13 @@ def _renewed(request):
     """Write what is told now, where that is asked for."""
     if request.config.getoption("--renew"):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(experiment, "machine_bytes", lambda: 8 * 10**9)
+            patch.setattr(memory, "machine_bytes", lambda: 8 * 10**9)
             renew()
 
 
 @pytest.mark.parametrize(("file", "number"), list(mistakes()))
 def test_what_is_told_of_a_mistake(file, number, monkeypatch):
-    monkeypatch.setattr(experiment, "machine_bytes", lambda: 8 * 10**9)
+    monkeypatch.setattr(memory, "machine_bytes", lambda: 8 * 10**9)
     content = content_of(file)
     mistake = content["mistakes"][number]
     assert told_of(mistake, content) == mistake["told"]

@@ -338,7 +338,7 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
     ]
     largest = sorted(sizes, reverse=True)
     room = (sum(largest[:2]) + sum(largest[:3])) // 2
-    monkeypatch.setattr("fvi_cli.runner.plan.machine_bytes", lambda: room)
+    monkeypatch.setattr("fvi_cli.config.memory.machine_bytes", lambda: room)
     arguments = ("run", "quick.yaml", "--set", steps)
     result = here(*arguments, "--workers", "3", code=2)
     assert "--workers 3" in result.stderr

@@ -51,14 +51,12 @@ def pack_size(experiment: Experiment) -> int:
     """
     if one_by_one_words(experiment):
         return 1
-    scene = experiment.problem.scene
-    dimension = 1 if scene is None else scene.dimension
     members = max(1, len(experiment.members))
     shared = max(LEAST_PACK, -(-members // PACKS))
     steps = max(experiment.steps, default=1)
     if not experiment.observations.is_empty:
         steps *= FOR_OBSERVATIONS
-    together = members_at_a_time(steps, dimension)
+    together = members_at_a_time(steps, experiment.problem.dimension)
     return min(members, shared, LARGEST_PACK, together)
 
 
