@@ -15,7 +15,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.request import observations
 from fvi_cli.integrator.run import loop
-from fvi_cli.integrator.run.checkpoint import OF_ANOTHER_RUN, UnfinishedRun
+from fvi_cli.integrator.run.checkpoint import OF_ANOTHER_RUN, Checkpoint
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.scenes.data import duffing
 from fvi_cli.studies.tolerance.search import solve
@@ -55,8 +55,8 @@ class Kept:
     def load(self):
         if self.label not in self.contents:
             return None
-        found = UnfinishedRun.read(io.BytesIO(self.content), self.label)
-        self.taken_up.append(found.checkpoint.done)
+        found = Checkpoint.read(io.BytesIO(self.content), self.label)
+        self.taken_up.append(found.done)
         return found
 
     def reject(self, reason):
@@ -260,23 +260,23 @@ def test_no_flipped_bit_and_no_cut_of_a_checkpoint_is_believed():
     kept = Kept(stops=(2,))
     with pytest.raises(InterruptedRunError):
         integrate(PENDULUM, NONE, N, every=10, checkpoints=kept)
-    whole = UnfinishedRun.read(io.BytesIO(kept.content), "a run")
+    whole = Checkpoint.read(io.BytesIO(kept.content), "a run")
     with pytest.raises(ValueError, match="another run"):
-        UnfinishedRun.read(io.BytesIO(kept.content), "another")
+        Checkpoint.read(io.BytesIO(kept.content), "another")
     for size in range(0, len(kept.content), 97):
         with pytest.raises(ValueError, match="damaged"):
-            UnfinishedRun.read(io.BytesIO(kept.content[:size]), "a run")
+            Checkpoint.read(io.BytesIO(kept.content[:size]), "a run")
     seen = 0
     for place in range(0, len(kept.content), 41):
         content = bytearray(kept.content)
         content[place] ^= 16
         try:
-            found = UnfinishedRun.read(io.BytesIO(bytes(content)), "a run")
+            found = Checkpoint.read(io.BytesIO(bytes(content)), "a run")
         except ValueError:
             seen += 1
             continue
         # a bit that says nothing, such as the date of a member of the archive
-        assert found.checkpoint.to_bytes() == whole.checkpoint.to_bytes()
+        assert found.to_bytes() == whole.to_bytes()
         assert all(np.array_equal(found.kept[name], whole.kept[name]) for name in whole.kept)
     assert seen > 100
 

@@ -18,7 +18,7 @@ from spread import spread
 from benchmarks.robustness import LADDER
 from fvi_cli.config import load_config
 from fvi_cli.integrator.run import loop
-from fvi_cli.integrator.run.checkpoint import UnfinishedRun
+from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.runner.executors.checkpoints import CheckpointFile, CheckpointFolder
 
 N = 600
@@ -74,7 +74,7 @@ def interrupt_after(monkeypatch, count, of=""):
         real(self, unfinished)
         if of not in self.title:
             return
-        written.append(unfinished.checkpoint.reported)
+        written.append(unfinished.reported)
         if len(written) == count:
             raise KeyboardInterrupt
 
@@ -171,7 +171,7 @@ def test_a_full_disk_is_told_once_and_the_run_goes_on(monkeypatch):
     def write(self, stream, label):
         raise OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr(UnfinishedRun, "write", write)
+    monkeypatch.setattr(Checkpoint, "write", write)
     told = [line for line in run().stderr.splitlines() if "cannot be written" in line]
     assert len(told) == 1
     assert "No space left on device; the run goes on without a new checkpoint" in told[0]
@@ -199,9 +199,9 @@ def test_checkpoints_that_are_long_to_write_are_rare(monkeypatch, folder):
     def write(self, stream, label):
         clock[0] += 10.0
 
-    monkeypatch.setattr(UnfinishedRun, "write", write)
+    monkeypatch.setattr(Checkpoint, "write", write)
     one = CheckpointFolder(folder=folder, seconds=60.0).of((last,))
-    one.save(UnfinishedRun.__new__(UnfinishedRun))
+    one.save(Checkpoint.__new__(Checkpoint))
     clock[0] += 199.0
     assert not one.is_due()
     clock[0] += 1.0

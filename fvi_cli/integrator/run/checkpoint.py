@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import IO, Any, Protocol
 
 import numpy as np
@@ -21,7 +21,7 @@ Arrays = Mapping[str, NDArray[Any]]
 RunKey = tuple[str, int, float, str]
 """Method, number of reported steps, their size or the tolerance of theirs, and `fingerprint`."""
 
-_HEAD = ("case", "n_steps", "step_size", "fingerprint", "done", "reported")
+_HEAD = ("label", "seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
 
 
 def fingerprint(*values: object) -> str:
@@ -52,9 +52,9 @@ def _parts(value: object) -> Iterator[bytes]:
         yield f"{value.dtype.str} {value.shape}".encode()
         yield value.tobytes()
     elif is_dataclass(value):
-        for field in fields(value):
-            yield field.name.encode()
-            yield from _parts(getattr(value, field.name))
+        for one in fields(value):
+            yield one.name.encode()
+            yield from _parts(getattr(value, one.name))
     elif isinstance(value, Mapping):
         yield from _parts(list(value.items()))
     elif isinstance(value, list | tuple):
@@ -74,6 +74,10 @@ class Checkpoint:
     done: int  # finished steps and reported points of the whole run
     reported: int
     arrays: Arrays  # the state by name, as the parts of the loop have it
+    # all that the trajectory will say of these steps, by name, and their time; of a run in parts
+    # each part has its own
+    kept: Arrays = field(default_factory=dict)
+    seconds: float = 0.0
 
     @property
     def case(self) -> str:
@@ -85,27 +89,58 @@ class Checkpoint:
         """Number of reported steps."""
         return self.run[1]
 
-    def _named(self) -> dict[str, NDArray[Any]]:
-        head = (*self.run, self.done, self.reported)
-        return {
+    def write(self, stream: IO[bytes], label: str) -> None:
+        """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        head = (label, self.seconds, *self.run, self.done, self.reported)
+        arrays = {
             **{name: np.array(value) for name, value in zip(_HEAD, head, strict=True)},
             **{f"state {name}": np.asarray(one) for name, one in self.arrays.items()},
+            **{f"kept {name}": np.asarray(one) for name, one in self.kept.items()},
         }
+        np.savez(stream, digest=np.array(arrays_digest(arrays)), **arrays)  # type: ignore[arg-type]
 
     @classmethod
-    def _of_named(cls, found: Arrays) -> Checkpoint:
-        case, n_steps, step_size, key, done, reported = (found[name].item() for name in _HEAD)
+    def read(cls, stream: IO[bytes], label: str) -> Checkpoint:
+        """What :meth:`write` wrote, verified.
+
+        Raises
+        ------
+        ValueError
+            If it is damaged or another run's.
+        """
+        try:
+            with np.load(stream, allow_pickle=False) as found:
+                arrays = {name: found[name] for name in found.files}
+        except Exception as error:
+            # a damaged archive makes the library raise nearly anything
+            raise ValueError(f"it is damaged ({type(error).__name__})") from error
+        if missing := [name for name in ("digest", *_HEAD) if name not in arrays]:
+            raise ValueError(f"it is of another version ({missing[0]} is missing)")
+        if str(arrays.pop("digest")) != arrays_digest(arrays):
+            raise ValueError("it is damaged (its checksum is not that of its content)")
+        owner, seconds, *run, done, reported = (arrays[name].item() for name in _HEAD)
+        if owner != label:
+            raise ValueError(OF_ANOTHER_RUN)
+        case, n_steps, step_size, key = run
         return cls(
             run=(case, n_steps, step_size, key),
             done=done,
             reported=reported,
-            arrays=_with_prefix("state ", found),
+            arrays=_with_prefix("state ", arrays),
+            kept=_with_prefix("kept ", arrays),
+            seconds=seconds,
         )
 
     def to_bytes(self) -> bytes:
         """As an ``.npz`` file."""
         buffer = io.BytesIO()
-        np.savez(buffer, **self._named())  # type: ignore[arg-type]
+        self.write(buffer, "")
         return buffer.getvalue()
 
     @classmethod
@@ -115,71 +150,18 @@ class Checkpoint:
         Raises
         ------
         ValueError
-            If the bytes hold no checkpoint.
+            If the bytes hold no checkpoint, or a damaged one.
         """
         try:
-            return cls._of_named(_loaded(io.BytesIO(data)))
-        except Exception as error:
-            # damaged bytes make the library raise nearly anything
-            raise ValueError(f"checkpoint: these bytes are not a checkpoint ({error})") from error
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UnfinishedRun:
-    """A run up to a checkpoint, with all that its trajectory will say of these steps."""
-
-    checkpoint: Checkpoint  # from where its steps go on
-    kept: Arrays  # points that are kept so far, by name
-    seconds: float  # time for the steps so far
-
-    def write(self, stream: IO[bytes], label: str) -> None:
-        """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
-        arrays = {
-            "label": np.array(label),
-            "seconds": np.array(self.seconds),
-            **self.checkpoint._named(),
-            **{f"kept {name}": np.asarray(one) for name, one in self.kept.items()},
-        }
-        np.savez(stream, digest=np.array(arrays_digest(arrays)), **arrays)  # type: ignore[arg-type]
-
-    @classmethod
-    def read(cls, stream: IO[bytes], label: str) -> UnfinishedRun:
-        """What :meth:`write` wrote, verified.
-
-        Raises
-        ------
-        ValueError
-            If it is damaged or another run's.
-        """
-        try:
-            arrays = _loaded(stream)
-        except Exception as error:
-            # a damaged archive makes the library raise nearly anything
-            raise ValueError(f"it is damaged ({type(error).__name__})") from error
-        digest = str(arrays.pop("digest", ""))
-        if arrays_digest(arrays) != digest:
-            raise ValueError("it is damaged (its checksum is not that of its content)")
-        if str(arrays.get("label")) != label:
-            raise ValueError(OF_ANOTHER_RUN)
-        if missing := [name for name in ("seconds", *_HEAD) if name not in arrays]:
-            raise ValueError(f"it is of another version ({missing[0]} is missing)")
-        return cls(
-            checkpoint=Checkpoint._of_named(arrays),
-            kept=_with_prefix("kept ", arrays),
-            seconds=float(arrays["seconds"]),
-        )
+            return cls.read(io.BytesIO(data), "")
+        except ValueError as error:
+            raise ValueError(f"checkpoint: these bytes are not a checkpoint: {error}") from error
 
 
 class RunKeeper(Protocol):
     """Where one run keeps its checkpoint."""
 
-    def load(self) -> UnfinishedRun | None:
+    def load(self) -> Checkpoint | None:
         """What was kept; None if nothing was, or nothing that can be believed."""
 
     def reject(self, reason: str) -> None:
@@ -191,7 +173,7 @@ class RunKeeper(Protocol):
     def is_kept_whole(self, seconds: float) -> bool:
         """Whether a run that took so long is kept when it has ended, since others follow."""
 
-    def save(self, unfinished: UnfinishedRun) -> None:
+    def save(self, checkpoint: Checkpoint) -> None:
         """Keep a checkpoint in place of the one before."""
 
     def of_run(self, name: str) -> RunKeeper:
@@ -201,11 +183,6 @@ class RunKeeper(Protocol):
 def keeper_of_run(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
     """Where one of several runs keeps its checkpoint; None: nowhere."""
     return None if checkpoints is None else checkpoints.of_run(name)
-
-
-def _loaded(stream: IO[bytes]) -> dict[str, NDArray[Any]]:
-    with np.load(stream, allow_pickle=False) as found:
-        return {name: found[name] for name in found.files}
 
 
 def _with_prefix(prefix: str, arrays: Arrays) -> dict[str, NDArray[Any]]:

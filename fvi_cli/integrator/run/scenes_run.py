@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from fvi_cli.integrator.run.checkpoint import (
     Checkpoint,
     RunKeeper,
     RunKey,
-    UnfinishedRun,
     fingerprint,
 )
 from fvi_cli.integrator.run.loop import run
@@ -77,9 +76,9 @@ class ScenesRun:
         found = checkpoints.load()
         if found is not None:
             try:
-                if found.checkpoint.run != key():
+                if found.run != key():
                     raise ValueError(OF_ANOTHER_RUN)
-                self.restore(found.checkpoint.arrays, found.kept)
+                self.restore(found.arrays, found.kept)
                 earlier = found.seconds
             except (KeyError, TypeError, ValueError):
                 checkpoints.reject(OF_ANOTHER_RUN)
@@ -92,7 +91,7 @@ class ScenesRun:
             if self.progress[0] > taken_up:
                 checkpoint, spent = self.checkpoint(key()), seconds()
                 kept = self.recorder.arrays()
-                checkpoints.save(UnfinishedRun(checkpoint=checkpoint, kept=kept, seconds=spent))
+                checkpoints.save(replace(checkpoint, kept=kept, seconds=spent))
 
         def after() -> None:
             if checkpoints.is_due():

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from fvi_cli.integrator.run.checkpoint import UnfinishedRun
+from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.runner.executors.batches import Batch, batches_of
 from fvi_cli.storage.atomic import reason, replacement
 from fvi_cli.storage.digests import canonical_json, identity_of, sha256
@@ -114,7 +114,7 @@ class CheckpointFile:
         """The checkpoint of one of the runs that this search or batch makes."""
         return replace(self, label=f"{self.label} {name}", is_stored_next=False)
 
-    def load(self) -> UnfinishedRun | None:
+    def load(self) -> Checkpoint | None:
         """What was kept of this run and is whole; None otherwise."""
         try:
             return self._read()
@@ -129,16 +129,16 @@ class CheckpointFile:
     def steps_done(self) -> int | None:
         """How many steps of the grid are done; None without a checkpoint to be believed."""
         try:
-            return self._read().checkpoint.reported
+            return self._read().reported
         except (OSError, ValueError):
             return None
 
-    def _read(self) -> UnfinishedRun:
+    def _read(self) -> Checkpoint:
         # a pipe would be read for ever
         if self.path.exists() and not self.path.is_file():
             raise ValueError("it is not a file")
         with self.path.open("rb") as stream:
-            return UnfinishedRun.read(stream, self.label)
+            return Checkpoint.read(stream, self.label)
 
     def reject(self, reason: str) -> None:
         """Say why the checkpoint is of no use."""
@@ -157,7 +157,7 @@ class CheckpointFile:
         """Whether a run that took so long is kept when it has ended: others are soon done again."""
         return not self.is_stored_next and seconds >= self.seconds / WHOLE_RATIO
 
-    def save(self, unfinished: UnfinishedRun) -> None:
+    def save(self, checkpoint: Checkpoint) -> None:
         """Write a checkpoint in place of the one before; if that fails the run goes on."""
         began = time.monotonic()
         try:
@@ -166,7 +166,7 @@ class CheckpointFile:
                 replacement(self.path) as handle,
                 os.fdopen(os.dup(handle), "wb") as stream,
             ):
-                unfinished.write(stream, self.label)
+                checkpoint.write(stream, self.label)
         except OSError as error:
             if not self._has_logged_failure:
                 _logger.warning(

@@ -3,6 +3,7 @@
 That the parts are the whole run to the last bit is in :mod:`test_every_route`.
 """
 
+import io
 import math
 import tracemalloc
 from dataclasses import replace
@@ -93,7 +94,30 @@ def test_a_checkpoint_is_small_and_belongs_to_one_run():
         integrate_part(scene, GAUSS2, n_steps, every=0)
 
 
-@pytest.mark.parametrize("spoil", [lambda b: b"no checkpoint", lambda b: b[:-200], lambda b: b""])
+def as_before(data: bytes) -> bytes:
+    """A checkpoint as versions wrote it that kept no checksum."""
+    stream = io.BytesIO()
+    with np.load(io.BytesIO(data)) as found:
+        names = set(found.files) - {"digest", "label", "seconds"}
+        np.savez(stream, **{name: found[name] for name in names})
+    return stream.getvalue()
+
+
+def with_another_digit(data: bytes) -> bytes:
+    place = data.index(b"state x.npy") + 200
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda b: b"no checkpoint",
+        lambda b: b[:-200],
+        lambda b: b"",
+        as_before,
+        with_another_digit,
+    ],
+)
 @pytest.mark.usefixtures("short_chunks")
 def test_bytes_that_hold_no_checkpoint_are_refused(spoil):
     checkpoint = integrate_part(SCENES["free"], GAUSS2, N, until=100).checkpoint
