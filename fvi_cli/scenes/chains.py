@@ -30,18 +30,19 @@ LARGEST_DENSE: Final = 200
 Ends = Literal["both", "left", "none"]
 
 
-def neighbour_matrix(masses: int, ends: Ends) -> Array:
-    r"""The matrix of :math:`\sum (x_{i+1} - x_i)^2`, with walls at the ends that are fixed."""
-    if ends not in ("both", "left", "none"):
-        raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
-    if masses < 1:
-        raise ArgumentError("masses", f"{masses!r} is not allowed; there must be at least 1")
-    matrix = 2.0 * np.eye(masses) - np.eye(masses, k=1) - np.eye(masses, k=-1)
-    if ends == "none":
-        matrix[0, 0] -= 1.0
-    if ends != "both":
-        matrix[-1, -1] -= 1.0
-    return matrix
+def springs_form(stiffness: ArrayLike, *, is_sparse: bool = False) -> Form:
+    r"""Matrix of :math:`\sum_{i=1}^{n+1} k_i (x_i - x_{i-1})^2` with walls :math:`x_0`, `x_{n+1}`.
+
+    The n + 1 springs stand from left to right; one that is not there has k = 0.
+    """
+    values = np.asarray(stiffness, dtype=float)
+    own, coupling = values[:-1] + values[1:], -values[1:-1]
+    if not is_sparse:
+        return np.diag(own) + np.diag(coupling, 1) + np.diag(coupling, -1)
+    from scipy.sparse import diags_array
+
+    bands = [coupling, own, coupling]
+    return cast("SparseMatrix", diags_array(bands, offsets=[-1, 0, 1], format="csr"))
 
 
 def neighbour_rows(masses: int, ends: Ends) -> Array:
@@ -67,31 +68,17 @@ def chain(
 
     with :math:`x_0 = x_{n+1} = 0` at walls; at a free end the missing neighbour pulls with nothing.
     """
-    neighbours = neighbour_matrix(masses, ends)
+    if ends not in ("both", "left", "none"):
+        raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
+    if masses < 1:
+        raise ArgumentError("masses", f"{masses!r} is not allowed; there must be at least 1")
+    walls = (float(ends != "none"), float(ends == "both"))
+    neighbours = springs_form([walls[0], *np.ones(masses - 1), walls[1]])
     return linear_oscillator(
         mass=mass * np.eye(masses),
         stiffness=stiffness * neighbours,
         **with_dampers(data, neighbours, dampers, neighbour_rows(masses, ends)),
     )
-
-
-def shear_matrix(stiffness: ArrayLike) -> Array:
-    r"""Matrix of :math:`\sum k_i (x_i - x_{i-1})^2` with :math:`x_0 = 0`, the ground."""
-    values = np.atleast_1d(np.asarray(stiffness, dtype=float))
-    coupling = -values[1:]
-    return np.diag(values - np.append(coupling, 0.0)) + np.diag(coupling, 1) + np.diag(coupling, -1)
-
-
-def shear_form(stiffness: ArrayLike) -> Form:
-    """The same, sparse where there are many storeys."""
-    values = np.atleast_1d(np.asarray(stiffness, dtype=float))
-    if values.size <= LARGEST_DENSE:
-        return shear_matrix(values)
-    from scipy.sparse import diags_array
-
-    coupling = -values[1:]
-    bands = [coupling, values + np.append(values[1:], 0.0), coupling]
-    return cast("SparseMatrix", diags_array(bands, offsets=[-1, 0, 1], format="csr"))
 
 
 def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
@@ -141,9 +128,12 @@ def frame(
     springs = _per_part(stiffness, storeys, "stiffness")
     if ground_acceleration is not None:
         data["forcing"] = ground_force(ground_acceleration, masses)
-    stiffness_form = shear_form(springs)
+    is_tall = storeys > LARGEST_DENSE
+    # above the roof is nothing
+    stiffness_form = springs_form([*springs, 0.0], is_sparse=is_tall)
+    between = springs_form([*np.ones(storeys), 0.0], is_sparse=is_tall)
     mass_form: Form = np.diag(masses)
-    if not isinstance(stiffness_form, np.ndarray):
+    if is_tall:
         from scipy.sparse import diags_array
 
         mass_form = cast("SparseMatrix", diags_array(masses, format="csr"))
@@ -153,9 +143,7 @@ def frame(
     return linear_oscillator(
         mass=mass_form,
         stiffness=stiffness_form,
-        **with_dampers(
-            data, shear_form(np.ones(storeys)), dampers, neighbour_rows(storeys, "left")
-        ),
+        **with_dampers(data, between, dampers, neighbour_rows(storeys, "left")),
     )
 
 
