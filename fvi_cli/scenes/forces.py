@@ -74,14 +74,9 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
         pairs = zip(samples_from_text(one), samples_from_text(other), strict=True)
         return all(np.array_equal(*pair) for pair in pairs)
 
-    if "content" in values:
-        try:
-            samples_from_text(values["content"])
-        except ValueError as error:
-            return at.refuse(str(error))
-    elif file.suffix.lower() in SPREADSHEETS:
+    if "content" not in values and file.suffix.lower() in SPREADSHEETS:
         return at.refuse(f"{name}: {NO_TEXT}", "file")
-    elif is_at2 == ("column" in values):
+    if "content" not in values and is_at2 == ("column" in values):
         if not is_at2 and not file.exists():
             return at.refuse(no_such_file(file, name), "file")
         wrong = (
@@ -90,7 +85,9 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
         )
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
     key = ("samples", file, *columns)
-    found = filled_in(values, at, key, read, is_equal=is_equal, largest=LARGEST_TEXT)
+    found = filled_in(
+        values, at, key, read, parse=samples_from_text, is_equal=is_equal, largest=LARGEST_TEXT
+    )
     if is_at2 and "content" not in values and found is not INVALID:
         return _with_unit(found, at, file, name)
     return found

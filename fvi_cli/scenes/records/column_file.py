@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Final
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.cursor import INVALID, Cursor
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.scenes.records.csv_samples import read_csv_columns
@@ -51,20 +51,15 @@ class ColumnOfFile(
             text = " ".join(map(repr, found.table[:, 0].tolist()))
             return found.sha256, text, f"its {len(found.lines)} numbers"
 
-        filled = filled_in(
+        return filled_in(
             values,
             at,
             ("column", file, column),
             read,
+            parse=numbers_in,
             is_equal=lambda one, other: numbers_in(one) == numbers_in(other),
             largest=LARGEST_TEXT,
         )
-        if filled is not INVALID:
-            try:
-                numbers_in(filled["content"])
-            except ValueError as error:
-                return at.refuse(f"not numbers between blanks: {error}", "content")
-        return filled
 
     def value(self) -> tuple[float, ...]:
         """The numbers."""
@@ -78,4 +73,7 @@ COLUMN_FILE: Final = record_of(ColumnOfFile)
 
 def numbers_in(text: str) -> tuple[float, ...]:
     """The numbers of a text from a column."""
-    return tuple(map(float, text.split()))
+    try:
+        return tuple(map(float, text.split()))
+    except ValueError as error:
+        raise ValueError(f"not numbers between blanks: {error}") from None

@@ -108,13 +108,15 @@ def filled_in(
     key: tuple[Hashable, ...],
     read: Callable[[], tuple[str, str, str]],
     *,
+    parse: Callable[[str], object],
     is_equal: Callable[[str, str], bool],
     largest: int,
 ) -> Any:
     """The keys with ``sha256`` and ``content`` filled in from the file, or as they are given.
 
-    `read` returns the digest of the file, its content as text, and what that is; `is_equal` says
-    whether two such texts mean the same. A content that is given stands without its digest.
+    `read` returns the digest of the file, its content as text, and what that is; `parse` raises
+    ValueError for a text that is none, `is_equal` says whether two of them mean the same. A content
+    that is given stands without its digest.
     """
     name = excerpt(values["file"], 200)
     if "content" not in values:
@@ -129,6 +131,10 @@ def filled_in(
             size_message = f"{name}: {what} take {len(text)} characters in every result file"
             return at.refuse(f"{size_message}, more than {largest}; thin them out", "file")
         return {**values, "sha256": sha256, "content": text}
+    try:
+        parse(values["content"])
+    except ValueError as error:
+        return at.refuse(str(error), "content")
     digest = hashlib.sha256(str(values["content"]).encode()).hexdigest()
     if str(values.get("content_sha256", digest)).lower() != digest:
         return at.refuse(

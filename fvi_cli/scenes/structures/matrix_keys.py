@@ -131,11 +131,6 @@ def _unpacked(packed: bytes, size: int, *, is_whole: bool = True) -> bytes:
 
 def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     """The keys of a matrix with ``sha256`` and ``content`` filled in from the file."""
-    if "content" in values:
-        try:
-            check_text(values["content"])
-        except ValueError as error:
-            return at.refuse(str(error), "content")
     file, name = file_under(values["file"], at)
     variable = values.get("variable")
 
@@ -149,7 +144,9 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
         return difference is not None and not entries(difference).any()
 
     key = ("matrix", file, variable)
-    filled = filled_in(values, at, key, read, is_equal=is_equal, largest=LARGEST_TEXT)
+    filled = filled_in(
+        values, at, key, read, parse=check_text, is_equal=is_equal, largest=LARGEST_TEXT
+    )
     is_read = "content" not in values and filled is not INVALID
     if positive and is_read and not is_definite(matrix_from_text(filled["content"])):
         return at.refuse(
