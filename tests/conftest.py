@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--renew",
         action="store_true",
-        help="write what commands and mistakes answer now: tests/sessions, tests/mistakes",
+        help="write what is made now into the files that keep it: sessions, mistakes, pages",
     )
 
 
@@ -45,6 +46,20 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.M
     for name, text in getattr(request.module, "FILES", {}).items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     return tmp_path
+
+
+@pytest.fixture
+def kept(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
+    """Compare a text with the file of that name in ``kept/`` beside the test, or renew the file."""
+    folder = request.path.parent / "kept"
+
+    def compare(name: str, made: str) -> None:
+        if request.config.getoption("--renew"):
+            folder.mkdir(exist_ok=True)
+            (folder / name).write_text(made, encoding="utf-8")
+        assert made == (folder / name).read_text(encoding="utf-8")
+
+    return compare
 
 
 @pytest.fixture(autouse=True)
