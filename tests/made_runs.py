@@ -109,3 +109,54 @@ def rendered(name: str, made: Sequence[OrderTable]) -> dict[str, str]:
     """The text of every form, by what its file has behind the name."""
     texts = reports.rendered(order_report(name, made))
     return {file.removeprefix(name)[1:]: text for file, text in texts.items()}
+
+
+# --- studies for figures --------------------------------------------------------------------------
+
+NODES = (BDF1, BDF2, BDF3)
+LADDER = tuple(2**k for k in range(3, 9))
+ORDERS = {"bdf1": 1.0, "bdf2": 2.0, "bdf3": 2.0}
+
+
+def swinging(*, exact: bool = True) -> Problem:
+    """x'' + x = 0, x(0) = 0, x'(0) = 1, with a damping of coefficient zero for the title."""
+    return Problem(
+        kind="bagley-torvik",
+        scene=spring((1.5, np.zeros((1, 1))), T=8.0, v=1.0),
+        exact=(lambda t: np.sin(t)[:, None]) if exact else None,
+    )
+
+
+def power_law(run: Run) -> float:
+    quadrature = getattr(run.method, "cq", "bdf1")
+    share = 1 + list(ORDERS).index(quadrature) if quadrature in ORDERS else 1
+    return 0.1 / share * run.step_size ** ORDERS.get(quadrature, 1.0)
+
+
+def made_study(
+    methods: Sequence[AnyMethod] = NODES,
+    steps: Sequence[int] = LADDER,
+    *,
+    error: Callable[[Run], float] = power_law,
+    status: Callable[[Run], str] = lambda run: "ok",
+    problem: AnyProblem | None = None,
+    **changes: Any,
+) -> tuple[Experiment, list[FinishedRun]]:
+    """Runs whose trajectory is the sine plus the error at every point but the first."""
+    one = made_experiment(methods, steps, problem or swinging(), **changes)
+    finished = []
+    for run in one.runs():
+        time = run.step_size * np.arange(run.n_steps + 1)
+        offset = np.where(time > 0, error(run), 0.0)
+        made = made_run(
+            run,
+            error(run),
+            status=status(run),
+            expected_order=ORDERS.get(getattr(run.method, "cq", ""), math.nan),
+            time=time,
+            position=(np.sin(time) + offset)[:, None],
+            momentum=np.cos(time)[:, None],
+            energy=0.5 + offset,
+        )
+        finished.append(made)
+    return one, finished
