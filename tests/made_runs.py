@@ -52,13 +52,14 @@ def made_run(run: Run, error: float, **changes: Any) -> FinishedRun:
         **{key: value for key, value in changes.items() if key not in own},
     }
     values = {
+        "trajectory": Trajectory(**trajectory),
         "floor": 1e-13,
         "status": "ok",
         "expected_order": 2.0,
         "reference": "expression",
         **{key: value for key, value in changes.items() if key in own},
     }
-    return FinishedRun(run=run, trajectory=Trajectory(**trajectory), error=error, **values)
+    return FinishedRun(run=run, error=error, **values)
 
 
 def powers(run: Run) -> FinishedRun:

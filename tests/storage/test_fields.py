@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import test_storage as t
+import stored_runs as t
 from command_line import configuration, fvi
 
 import fvi_cli as api
@@ -62,7 +62,7 @@ def test_a_field_more_is_a_line_and_older_files_stay(tmp_path, monkeypatch):
         with open_results(tmp_path, "sample") as results:
             t.assert_same(results.finished(old.run), old)  # its default
             results.add([new])
-            results.consolidate(t.CONFIGURATION)
+            results.consolidate(t.configuration())
         with read_results(path) as results:
             t.assert_same(results.finished(new.run), new)
             t.assert_same(results.finished(old.run), old)

@@ -6,7 +6,7 @@ import threading
 import h5py
 import numpy as np
 import pytest
-import test_storage as t
+import stored_runs as t
 from command_line import fvi
 
 from fvi_cli.storage import open_results, read_results, stream
@@ -58,7 +58,7 @@ def test_a_command_opens_its_file_as_often_as_it_must(tmp_path, monkeypatch, ope
 def stamped(stiffness: float) -> list[FinishedRun]:
     """Runs whose numbers all tell of their problem."""
     finished = []
-    for run in t.experiment(stiffness=stiffness, methods=(t.BDF, t.GAUSS)).runs():
+    for run in t.experiment((t.BDF, t.GAUSS), stiffness=stiffness).runs():
         one = t.made_up(run, error=stiffness)
         one.trajectory.position[:] = stiffness
         finished.append(one)
@@ -103,7 +103,7 @@ def test_a_journal_that_goes_into_the_file_while_it_is_read_is_read_as_it_was(tm
         for finished in runs:
             results.add([finished])
         with read_results(tmp_path / "sample.h5") as stored:
-            results.consolidate(t.CONFIGURATION)
+            results.consolidate(t.configuration())
             for finished in runs:
                 t.assert_same(stored.finished(finished.run), finished)
     assert not (tmp_path / "sample.journal").exists()
