@@ -59,8 +59,6 @@ def test_a_record_in_at2_is_that_in_csv(tmp_path, line):
 
 def test_behind_a_record_there_is_nothing(tmp_path):
     _write(tmp_path)
-    with pytest.raises(fvi.ConfigError, match="write beyond: zero for no force after them"):
-        _load(tmp_path, "{file: quake.AT2}", "problem.final_time=3.1")
     config = _load(tmp_path, "{file: quake.AT2, beyond: zero}", "problem.final_time=3.1")
     (experiment,) = config.experiments
     scene = experiment.problem.scene
@@ -71,30 +69,6 @@ def test_behind_a_record_there_is_nothing(tmp_path):
     (outcome,) = fvi.run(config)
     assert outcome.finished[0].status == "ok"
     assert 2.0 in outcome.finished[0].trajectory.time
-
-
-@pytest.mark.parametrize(
-    ("line", "count", "complaint"),
-    [
-        ("no numbers", 101, "quake.AT2:4: NPTS= and DT= are missing in the first 4 lines"),
-        ("NPTS= 101, DT= .02 SEC", 99, "99 accelerations where the header says NPTS = 101"),
-        ("NPTS= 101, DT= 0 SEC", 101, "101 samples 0 apart are not allowed"),
-    ],
-)
-def test_damaged_records_are_told(tmp_path, line, count, complaint):
-    _write(tmp_path, line, VALUES[:count])
-    with pytest.raises(fvi.ConfigError) as caught:
-        _load(tmp_path, "{file: quake.AT2}")
-    assert complaint in str(caught.value)
-
-
-def test_columns_are_for_csv(tmp_path):
-    _write(tmp_path)
-    with pytest.raises(fvi.ConfigError, match="not for AT2, which has one column"):
-        _load(tmp_path, "{file: quake.AT2, column: a}")
-    (tmp_path / "quake.csv").write_text("t,a\n0,1\n")
-    with pytest.raises(fvi.ConfigError, match="missing; it must be the name of a column"):
-        _load(tmp_path, "{file: quake.csv}")
 
 
 def _frame(ground: fvi.Forcing, final_time: float = 2.0) -> fvi.Scene:
@@ -145,31 +119,3 @@ def test_forces_from_arrays():
     assert run.status == "ok"
     with pytest.raises(ValueError, match="it must give a number for each"):
         fvi.integrate(_frame(fvi.Forcing.from_functions(lambda t: "no")), "gauss4-graded", 10)
-
-
-def test_a_record_in_g_without_scale_has_a_warning(tmp_path, caplog):
-    _write(tmp_path)
-    _load(tmp_path, "{file: quake.AT2}")
-    (said,) = [one.getMessage() for one in caplog.records]
-    assert said.endswith(
-        "shaken.yaml:7:24: problem.ground_acceleration.file: quake.AT2 is in units of g, and its "
-        "numbers are taken as they stand; write scale: g for metres and seconds, or scale: 1 if "
-        "lengths are in units of g s^2"
-    )
-    caplog.clear()
-    for scale in ("g", "1", "9.81"):
-        _load(tmp_path, f"{{file: quake.AT2, scale: {scale}}}")
-    assert not caplog.records
-
-
-@pytest.mark.parametrize("words", ["CM/S/S", "cm/sec2", "CM/SEC/SEC"])
-def test_a_record_in_cm_is_not_in_g(tmp_path, caplog, words):
-    _write(tmp_path)
-    path = tmp_path / "quake.AT2"
-    path.write_text(path.read_text().replace("UNITS OF G", f"UNITS OF {words}"))
-    with pytest.raises(fvi.ConfigError, match=r"scale: g is not allowed: .* in units of cm/s\^2"):
-        _load(tmp_path, "{file: quake.AT2, scale: g}")
-    _load(tmp_path, "{file: quake.AT2, scale: 0.01}")
-    assert not caplog.records
-    _load(tmp_path, "{file: quake.AT2}")
-    assert "write scale: 0.01 for metres and seconds" in caplog.text

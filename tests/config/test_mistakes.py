@@ -1,12 +1,14 @@
 """Mistakes in configurations, with all that is said of each, word by word and with its place.
 
 ``tests/mistakes/*.yaml`` holds them: a text, or a valid one (`text` of the file) in which `write`
-stands `in place of` something else, changes by ``--set``, and what is told; `files` of all or of
-one stand beside it. Where the words change
-on purpose, ``pytest --renew tests/config/test_mistakes.py`` writes what is told now; read the
-difference.
+stands `in place of` something else, changes by ``--set``, and what is told of it, or remarked on
+where it is valid; `files` of all or of one stand beside it. What is told may say what to write:
+`mended` has this in place of something of the text, or as what is ``set``, and is valid. Where the
+words change on purpose, ``pytest --renew tests/config/test_mistakes.py`` writes what is told now;
+read the difference.
 """
 
+import logging
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -18,6 +20,7 @@ import yaml
 
 from fvi_cli.config import memory, parse_config
 from fvi_cli.errors import ConfigError
+from fvi_cli.runner.request import plausibility_remarks, requested
 
 FILES = sorted((Path(__file__).parent.parent / "mistakes").glob("*.yaml"))
 NAME = "f.yaml:"
@@ -28,23 +31,40 @@ def content_of(file: Path) -> dict[str, Any]:
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
 
-def text_of(mistake: dict[str, Any], valid: str) -> str:
-    """The text with the mistake."""
-    if "in place of" not in mistake:
-        return mistake.get("text", valid)
-    assert valid.count(mistake["in place of"]) == 1
-    return valid.replace(mistake["in place of"], mistake["write"])
+def changed(text: str, change: dict[str, Any]) -> str:
+    """The text with what a mistake, or the mending of one, has in place of a part of it."""
+    if "in place of" not in change:
+        return change.get("text", text)
+    assert text.count(change["in place of"]) == 1
+    return text.replace(change["in place of"], change["write"])
 
 
-def told_of(mistake: dict[str, Any], content: dict[str, Any]) -> list[str]:
-    """What is said of it."""
-    text, overrides = text_of(mistake, content.get("text", "")), mistake.get("set", [])
-    with TemporaryDirectory() as folder:
-        for name, written in (content.get("files", {}) | mistake.get("files", {})).items():
-            (Path(folder) / name).write_text(written, encoding="utf-8")
-        with pytest.raises(ConfigError) as caught:
-            parse_config(text, NAME.removesuffix(":"), overrides=overrides, base=Path(folder))
-    return [line.removeprefix(NAME) for line in caught.value.complaints]
+def text_of(mistake: dict[str, Any], content: dict[str, Any]) -> str:
+    return changed(content.get("text", ""), mistake)
+
+
+def said_of(
+    mistake: dict[str, Any], content: dict[str, Any], mended: dict[str, Any] | None = None
+) -> dict[str, list[str]]:
+    """What is told of it, or of what is mended in it; remarks where it is valid."""
+    text = changed(text_of(mistake, content), mended or {})
+    overrides = (mended or mistake).get("set", [])
+    listener, logger = logging.Handler(logging.WARNING), logging.getLogger("fvi_cli")
+    remarks: list[str] = []
+    listener.emit = lambda record: remarks.append(record.getMessage())
+    logger.addHandler(listener)
+    try:
+        with TemporaryDirectory() as folder:
+            for name, written in (content.get("files", {}) | mistake.get("files", {})).items():
+                (Path(folder) / name).write_text(written, encoding="utf-8")
+            source = NAME.removesuffix(":")
+            loaded = parse_config(text, source, overrides=overrides, base=Path(folder))
+    except ConfigError as error:
+        return {"told": [line.removeprefix(NAME) for line in error.complaints]}
+    finally:
+        logger.removeHandler(listener)
+    remarks += plausibility_remarks(requested(loaded))
+    return {"remarked": [line.removeprefix(NAME) for line in remarks]}
 
 
 def mistakes() -> Iterator[Any]:
@@ -67,14 +87,19 @@ def test_what_is_told_of_a_mistake(file, number, monkeypatch):
     monkeypatch.setattr(memory, "machine_bytes", lambda: 8 * 10**9)
     content = content_of(file)
     mistake = content["mistakes"][number]
-    assert told_of(mistake, content) == mistake["told"]
+    said = said_of(mistake, content)
+    assert said == {key: mistake[key] for key in ("told", "remarked") if key in mistake}
+    if mended := mistake.get("mended"):
+        assert "remarked" in said_of(mistake, content, mended)
+        for written in mended.get("set", [mended.get("write")]):
+            assert any(written in line for line in said["told"]), written
 
 
 def test_there_are_mistakes_in_every_file_and_the_texts_around_them_are_others():
     assert len(FILES) > 10
     for file in FILES:
         found = [
-            (text_of(one, content_of(file).get("text", "")), f"{one.get('set')}{one.get('files')}")
+            (text_of(one, content_of(file)), f"{one.get('set')}{one.get('files')}")
             for one in content_of(file)["mistakes"]
         ]
         assert len(set(found)) == len(found) > 4, file
@@ -95,7 +120,9 @@ def renew() -> None:
     for file in FILES:
         content = content_of(file)
         for one in content["mistakes"]:
-            one["told"] = told_of(one, content)
+            for key in ("told", "remarked"):
+                one.pop(key, None)
+            one.update(said_of(one, content))
         written = yaml.dump(
             content, Dumper=Readable, sort_keys=False, allow_unicode=True, width=999
         )
