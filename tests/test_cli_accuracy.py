@@ -56,26 +56,6 @@ def test_the_usual_candidates_are_those_of_the_configuration():
     assert search.is_search
 
 
-def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
-    fvi("run", "tuned.yaml")
-    (first,) = stored(tmp_path)
-    assert "reuse" in fvi("run", "tuned.yaml", "--dry-run")
-    fvi("run", "tuned.yaml")
-    (again,) = stored(tmp_path)
-    assert again["created"] == first["created"]
-    assert again["stepping_seconds"] == first["stepping_seconds"]
-    # control: another tolerance, other candidates, another problem
-    for change in (
-        "accuracy.tolerance=2e-7",
-        "method={rk: gauss, degree: [2, 3]}",
-        "problem.stiffness=2",
-    ):
-        assert "steps are chosen" in fvi("run", "tuned.yaml", "--dry-run", "--set", change)
-    fvi("run", "tuned.yaml", "--fresh")
-    (fresh,) = stored(tmp_path)
-    assert fresh["stepping_seconds"] != first["stepping_seconds"]
-
-
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
     said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
     assert "refused after" in said
@@ -97,9 +77,6 @@ def test_starter_files_show_the_key(fvi):
 
 
 def test_steps_are_found_on_the_way(fvi, tmp_path):
-    planned = fvi("run", "found.yaml", "--dry-run")
-    assert "adaptive" in planned
-    assert "for 1e-07" in planned
     assert json.loads(fvi("run", "found.yaml", "--dry-run", "--json"))["runs"][0]["n_steps"] is None
     said = fvi("run", "found.yaml")
     (run,) = stored(tmp_path, "found")
@@ -143,8 +120,7 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
     values = [0.5, 200.0, 200.5]
     text = f"{ADAPTIVE}sweep: {{problem.stiffness: {values}}}\n".replace("tuned", "swept")
     (tmp_path / "swept.yaml").write_text(text)
-    assert "compute 3 members" in fvi("run", "swept.yaml", "--dry-run")
-    assert "3 members on" in fvi("run", "swept.yaml")
+    fvi("run", "swept.yaml")
     with h5py.File(tmp_path / "results/swept.h5") as file:
         groups = [one for case in file["swept"].values() for one in case.values()]
         runs = [one for one in groups if "n_steps" in one.attrs]

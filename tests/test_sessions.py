@@ -19,6 +19,7 @@ CHANGING = (
     # times, sizes, digests, and where the package is
     (re.compile(r"\b[\d.]+(?:e[+-]?\d+)? (s|ms|MB|KB|GB)\b"), r"# \1"),
     (re.compile(r"\b[0-9a-f]{40,64}\b"), "#"),
+    (re.compile(r"@[0-9a-f]{8}\b"), "@#"),
     (re.compile(r"\d{4}-\d\d-\d\dT[\d:+]+"), "#"),
     (re.compile(r"\S*/(?:shipped_)?configs/"), "configs/"),
     (re.compile(r" +"), " "),
