@@ -4,6 +4,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
@@ -26,6 +28,20 @@ WORDS = {
 def spring(*damping: tuple[float, Any], **data: Any) -> Scene:
     """An oscillator with terms of damping as pairs (g, c); `x`, `v` are those at the start."""
     return scenes.linear_oscillator(**in_words(damping, data))
+
+
+def oscillator(
+    final_time: float = 100.0,
+    *,
+    mass: Any = 1.0,
+    stiffness: Any = 1.0,
+    damping: tuple[tuple[float, Any], ...] = ((1.5, 1.0),),
+    **more: Any,
+) -> Scene:
+    """All components from 1, at rest; of the equation whose solution the paper sees blow up."""
+    mass = np.atleast_2d(mass)
+    d = mass.shape[0]
+    return spring(*damping, T=final_time, m=mass, k=stiffness, x=np.ones(d), v=np.zeros(d), **more)
 
 
 def swing(*damping: tuple[float, Any], **data: Any) -> Scene:

@@ -2,11 +2,13 @@
 
 import dataclasses
 import math
+from fractions import Fraction
 
 import mpmath
 import numpy as np
 import pytest
-from letters import spring, swing
+from letters import oscillator, swing
+from oracles.eigenvalues import unpolished_modes
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -24,22 +26,9 @@ from fvi_cli.mathematics.transforms.characteristic import (
     characteristic_zeros,
 )
 from fvi_cli.mathematics.transforms.zeros import (
-    UNDECIDED,
-    OneFunction,
-    ZeroCountError,
     count_zeros,
-    find_zeros,
 )
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-
-
-def oscillator(
-    final_time=100.0, *, mass=1.0, stiffness=1.0, damping=((1.5, 1.0),), derivative="caputo"
-):
-    mass = np.atleast_2d(mass)
-    d = mass.shape[0]
-    x, v = np.ones(d), np.zeros(d)
-    return spring(*damping, T=final_time, m=mass, k=stiffness, x=x, v=v, derivative=derivative)
 
 
 def nodes(p, degree=1):
@@ -48,42 +37,6 @@ def nodes(p, degree=1):
 
 def points(p, degree=1):
     return Method(cq=f"bdf{p}", degree=degree, sampling="points")
-
-
-def polynomial_with(zeros):
-    def logarithm(z):
-        with np.errstate(divide="ignore"):
-            factors = np.subtract.outer(z, np.asarray(zeros, dtype=complex))
-            return np.log(np.abs(factors)).sum(axis=-1) + 1j * np.angle(factors).sum(axis=-1)
-
-    return logarithm
-
-
-def number_of_zeros(logarithm, radius, degree=8):
-    return count_zeros(OneFunction(logarithm, degree), radius)[0]
-
-
-@pytest.mark.parametrize(
-    ("zeros", "radius", "inside"),
-    [
-        ([0.5, -0.3, 2.0], 0.9, 2),
-        ([0.9999999, 0.9999999, 1.0000001], 1 - 5e-8, 2),
-        ([0.4 + 0.3j, 0.4 - 0.3j, 0.4 + 0.3j, 0.4 - 0.3j], 0.8, 4),
-        ([0.4 + 0.3j, 0.4 - 0.3j], 0.4, 0),
-        ([-0.99999, 0.2], 0.99, 1),
-        ([1j * 0.99995, -1j * 0.99995, 1j * 1.00001, -1j * 1.00001], 0.9999, 0),
-        ([1j * 0.99985, -1j * 0.99985, 1j * 1.00001, -1j * 1.00001], 0.9999, 2),
-        ([0.0], 0.5, 1),
-    ],
-)
-def test_zeros_are_counted(zeros, radius, inside):
-    assert number_of_zeros(polynomial_with(zeros), radius) == inside
-
-
-def test_a_zero_on_the_circle_is_an_error():
-    with pytest.raises(ZeroCountError, match="radius"):
-        find_zeros(polynomial_with([0.5]), 0.5)
-    assert number_of_zeros(polynomial_with([0.5]), 0.5) == UNDECIDED
 
 
 def coupled(seed):
@@ -139,19 +92,6 @@ def test_fewer_points_overlook_modes_that_are_close(monkeypatch):
     zeros._first_angles.cache_clear()
 
 
-def test_zeros_are_found():
-    inside = [0.3, -0.95, 0.5 + 0.6j, 0.5 - 0.6j, 1.01, 1.2j, -1.2j]
-    found = find_zeros(polynomial_with(inside), 0.99)
-    assert found is not None
-    expected = sorted(inside[:4], key=abs)
-    assert np.abs(np.sort_complex(found) - np.sort_complex(expected)).max() < 1e-12
-    assert find_zeros(polynomial_with([1.1]), 0.99).size == 0
-    # a double zero is found twice, to half of the digits
-    double = find_zeros(polynomial_with([0.7, 0.7, 0.9]), 0.99)
-    assert double is not None
-    assert double == pytest.approx([0.7, 0.7, 0.9], abs=1e-6)
-
-
 @spread(
     **{"p, bound": [(1, 2.0), (2, 4.0), (3, 20 / 3), (4, 32 / 3), (5, 256 / 15), (6, 416 / 15)]},
     order=[0.4, 1.0, 1.5, 1.8],
@@ -163,14 +103,6 @@ def test_sawtooth_bound_of_explicit_sampling(p, bound, order):
     for factor, verdict in ((0.95, "stable"), (1.05, "unstable")):
         scene = oscillator(n * critical * factor, stiffness=0.0, damping=((order, 1.0),))
         assert predict_stability(scene, nodes(p), n).verdict == verdict
-
-
-@pytest.mark.parametrize(
-    ("p", "step"), [(1, 2.0), (2, 0.25), (3, 0.054), (4, 0.0132), (5, 0.0032), (6, 0.00075)]
-)
-def test_largest_stable_step_of_explicit_sampling(p, step):
-    found = largest_stable_step(oscillator(400.0), nodes(p))
-    assert found == pytest.approx(step, rel=0.06)
 
 
 def test_largest_stable_step_where_there_is_no_limit():
@@ -189,13 +121,6 @@ def test_degree_one_at_the_points_is_stable_for_a_stable_formula(p, order):
     # the control: a formula that is not A-stable
     scene = oscillator(500.0, stiffness=100.0, damping=((1.5, 10.0),))
     assert predict_stability(scene, points(6), 500).verdict == "unstable"
-
-
-def test_the_scene_of_the_paper_that_blows_up():
-    scene = oscillator(1.0)
-    verdicts = [predict_stability(scene, nodes(p), 256).verdict for p in range(1, 7)]
-    assert verdicts[:3] == ["stable"] * 3
-    assert verdicts[5] == "unstable"
 
 
 @spread(
@@ -320,13 +245,8 @@ def test_a_mass_that_is_none_is_not_linearised():
 
 
 @spread(order=[0.001, 0.05, 1 - 1e-9, 1 + 1e-9, 1.95, 1.999], n_steps=[1, 30, 10**6])
-def test_extreme_orders_and_numbers_of_steps(order, n_steps):
+def test_resolved_growth_as_fast_as_it_may_be(order, n_steps):
     for degree in (1, 2, 3, 4):
-        for mu in (1e-3, 1.0, 1e3):
-            scene = oscillator(float(n_steps), stiffness=1e4, damping=((order, mu),))
-            prediction = predict_stability(scene, Method(cq="gauss", degree=degree), n_steps)
-            assert (prediction.verdict, prediction.growing_modes) == ("stable", 0)
-        # resolved growth, as fast as it may be
         scene = oscillator(1e-9 * n_steps, stiffness=0.0, damping=((order, -2.0),))
         prediction = predict_stability(scene, Method(cq="gauss", degree=degree), n_steps)
         assert prediction.verdict == "stable"
@@ -414,33 +334,29 @@ def test_too_many_coupled_components_are_left_alone():
 
 def test_growing_frequencies_are_eigenvalues():
     """Of a polynomial in the square root of s, where all orders are multiples of 1/2."""
-    counted, damping_of = 0, [(0.5, 1), (1.0, 2), (1.5, 3)]
+    counted = 0
     for seed in range(40):
         random = np.random.default_rng(seed)
         d, unit = int(random.integers(1, 4)), 10.0 ** random.uniform(-6, 6)
-
-        def form(d=d, random=random):
+        terms = []
+        for order in (Fraction(0), Fraction(1, 2), Fraction(1), Fraction(3, 2)):
             root = random.standard_normal((d, d))
             # of any sign and size
-            return 10.0 ** random.uniform(-1, 1) * random.choice([-1, 1]) * (root @ root.T)
-
-        damping = tuple((order, form() * unit ** (2 - order)) for order, _ in damping_of)
-        stiffness = form() * unit**2
-        system = MatrixPencil(mass=np.eye(d), stiffness=stiffness, damping=damping)
-        # the companion matrix for the root of s in its own unit
-        parts = [stiffness / unit**2] + [m / unit ** (2 - order) for order, m in damping]
-        companion = np.eye(4 * d, k=d)
-        companion[3 * d :] = -np.hstack(parts)
-        roots = np.linalg.eigvals(companion)
-        exact = unit * roots[np.abs(np.angle(roots)) < 0.25 * math.pi] ** 2
-        step = 1e-3 / np.abs(unit * roots**2).max()
-        final_time = 1.0 / unit
-        growth = exact.real * final_time / 0.05
+            size = 10.0 ** random.uniform(-1, 1) * random.choice([-1, 1])
+            terms.append((order, size * (root @ root.T) * unit ** (2 - float(order))))
+        (_, stiffness), *damping = terms
+        system = MatrixPencil(
+            mass=np.eye(d),
+            stiffness=stiffness,
+            damping=tuple((float(order), matrix) for order, matrix in damping),
+        )
+        exact = np.array(unpolished_modes(np.eye(d), terms))
+        growth = exact.real / unit / 0.05
         if np.any((growth > 0.3) & (growth < 4)):
             # at the border of what counts as growth
             continue
         expected = exact[growth > 1]
-        found = growing_frequencies(system, final_time, step)
+        found = growing_frequencies(system, 1.0 / unit, 1e-3 / np.abs(exact).max())
         assert found is not None, seed
         assert found.size == expected.size, seed
         counted += found.size

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from letters import spring
+from letters import oscillator
 from spread import spread
 
 from fvi_cli.config import parse_config
@@ -18,7 +18,7 @@ from fvi_cli.integrator.stability.linearisation import linearised_along
 from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
 from fvi_cli.integrator.stability.systems import MatrixPencil
-from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
+from fvi_cli.mathematics.transforms.zeros import count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.studies.stability_study import (
@@ -32,51 +32,6 @@ from fvi_cli.studies.study import execute
 
 GAUSS = Method(cq="gauss", degree=2)
 NODES = Method(cq="bdf6", degree=1, sampling="nodes")
-
-
-def oscillator(final_time, *, mass=1.0, stiffness=1.0, damping=((1.5, 1.0),)):
-    mass = np.atleast_2d(mass)
-    return spring(
-        *((o, np.atleast_2d(c)) for o, c in damping),
-        T=final_time,
-        m=mass,
-        k=stiffness,
-        x=np.ones(mass.shape[0]),
-        v=np.zeros(mass.shape[0]),
-    )
-
-
-class Polynomials:
-    """(z - a)(z - b) for pairs a, b."""
-
-    degree = 8
-
-    def __init__(self, pairs):
-        self.pairs = np.array(pairs, dtype=complex)
-        self.number = len(pairs)
-
-    def tabulate(self, z):
-        return z
-
-    def logarithms(self, table, rows, numbers):
-        with np.errstate(divide="ignore"):
-            return np.log(table[rows][..., None] - self.pairs[numbers]).sum(axis=-1)
-
-
-def test_zeros_of_many_functions_are_counted_together():
-    # also pairs close to the circle, inside and outside, and one upon it
-    near = 0.9 * np.exp(0.7j)
-    pairs = [
-        (0.1, 0.2),
-        (0.95, -0.99),
-        (0.5, 2.0),
-        (near * 0.999, np.conj(near) * 0.999),
-        (near * 1.001, np.conj(near) * 1.001),
-        (0.89999, 0.90001),
-        (0.9, 0.1),
-    ]
-    counts = count_zeros(Polynomials(pairs), 0.9)
-    assert counts.tolist() == [2, 0, 1, 2, 0, 1, UNDECIDED]
 
 
 PLANE_METHODS = (

@@ -5,15 +5,11 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from letters import in_pieces
-from scipy.special import wofz
+from letters import in_pieces, spring, swing
+from oracles.closed_forms import half_order_response
 from spread import spread
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
-from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import PowerSeries, SeriesError
 from fvi_cli.scenes.linear_response import (
@@ -25,58 +21,6 @@ from fvi_cli.scenes.linear_response import (
 )
 
 T = PowerSeries.variable(math.inf)
-
-# Unit step from rest, m = mu = k = 1, at t = 1, 2, 5, 10, 20: from the quartic in sqrt(s) and from
-# Laplace inversion, digits on which both agree.
-STEP_TIMES = np.array([1.0, 2.0, 5.0, 10.0, 20.0])
-STEP = {
-    0.5: [
-        0.387738214241533,
-        0.887286182411692,
-        0.668914627671081,
-        0.815396858151600,
-        0.877181068558190,
-    ],
-    1.5: [
-        0.289440727849072,
-        0.842623502331295,
-        1.48771200400921,
-        0.838616316256097,
-        0.990454834432767,
-    ],
-}
-
-
-def scene(
-    *,
-    mass=1.0,
-    stiffness=1.0,
-    damping=(),
-    x0=0.0,
-    v0=0.0,
-    forcing=None,
-    derivative="caputo",
-    potential=None,
-):
-    return Scene(
-        inertia=Inertia(mass=mass),
-        potential=potential or QuadraticPotential(stiffness=stiffness),
-        damping=tuple(FractionalDamping(order=g, coefficient=c) for g, c in damping),
-        initial_position=x0,
-        initial_velocity=v0,
-        final_time=10.0,
-        forcing=forcing,
-        derivative=derivative,
-    )
-
-
-@pytest.mark.parametrize("order", [0.5, 1.5])
-def test_unit_step_and_free_response(order):
-    common = {"mass": 1.0, "stiffness": 1.0, "damping": ((order, 1.0),)}
-    step = linear_response(**common, forcing=((0.0, ZERO + 1.0),))
-    free = linear_response(**common, position=1.0)
-    assert step(STEP_TIMES) == pytest.approx(STEP[order], abs=4e-15)
-    assert free(STEP_TIMES) == pytest.approx(1.0 - np.array(STEP[order]), abs=4e-15)
 
 
 @pytest.mark.parametrize(
@@ -91,25 +35,6 @@ def test_tail_is_algebraic(order, expected, relative):
     assert free(np.array([100.0, 1000.0])) == pytest.approx(expected, rel=relative)
     leading = 1e6**-order / math.gamma(1 - order)
     assert free(np.array([1e6]))[0] == pytest.approx(leading, rel=1e-2)
-
-
-def test_bagley_torvik_of_podlubny():
-    # I. Podlubny, Fractional Differential Equations (1999), section 8.4: f = 8 up to t = 1, then 0.
-    response = linear_response(
-        mass=1.0, stiffness=1.0, damping=((1.5, 1.0),), forcing=((0.0, ZERO + 8.0), (1.0, ZERO))
-    )
-    times = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0])
-    expected = [
-        0.6843347531500309,
-        2.315525822792576,
-        4.425462195857781,
-        3.843966774139771,
-        -0.4556413405384094,
-        0.5316198658594876,
-        0.187375156942063,
-        0.03587938288263848,
-    ]
-    assert response(times) == pytest.approx(expected, abs=1.5e-14)
 
 
 def test_polynomial_solution_detects_wrong_initial_terms():
@@ -165,12 +90,13 @@ def test_caputo_and_riemann_liouville():
 def test_classical_damping_of_the_follow_up():
     # Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2510.11082: two uncoupled components.
     exact = match_scene(
-        scene(
-            mass=np.eye(2),
-            stiffness=0.5 * np.eye(2),
-            damping=((1.0, 0.25 * np.eye(2)),),
-            x0=[0.8, -0.5],
-            v0=[0.4, 0.0],
+        spring(
+            (1.0, 0.25 * np.eye(2)),
+            T=10.0,
+            m=np.eye(2),
+            k=0.5 * np.eye(2),
+            x=[0.8, -0.5],
+            v=[0.4, 0.0],
         )
     )
     t = np.linspace(0.0, 30.0, 97)
@@ -186,7 +112,7 @@ def test_bagley_torvik_with_fractional_powers_in_the_force(order, gamma_factor):
     # x = t^(5/2): D^(3/2) x = 15/8 sqrt(pi) t, D^(1/2) x = 15/16 sqrt(pi) t^2.
     power = "t" if order == 1.5 else "t**2"
     text = f"15/4*sqrt(t) + {gamma_factor}*sqrt(pi)*{power} + t**2.5"
-    exact = match_scene(scene(damping=((order, 1.0),), forcing=Forcing.from_text(text)))
+    exact = match_scene(spring((order, 1.0), T=10.0, forcing=text))
     t = np.linspace(0.0, 1.0, 65)
     assert exact.position(t)[:, 0] == pytest.approx(t**2.5, abs=1e-14)
 
@@ -197,9 +123,7 @@ def test_general_order_with_a_manufactured_solution():
     first = 0.4 * g(3.3) / g(2.6)
     second = 0.4 * g(5) / g(4.3)
     text = f"2.99*t**0.3 + 12*t**2 + {first!r}*t**1.6 + {second!r}*t**3.3 + 3*(t**2.3 + t**4)"
-    exact = match_scene(
-        scene(stiffness=3.0, damping=((0.7, 0.4),), forcing=Forcing.from_text(text))
-    )
+    exact = match_scene(spring((0.7, 0.4), T=10.0, k=3.0, forcing=text))
     assert exact.source == "characteristic roots and branch-cut integral"
     t = np.linspace(0.0, 6.0, 61)
     expected = t**2.3 + t**4
@@ -223,12 +147,14 @@ def test_modes_of_a_chain():
     stiffness = np.array([[2.0, -1.0], [-1.0, 2.0]])
     damping = 0.1 * np.eye(2) + 0.05 * stiffness
     exact = match_scene(
-        scene(
-            mass=np.eye(2),
-            stiffness=stiffness,
-            damping=((0.7, damping), (1.4, 0.02 * np.eye(2))),
-            x0=[1.0, 0.0],
-            v0=[0.0, 0.5],
+        spring(
+            (0.7, damping),
+            (1.4, 0.02 * np.eye(2)),
+            T=10.0,
+            m=np.eye(2),
+            k=stiffness,
+            x=[1.0, 0.0],
+            v=[0.0, 0.5],
             forcing=Forcing.from_text("1", "t"),
         )
     )
@@ -251,7 +177,7 @@ def test_modes_of_a_chain():
 def test_unequal_masses_and_a_rigid_motion():
     mass = np.diag([1.0, 3.0])
     stiffness = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    exact = match_scene(scene(mass=mass, stiffness=stiffness, x0=[1.0, 0.0], v0=[0.0, 1.0]))
+    exact = match_scene(spring(T=10.0, m=mass, k=stiffness, x=[1.0, 0.0], v=[0.0, 1.0]))
     times = np.linspace(0.0, 10.0, 21)
     position = exact.position(times)
     assert position @ [0.25, 0.75] == pytest.approx(0.25 + 0.75 * times, abs=1e-14)
@@ -261,29 +187,15 @@ def test_unequal_masses_and_a_rigid_motion():
     )
 
 
-def pendulum():
-    names = ("x",)
-    return ExpressionPotential(
-        coordinates=names,
-        energy_expression=Expression.parse("1 - cos(x)", variables=names),
-        gradient_expressions=(Expression.parse("sin(x)", variables=names),),
-        hessian_expressions=((Expression.parse("cos(x)", variables=names),),),
-    )
-
-
 @pytest.mark.parametrize(
     "unknown",
     [
-        scene(potential=pendulum()),
-        scene(damping=((0.5, 1.0),), forcing=Forcing.from_text("sin(t)")),
-        scene(damping=((0.5, 1.0),), forcing=Forcing.from_text("1/(1 + t)")),
-        scene(forcing=in_pieces("sqrt(t)", 1.0, "0")),
-        scene(
-            mass=np.eye(2),
-            stiffness=np.diag([1.0, 2.0]),
-            damping=((0.5, np.array([[1.0, 0.3], [0.3, 1.0]])),),
-            x0=[0.0, 0.0],
-            v0=[0.0, 0.0],
+        swing(T=10.0),
+        spring((0.5, 1.0), T=10.0, forcing="sin(t)"),
+        spring((0.5, 1.0), T=10.0, forcing="1/(1 + t)"),
+        spring(T=10.0, forcing=in_pieces("sqrt(t)", 1.0, "0")),
+        spring(
+            (0.5, np.array([[1.0, 0.3], [0.3, 1.0]])), T=10.0, m=np.eye(2), k=np.diag([1.0, 2.0])
         ),
     ],
 )
@@ -329,18 +241,20 @@ def test_classical_damping_written_out(coefficient):
     assert found(times) == pytest.approx(expected, abs=3e-14 * np.abs(expected).max())
 
 
-@spread(order=[0.5, 1.5], coefficient=[0.01, 0.5, 2.5, -0.3])
+@spread(order=[0.5, 1.5], coefficient=[0.01, 0.5, 1.0, 2.5, -0.3])
 def test_half_orders_by_faddeeva_functions(coefficient, order):
-    """Partial fractions in the root of s: sum of c r w(-i r sqrt t)."""
-    polynomial = np.zeros(5)
-    polynomial[[0, 4]] = 1.3, 25.0
-    polynomial[4 - round(2 * order)] += coefficient
-    roots = np.roots(polynomial)
-    numerator = 1.3 * 0.9 * roots**2 + 0.9 * coefficient * roots ** (2 * order - 2)
-    weights = numerator / np.polyval(np.polyder(polynomial), roots) * roots
     times = np.linspace(0.0, 20.0, 101)
-    expected = (weights * wofz(-1j * np.multiply.outer(np.sqrt(times), roots))).sum(axis=1).real
-    found = linear_response(mass=1.3, stiffness=25.0, damping=((order, coefficient),), position=0.9)
+    data = {"mass": 1.3, "stiffness": 25.0}
+    expected, _ = half_order_response(
+        order, times, **data, coefficient=coefficient, x0=0.9, v0=-0.4, step=2.0
+    )
+    found = linear_response(
+        **data,
+        damping=((order, coefficient),),
+        position=0.9,
+        velocity=-0.4,
+        forcing=((0.0, ZERO + 2.0),),
+    )
     assert found(times) == pytest.approx(expected, abs=2e-12 * np.abs(expected).max())
 
 
