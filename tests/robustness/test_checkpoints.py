@@ -66,8 +66,11 @@ def digests(path=FILE):
         return {name: digest_of(one) for name, one in runs.items() if name[0] == "n"}
 
 
-def interrupt_after(monkeypatch, count, of=""):
-    """A Ctrl-C when so many checkpoints have been written of runs that are called so."""
+def watched(*options, stop=None, of=""):
+    """What a run says, and the steps of the checkpoints that it writes of runs called so.
+
+    When so many have been written, a Ctrl-C stops it.
+    """
     real, written = CheckpointFile.save, []
 
     def save(self, unfinished):
@@ -75,11 +78,12 @@ def interrupt_after(monkeypatch, count, of=""):
         if of not in self.title:
             return
         written.append(unfinished.reported)
-        if len(written) == count:
+        if len(written) == stop:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(CheckpointFile, "save", save)
-    return written
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(CheckpointFile, "save", save)
+        return run(*options, code=130 if stop else 0).stderr, written
 
 
 @pytest.mark.parametrize(
@@ -91,17 +95,13 @@ def interrupt_after(monkeypatch, count, of=""):
         ("--set", "method={bdf: 4, degree: 2}"),
     ],
 )
-def test_the_same_command_goes_on_after_two_interruptions(monkeypatch, options):
+def test_the_same_command_goes_on_after_two_interruptions(options):
     run("-o", "straight", *options)
-    with monkeypatch.context() as patch:
-        assert interrupt_after(patch, 3, of=f"N={N}")[-1:] == []
-        run(*options, code=130)
+    watched(*options, stop=3, of=f"N={N}")
     planned = fvi("run", "long.yaml", "--dry-run", *options).stdout
     assert f"resume at step 192 of {N}" in planned
-    with monkeypatch.context() as patch:
-        written = interrupt_after(patch, 2, of=f"N={N}")
-        again = run(*options, code=130)
-    assert f"resume at step 192 of {N}" in again.stderr
+    again, written = watched(*options, stop=2, of=f"N={N}")
+    assert f"resume at step 192 of {N}" in again
     assert written == [256, 320]
     rest = run(*options)
     assert f"resume at step 320 of {N}" in rest.stderr
@@ -109,14 +109,11 @@ def test_the_same_command_goes_on_after_two_interruptions(monkeypatch, options):
     assert sorted(p.name for p in FILE.parent.iterdir()) == [".long.h5.lock", "long.h5"]
 
 
-def test_fresh_begins_at_the_start(monkeypatch):
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, 3)
-        run(code=130)
+def test_fresh_begins_at_the_start():
+    watched(stop=3)
     assert "resume at step" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
-    with monkeypatch.context() as patch:
-        written = interrupt_after(patch, 1)
-        assert "resume at step" not in run("--fresh", code=130).stderr
+    told, written = watched("--fresh", stop=1)
+    assert "resume at step" not in told
     assert written == [64]
 
 
@@ -129,17 +126,12 @@ def test_fresh_begins_at_the_start(monkeypatch):
         (None, "it belongs to another run, or to another version of the solver"),
     ],
 )
-def test_what_cannot_be_believed_is_ignored_with_a_line(monkeypatch, spoil, reason):
+def test_what_cannot_be_believed_is_ignored_with_a_line(spoil, reason):
     run("-o", "straight")
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, 3)
-        run(code=130)
+    watched(stop=3)
     (path,) = PARTS.glob("*.checkpoint")
     if spoil is None:
-        other = ("--set", "store={every: 3}")
-        with monkeypatch.context() as patch:
-            interrupt_after(patch, 3)
-            run(*other, code=130)
+        watched("--set", "store={every: 3}", stop=3)
         (foreign,) = set(PARTS.glob("*.checkpoint")) - {path}
         foreign.replace(path)
     else:
@@ -153,11 +145,9 @@ def test_what_cannot_be_believed_is_ignored_with_a_line(monkeypatch, spoil, reas
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names")
-def test_a_pipe_is_not_read_for_ever(monkeypatch):
+def test_a_pipe_is_not_read_for_ever():
     run("-o", "straight")
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, 3)
-        run(code=130)
+    watched(stop=3)
     (path,) = PARTS.glob("*.checkpoint")
     path.unlink()
     os.mkfifo(path)
@@ -214,11 +204,9 @@ def test_a_time_between_checkpoints_is_no_negative_number(seconds):
     assert f"--checkpoint-every: {seconds} is not allowed" in told.stderr
 
 
-def test_a_stored_run_leaves_no_checkpoint_behind(monkeypatch):
+def test_a_stored_run_leaves_no_checkpoint_behind():
     """As after a kill between the writing of the run and the removal of its checkpoint."""
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, 3)
-        run(code=130)
+    watched(stop=3)
     (path,) = PARTS.glob("*.checkpoint")
     content = path.read_bytes()
     run()
@@ -277,30 +265,22 @@ def stored(path=FILE):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_run_goes_on(monkeypatch, folder, kind):
+def test_every_kind_of_run_goes_on(folder, kind):
     (folder / "long.yaml").write_text(KINDS[kind])
-    with monkeypatch.context() as patch:
-        counted = interrupt_after(patch, 10**6)
-        run("-o", "straight")
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, len(counted) * 2 // 3)
-        run(code=130)
+    _, counted = watched("-o", "straight")
+    watched(stop=len(counted) * 2 // 3)
     assert list(PARTS.glob("*.checkpoint"))
     assert "resume" in fvi("run", "long.yaml", "--dry-run").stdout
-    with monkeypatch.context() as patch:
-        written = interrupt_after(patch, 10**6)
-        told = run().stderr
+    told, written = watched()
     assert "resume" in told
     assert len(written) <= len(counted) - len(counted) * 2 // 3
     assert stored() == stored(Path("straight/long.h5"))
     assert not PARTS.exists()
 
 
-def test_what_was_kept_of_a_search_is_forgotten_by_fresh(monkeypatch, folder):
+def test_what_was_kept_of_a_search_is_forgotten_by_fresh(folder):
     (folder / "long.yaml").write_text(SEARCH)
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, 20)
-        run(code=130)
+    watched(stop=20)
     assert "resume at step" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
     assert "resume" not in run("--fresh").stderr
     assert not PARTS.exists()

@@ -1,9 +1,11 @@
 """A checkpoint is that of one scene, method and mesh: every other run begins at its start."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from kept_checkpoints import Kept, StoppedError
 from letters import spring, swing
 
 import fvi_cli as fvi
@@ -13,7 +15,6 @@ from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
 from fvi_cli.integrator.run import loop
 from fvi_cli.integrator.run.checkpoint import (
     OF_ANOTHER_RUN,
-    Checkpoint,
     arrays_digest,
     fingerprint,
 )
@@ -27,45 +28,13 @@ MESH = graded_mesh(T, N, 3.0)
 TIMES = np.array([one.begin for one in MESH.stretches] + [T])
 
 
-class StoppedError(Exception):
-    """In place of a signal."""
-
-
-class Kept:
-    """A checkpoint in memory; the first one stops its run."""
-
-    def __init__(self, content=b""):
-        self.content, self.rejected, self.is_stopped = content, [], bool(content)
-
-    def load(self):
-        return Checkpoint.read(io.BytesIO(self.content), "a run") if self.content else None
-
-    def reject(self, reason):
-        self.rejected.append(reason)
-
-    def is_due(self):
-        return not self.is_stopped
-
-    def is_kept_whole(self, seconds):
-        return False
-
-    def save(self, unfinished):
-        stream = io.BytesIO()
-        unfinished.write(stream, "a run")
-        self.content, self.is_stopped = stream.getvalue(), True
-        raise StoppedError
-
-    def of_run(self, name):
-        return self
-
-
 @pytest.fixture(autouse=True)
 def short_chunks(monkeypatch):
     monkeypatch.setattr(loop, "CHUNK", 16)
 
 
 def kept_of(scene, method, mesh):
-    kept = Kept()
+    kept = Kept(stops=[1])
     with pytest.raises(StoppedError):
         integrate(scene, method, mesh, checkpoints=kept)
     return kept.content
@@ -104,14 +73,14 @@ SCENES = {
     ],
 )
 def test_a_checkpoint_of_another_run_is_left_alone(scene, method, mesh):
-    kept = Kept(kept_of(SCENE, METHOD, MESH))
+    kept = Kept(content=kept_of(SCENE, METHOD, MESH))
     found = integrate(scene, method, mesh, checkpoints=kept)
     assert kept.rejected == [OF_ANOTHER_RUN]
     assert np.array_equal(found.position, integrate(scene, method, mesh).position)
 
 
 def test_control_its_own_run_goes_on_from_it():
-    kept = Kept(kept_of(SCENE, METHOD, MESH))
+    kept = Kept(content=kept_of(SCENE, METHOD, MESH))
     # an equal scene and mesh, made anew, as another process would
     scene = spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5)
     found = integrate(scene, METHOD, graded_mesh(T, N, 3.0), checkpoints=kept)
@@ -136,6 +105,13 @@ def test_a_run_in_parts_refuses_the_checkpoint_of_another():
     for scene in SCENES.values():
         with pytest.raises(ValueError, match="of another scene, method or mesh"):
             integrate_part(scene, METHOD, N, checkpoint=part.checkpoint)
+    for method, n_steps in (
+        (METHOD, N + 1),
+        (replace(METHOD, start="graded"), N),
+        (replace(METHOD, degree=3, quadrature=None), N),
+    ):
+        with pytest.raises(ValueError, match="checkpoint: it belongs to a run"):
+            integrate_part(SCENE, method, n_steps, checkpoint=part.checkpoint)
     assert integrate_part(SCENE, METHOD, N, checkpoint=part.checkpoint).checkpoint is None
 
 
@@ -148,7 +124,7 @@ def test_a_checkpoint_that_lacks_something_says_so():
         left = {name: values for name, values in arrays.items() if name != missing}
         stream = io.BytesIO()
         np.savez(stream, digest=np.array(arrays_digest(left)), **left)
-        kept = Kept(stream.getvalue())
+        kept = Kept(content=stream.getvalue())
         if missing in HEAD:
             with pytest.raises(ValueError, match=r"another run|is of another version \("):
                 kept.load()
