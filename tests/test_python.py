@@ -17,7 +17,6 @@ from fvi_cli.scenes.data import MEANING, SceneData, make_scene
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.registry import KINDS
 
-DAMPED = [fvi.FractionalDamping(order=0.5, coefficient=0.2)]
 NEEDED = {
     "lagrangian": {"coordinates": ["x"], "lagrangian": "vx**2/2 - x**2/2"},
     "structure": {"mass": np.diag([2.0, 1.0]), "stiffness": np.array([[3.0, -1.0], [-1.0, 1.0]])},
@@ -54,26 +53,6 @@ def test_misspelt_arguments_are_refused_with_those_that_there_are(name, data):
     assert f"(arguments: {', '.join(known)})" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("written", "advice"),
-    [
-        ({"x0": 1.0}, "write initial_position"),
-        ({"initial": {"position": 1.0}}, "write initial_position and initial_velocity"),
-        ({"alpha": -1.0, "beta": 5.0}, "arguments: mass, stiffness, cubic_stiffness, final_time"),
-    ],
-)
-def test_usual_names_of_other_programs_are_refused(written, advice):
-    with pytest.raises(TypeError, match=advice):
-        fvi.duffing(**written, final_time=1.0)
-
-
-def test_a_scene_without_its_end_says_what_to_write():
-    with pytest.raises(TypeError, match="final_time is missing; write duffing\\(final_time="):
-        fvi.duffing()
-    with pytest.raises(ArgumentError, match="final_time: 'ten' is not a number"):
-        fvi.duffing(final_time="ten")
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_help_names_every_argument(name):
     shown = pydoc.render_doc(getattr(fvi, name.replace("-", "_")), renderer=pydoc.plaintext)
@@ -89,11 +68,6 @@ def test_the_shared_arguments_are_those_of_the_scene_they_make():
     assert set(SceneData.__annotations__) <= set(re.findall(r"\w+", MEANING))
 
 
-def test_problems_refuse_keys_that_they_do_not_have():
-    with pytest.raises(ArgumentError, match="omga: not known; did you mean 'omega'"):
-        fvi.build_problem({"kind": "pendulum", "final_time": 1.0, "omga": 3.0})
-
-
 @pytest.mark.parametrize("force", ["0.3*cos(1.2*t)", ["0.3*cos(1.2*t)"]])
 def test_a_formula_is_a_force(force):
     forcing = fvi.Forcing.from_text("0.3*cos(1.2*t)")
@@ -104,26 +78,6 @@ def test_a_formula_is_a_force(force):
         assert np.array_equal(one(np.linspace(0, 1, 9)), other(np.linspace(0, 1, 9)))
     shaken = fvi.frame(ground_acceleration=force, final_time=1.0)
     assert shaken.forcing.dimension == 3
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"forcing": np.cos}, "forcing: a function; write fvi.Forcing.from_functions"),
-        ({"forcing": "0.3*cos(1.2*x)"}, "forcing: .*x"),
-        ({"forcing": 1.0}, "forcing: 1.0 is no force; write a formula"),
-        ({"damping": [{"order": 0.5}]}, "damping.0: .* write damping=\\[fvi.FractionalDamping"),
-        ({"damping": [0.3]}, "damping.0: 0.3 is no FractionalDamping; write damping="),
-        ({"damping": DAMPED[0]}, "damping: a list is needed; write damping="),
-        ({"laws": DAMPED}, "laws.0: a FractionalDamping is no Law; give it under damping"),
-    ],
-)
-def test_what_is_no_force_and_no_damper_says_what_to_write(wrong, message):
-    with pytest.raises(ArgumentError, match=message):
-        fvi.duffing(**wrong, final_time=1.0)
-    bare = {"initial_position": 0.0, "initial_velocity": 0.0, "final_time": 1.0}
-    with pytest.raises(ArgumentError, match="write"):
-        fvi.Scene(inertia=fvi.Inertia(mass=1.0), **bare, **{**wrong, "damping": [0.3]})
 
 
 CONFIG = {
@@ -237,27 +191,6 @@ def test_an_outcome_draws_one_figure(outcome):
 def test_a_figure_that_there_is_not_says_what_to_write(outcome, figure, message):
     with pytest.raises(ArgumentError, match=f"^{message}"):
         outcome.plot(figure)
-
-
-@pytest.mark.parametrize("quantity", ["peak_x", lambda position, velocity: position[0]])
-def test_a_gradient_of_no_quantity_says_what_to_write(quantity):
-    scene = fvi.duffing(initial_position=1.0, final_time=1.0)
-    with pytest.raises(ArgumentError, match=r"quantity: .* write fvi\.position_at"):
-        fvi.gradient(scene, "gauss3", 10, quantity)
-
-
-def test_one_time_behind_the_end_is_named_once():
-    scene = fvi.duffing(initial_position=1.0, final_time=1.0)
-    with pytest.raises(ValueError, match="time: 7 is not allowed; the run goes from 0 to 1"):
-        fvi.gradient(scene, "gauss3", 10, fvi.position_at(7.0))
-
-
-@pytest.mark.parametrize(
-    ("written", "meant"), [("gaus4", "gauss4"), ("gaus", "gauss3"), ("radu-iia2", "radau-iia2")]
-)
-def test_misspelt_methods_keep_their_degree(written, meant):
-    with pytest.raises(ValueError, match=f"did you mean '{meant}'"):
-        fvi.method_named(written)
 
 
 def double_pendulum(l2, g):

@@ -4,12 +4,10 @@ import json
 import re
 
 import numpy as np
-import pytest
 import xarray
 from command_line import configuration
 
 from fvi_cli.config import parse_config
-from fvi_cli.errors import ConfigError
 from fvi_cli.plotting.motions.time_series import balance_figure
 from fvi_cli.storage import open_results, read_results
 from fvi_cli.storage.digests import identity_of
@@ -92,18 +90,12 @@ def test_symmetries_are_found_where_coordinates_do_not_occur():
     assert [one.name for one in experiment.diagnostics.symmetries] == ["p_phi"]
 
 
-def test_kinds_that_cannot_be_diagnosed_are_told():
+def test_what_is_asked_for_is_diagnosed():
     store = "store: {diagnostics: [energy-balance]}\n"
     method = "method: {rk: gauss, history: exponentials}"
     (moving,) = parse_config(f"{DUFFING}{method}\n{store}", "d.yaml").experiments
     assert moving.diagnostics.energy_balance
     assert moving.methods[0].start == "graded"
-    derivative = (
-        "name: d\nproblem: {kind: fractional-derivative, order: 0.5, function: t**2, "
-        "final_time: 1.0}\nmethod: {bdf: 1}\nladder: {steps: [4]}\n"
-    )
-    with pytest.raises(ConfigError, match="which has no motion"):
-        parse_config(derivative + store, "d.yaml")
 
 
 def test_energy_that_the_damping_stores_is_kept(tmp_path):

@@ -118,15 +118,6 @@ def test_a_tolerance_with_quantities(tmp_path):
     assert observed.extents["spring"].peak == pytest.approx(2.0, abs=1e-6)
 
 
-def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_path):
-    with pytest.raises(fvi.ConfigError, match="output: BDF2 points, degree 1 keeps no poly"):
-        _load(tmp_path, "output: {step: 1}\n", "method={bdf: 2}")
-    with pytest.raises(fvi.ConfigError, match="quantities: implicit Euler keeps no polynomials"):
-        _load(tmp_path, "quantities: {a: ax}\n", "method={baseline: implicit-euler}")
-    with pytest.raises(fvi.ConfigError, match="which has no motion"):
-        fvi.load("saturation", overrides=["experiments.0.output={step: 0.1}"])
-
-
 FRAME = """\
 name: shaken
 problem:
@@ -160,17 +151,6 @@ def test_parameters_of_a_force_are_known_everywhere_and_swept(tmp_path):
     path.write_text(numbers.partition("sweep")[0], encoding="utf-8")
     (plain,) = fvi.run(path)
     assert np.array_equal(plain.finished[0].trajectory.position, weak.position)
-
-
-def test_a_parameter_must_have_a_name_of_its_own(tmp_path):
-    with pytest.raises(fvi.RequestError, match=r"parameters\.x: the name is a coordinate"):
-        fvi.load(
-            {
-                "name": "one",
-                "problem": {"kind": "pendulum", "parameters": {"x": 1.0}, "final_time": 1.0},
-                "ladder": {"steps": [4]},
-            }
-        )
 
 
 SHADOWED = {

@@ -28,25 +28,3 @@ def test_a_matrix_couples_the_directions():
     # the power of the force is that of the forces along the directions
     assert v @ matrix @ v == pytest.approx((rows @ v) @ inner @ (rows @ v), rel=1e-14)
     assert np.array_equal(matrix, matrix.T)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("x1*x2", "acts_on.0: not linear"), ("x1**2", "acts_on.0: not linear"),
-        ("2**x1", "acts_on.0: not linear"), ("1/x1", "acts_on.0: not linear"),
-        ("sin(x1)", "acts_on.0: not linear: a function"), ("x1/x2", "acts_on.0: not linear"),
-        ("x1*(x2 - x2)", "contains no coordinate, or"),
-        ("x1 + 1", "holds the constant 1"), ("x1 - x1", "contains no coordinate, or"),
-        ("3", "contains no coordinate, or"), ("x3", "unknown name 'x3'"), ("x1 +", "complete"),
-    ],
-)  # fmt: skip
-def test_what_is_not_linear_is_refused(text, message):
-    with pytest.raises(ValueError, match=message):
-        Directions.from_text([text], ("x1", "x2"))
-
-
-def test_a_matrix_of_the_wrong_size_is_refused():
-    directions = Directions.from_text(["x1"], ("x1", "x2"))
-    with pytest.raises(ValueError, match="size 2 for 1 entries"):
-        directions.factored(np.eye(2))

@@ -9,7 +9,6 @@ from letters import spring
 from spread import spread
 
 from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
-from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
 
@@ -66,29 +65,3 @@ def test_relaxed_moduli_become_stiffnesses_of_the_scene_once():
         np.testing.assert_array_equal(one.potential.stiffness, 3.0 * np.eye(2) + 2.0 * matrix)
         assert one.laws[0].relaxed == 0.0
         assert one.laws[0].symbol(4.0) == pytest.approx(law.symbol(4.0) - 2.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: fractional_zener(**{**ZENER, "order": 1.0}), r"order: 1.0 .*\(0, 1\)"),
-        (lambda: fractional_zener(**{**ZENER, "time": 0.0}), "time: 0.0 .* positive"),
-        (lambda: fractional_zener(**{**ZENER, "relaxed": -1.0}), "relaxed: -1.0 "),
-        (lambda: fractional_zener(**{**ZENER, "unrelaxed": 1.0}), "unrelaxed: 1.0 .* energy"),
-        (lambda: fractional_zener(**{**ZENER, "unrelaxed": np.inf}), "unrelaxed: inf "),
-        (lambda: fractional_maxwell(order=0.5, time=1.0, modulus=-2.0, coefficient=1.0),
-         "modulus: -2.0 "),
-        (lambda: prony(moduli=[1.0], times=[1.0, 2.0], coefficient=1.0), "times: 2 of them"),
-        (lambda: prony(moduli=[], times=[], coefficient=1.0), "moduli: at least one"),
-        (lambda: prony(moduli=[1.0, 0.0], times=[1.0, 2.0], coefficient=1.0), "moduli.1: 0.0 "),
-        (lambda: prony(moduli=[1.0], times=[-1.0], coefficient=1.0), "times.0: -1.0 "),
-        (lambda: tempered(order=1.5, rate=1.0, coefficient=1.0), "order: 1.5 "),
-        (lambda: tempered(order=0.5, rate=0.0, coefficient=1.0), "rate: 0.0 "),
-        (lambda: tempered(order=0.5, rate=1.0, coefficient=[[1.0, 2.0], [0.0, 1.0]]),
-         "coefficient: .*symmetric"),
-        (lambda: Law(kernel=LAWS["prony"].kernel, size=-1.0, coefficient=1.0), "size: -1.0 "),
-    ],
-)  # fmt: skip
-def test_what_is_no_passive_law_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()

@@ -80,19 +80,3 @@ def test_knots_are_no_break_points():
     assert forcing.break_points == ()
     assert forcing.samples == (force,)
     np.testing.assert_allclose(forcing(np.array([1.1])), [[2.25, 1.1]])
-
-
-@pytest.mark.parametrize(
-    ("time", "values", "interpolation", "says"),
-    [
-        ([0, 1], [0, 1], "quintic", "'quintic' is not one of linear, cubic"),
-        ([0], [0], "linear", "at least 2"),
-        ([0, 1, 2], [0, 1, 2], "cubic", "at least 4"),
-        ([0, 1, 1], [0, 1, 2], "linear", "increase"),
-        ([0, 1, 2], [0, np.nan, 2], "linear", "finite"),
-        ([0, 1, 2], [0, 1], "linear", "3 times and 2 values"),
-    ],
-)
-def test_samples_that_are_not_allowed(time, values, interpolation, says):
-    with pytest.raises(ValueError, match=says):
-        SampledForce.through(time, values, interpolation)

@@ -179,19 +179,6 @@ class TestDop853:
         found = integrate(SCENES["no damping"], Baseline(name="dop853", tolerance=1e-12), 50)
         assert np.ptp(found.energy) < 1e-10
 
-    @pytest.mark.parametrize("tolerance", [0.0, 1e-14, 0.5, math.nan])
-    def test_tolerances_have_a_range(self, tolerance):
-        with pytest.raises(ValueError, match=r"tolerance: .* 1e-13 to 0\.1"):
-            Baseline(name="dop853", tolerance=tolerance)
-
-    def test_others_have_none(self):
-        with pytest.raises(ValueError, match="only dop853"):
-            Baseline(name="product-integration", tolerance=1e-6)
-
-    def test_memory_is_refused(self):
-        with pytest.raises(ValueError, match=r"knows no memory: .* must be 1, not 0.5"):
-            integrate(SCENES["gamma = 0.5"], Baseline(name="dop853"), 10)
-
 
 CONFIG = """\
 name: compared

@@ -13,7 +13,7 @@ from spread import spread
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run import scenes_run
 from fvi_cli.scenes.records.data_files import samples_as_text
@@ -285,25 +285,6 @@ def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
     thin = integrate(scene, GAUSS3_GRADED, 256, every=100, diagnostics=asked)
     assert thin.time.size == thin.diagnostics.energy_defect.size == 4
     assert thin.diagnostics.dissipated_work[-1] == with_more.diagnostics.dissipated_work[-1]
-
-
-def test_methods_without_increments_are_refused():
-    asked = DiagnosticsRequest(energy_balance=True)
-    with pytest.raises(ValueError, match="keeps no increments"):
-        integrate(oscillator(0.5), Baseline(name="implicit-euler"), 16, diagnostics=asked)
-
-
-@pytest.mark.parametrize(
-    ("generator", "shift", "message"),
-    [
-        ([[0.0]], [0.0, 0.0], "2 x 2 generator"),
-        (np.zeros((2, 2)), [0.0, 0.0], "zero"),
-        ([[0.0, np.nan], [1.0, 0.0]], [0.0, 0.0], "finite"),
-    ],
-)
-def test_symmetries_that_are_none_are_refused(generator, shift, message):
-    with pytest.raises(ValueError, match=message):
-        Symmetry(name="wrong", generator=generator, shift=shift)
 
 
 def works(scene, method, n_steps):

@@ -83,17 +83,3 @@ def test_shapes_and_the_mesh():
     found = integrate(SCENE, method, 64, with_steps=True)
     assert found.time.size == 65 < found.steps.time.size
     assert np.abs(found.steps(found.time) - found.position).max() < 1e-13
-
-
-@pytest.mark.parametrize("times", [-1e-9, 8.1, [1.0, 9.0], np.nan])
-def test_times_outside_of_the_run_are_refused(times):
-    steps = steps_of("equal")
-    for ask in (steps, steps.velocity_at):
-        with pytest.raises(ValueError, match=r"time: .* is not allowed; the run goes from 0 to 8"):
-            ask(times)
-
-
-def test_who_keeps_no_polynomials():
-    with pytest.raises(ValueError, match=r"with_steps: BDF2 points, degree 2, .* has no poly"):
-        integrate(SCENE, Method(cq="bdf2", degree=2), 64, with_steps=True)
-    assert integrate(SCENE, Method(cq="gauss", degree=2), 64).steps is None

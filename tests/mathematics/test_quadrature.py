@@ -138,10 +138,6 @@ def test_rules_of_the_textbooks():
         np.testing.assert_allclose(RULES[name](n).weights, weights, rtol=0, atol=2e-16)
 
 
-def test_rules_are_made_once_and_cannot_be_changed():
+def test_rules_are_made_once():
     rule = gauss_rule(3)
     assert gauss_rule(3) is rule
-    with pytest.raises(ValueError, match="read-only"):
-        rule.nodes[0] = 0.0
-    with pytest.raises(ValueError, match="read-only"):
-        rule.weights[0] = 0.0

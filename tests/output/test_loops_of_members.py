@@ -5,7 +5,6 @@ import pytest
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.errors import ConfigError
 from fvi_cli.plotting.motions.section import hysteresis_figure
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.writers.text import to_markdown
@@ -108,41 +107,3 @@ def test_the_force_of_a_given_motion_is_that_of_all_dampers_of_a_member():
         np.testing.assert_allclose(
             found.trajectory.observed.quantities["force"], expected, rtol=1e-9, atol=1e-12
         )
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ("sweep: {problem.damping.0.name: [d, f]}", "quantities.force: force_d does not exist"),
-        (
-            "designs: {a: {}, b: {problem.damping.0.name: e, problem.damping.1.name: d}}",
-            "force_d is that of another damper",
-        ),
-        ("designs: {a: {}, b: {problem.damping: []}}", "force_d does not exist here; write"),
-        ("sweep: {problem.damping.0.acts_on: [[x1], [x1, x2]]}", "force_d does not exist"),
-    ],
-)
-def test_names_mean_the_same_in_every_member(change, said):
-    with pytest.raises(ConfigError, match=said):
-        parse_config(STRUCTURE % ("[x1]", "d", LAW, "e", LAW) + REST + change, "a")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        "sweep: {problem.ground_acceleration.scale: [1, g]}",
-        "designs: {a: {}, b: {problem.ground_acceleration.scale: g}}",
-        "designs: {a: {}, b: {problem.ground_acceleration: {file: q.csv, column: a, time: t, "
-        "scale: g}}}",
-    ],
-)
-def test_no_member_is_in_g_where_lengths_are_not_in_metres(change, tmp_path):
-    samples = "".join(f"{0.1 * k},{np.sin(k)}\n" for k in range(130))
-    (tmp_path / "q.csv").write_text(f"t,a\n{samples}")
-    record = f"{{file: {tmp_path}/q.csv, column: a, time: t, scale: 1}}"
-    text = (FRAME % (1, LAW) + REST).replace("sin(2*t)", record) + "units: {length: mm}\n"
-    place = str(tmp_path / "a.yaml")
-    change = change.replace("q.csv", f"{tmp_path}/q.csv")
-    parse_config(text, place)
-    with pytest.raises(ConfigError, match="g is in m/s"):
-        parse_config(text + change, place)

@@ -42,39 +42,6 @@ method: {{rk: gauss, degree: 2}}
 ladder: {{steps: [8]}}
 """
 
-BEFORE = [
-    # the scene, where it is told, what is told
-    (lagrangian("x**2*vx**2/2 - x", position="0.0"),
-     "bad.yaml:5:15: problem.lagrangian: the mass matrix d2L/dv2 is not positive definite at",
-     "vx does not occur quadratically"),
-    (lagrangian("(vx + vy)**2/2 - x**2 - y**2", coordinates="[x, y]"),
-     "bad.yaml:5:15: problem.lagrangian: the mass matrix d2L/dv2 is not positive definite:",
-     "its smallest eigenvalue is"),
-    (lagrangian("vx**2/2 - sqrt(x)", position="-0.5"),
-     "bad.yaml:5:15: problem.lagrangian: the potential energy is not a real number", "x = -0.5"),
-    (lagrangian("vx**2/2 + 1/x", position="0.0"),
-     "bad.yaml:5:15: problem.lagrangian: the potential energy is infinite", "x = 0"),
-    (lagrangian("vx**2/2 + 1/x + t*vx*x", position="0.0"),
-     "bad.yaml:5:15: problem.lagrangian: it or a derivative of it is not finite",
-     "initial position"),
-    (lagrangian("-x**2"), "bad.yaml:5:15: problem.lagrangian: it contains no velocity (vx)", ""),
-    (lagrangian("vx**2/2 - k*x"), "bad.yaml:5:15: problem.lagrangian: column 11: unknown", "'k'"),
-    (lagrangian("vx**2/2 - x", position="[1.0, 2.0]"),
-     "bad.yaml:6:23: problem.initial.position: is for 2 coordinates", "for 1"),
-    (FORCED.format(forcing="sqrt(1 - t)"),
-     "bad.yaml:2:41: problem.forcing: is not a real number at t = ", ""),
-    (FORCED.format(forcing="{file: none.csv, column: a}"),
-     "bad.yaml:2:48: problem.forcing.file: none.csv: cannot be read", "no such file"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "begins", "says"), BEFORE)
-def test_what_can_be_seen_before_is_told_with_its_place(folder, text, begins, says):
-    result = run_text(folder, text, 2)
-    assert result.stderr.startswith(begins)
-    assert says in result.stderr
-    assert not (folder / "results").exists()
-
 
 ON_THE_WAY = [
     # the scene, step and time, what is told

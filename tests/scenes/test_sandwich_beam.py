@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import eigsh
 
-from fvi_cli.config import parse_config
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.matrices import as_csc, is_sparse
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import ConfigError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
@@ -94,19 +92,3 @@ def test_adaptive_steps_follow_the_motion_and_not_the_finest_modes():
     assert fine.n_steps == pytest.approx(coarse.n_steps, rel=0.15)
     finer = integrate(pushed(96), Method(cq="gauss", degree=5, start="graded"), 400)
     assert fine.position[-1] == pytest.approx(finer.position[-1], abs=2e-10)
-
-
-def test_a_law_that_would_create_energy_is_refused_at_its_key():
-    text = (
-        "name: beam\n"
-        "problem:\n"
-        "  kind: sandwich-beam\n"
-        "  elements: 3\n"
-        "  core: {order: 0.5, relaxed: 2.0, unrelaxed: 1.0}\n"
-        "  final_time: 1.0\n"
-        "ladder: {steps: [4]}\n"
-    )
-    with pytest.raises(ConfigError, match=r"beam:5:\d+: problem\.core\.unrelaxed: 1\.0 is not"):
-        parse_config(text, "beam")
-    with pytest.raises(ConfigError, match=r"order: 1\.5 is not allowed"):
-        parse_config(text.replace("order: 0.5", "order: 1.5"), "beam")

@@ -240,20 +240,3 @@ def test_the_most_steps():
     assert found.time.size == 13
     assert "the largest number of steps is reached" in found.message
     assert found.message.startswith("step 12, t = ")
-
-
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        (gauss(1), "mesh: adaptive steps are for Gauss methods of degree 2 and more"),
-        (
-            Method(cq="radau-iia", degree=3),
-            "mesh: adaptive steps are for Gauss methods of degree 2 and more",
-        ),
-        (Method(cq="bdf2", degree=2), "takes equal steps only; give a number"),
-    ],
-    ids=lambda value: value.case if isinstance(value, Method) else "",
-)
-def test_methods_without_adaptive_steps(method, message):
-    with pytest.raises(ValueError, match=message):
-        integrate(PENDULUM, method, AdaptiveSteps(tolerance=1e-6))

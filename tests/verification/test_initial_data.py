@@ -117,11 +117,6 @@ def test_the_caputo_solution_jumps_as_the_order_passes_1(method):
     assert value(1 + 1e-9) == pytest.approx(1.26871, abs=6e-6)
 
 
-def test_riemann_liouville_above_1_with_a_position_at_0_is_refused():
-    with pytest.raises(ValueError, match="not integrable"):
-        spring((1.5, 1.0), T=1.0, x=1.0, derivative="riemann-liouville")
-
-
 @pytest.mark.parametrize(
     ("order", "method", "lost"),
     [

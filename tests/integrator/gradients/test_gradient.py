@@ -278,12 +278,3 @@ def test_fifty_parameters_take_two_runs():
     assert found.n_steps + found.step_solves <= 4 * found.n_steps
     # masses apart from each other: only its own spring and damper count
     assert np.flatnonzero(np.abs(found.derivatives) > 1e-15).tolist() == [3, 28]
-
-
-def test_what_has_no_derivatives():
-    with pytest.raises(ValueError, match="has no polynomials to keep"):
-        gradient_of(PENDULUM, Method(cq="bdf2", degree=1), 8, position_at(1.0), [])
-    with pytest.raises(ValueError, match="the run goes from 0 to 6"):
-        gradient_of(PENDULUM, GAUSS8, 8, position_at(7.0), [])
-    with pytest.raises(ValueError, match="times: finite numbers"):
-        position_at(float("nan"))

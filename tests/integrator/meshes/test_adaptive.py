@@ -111,14 +111,6 @@ def test_the_first_step_can_be_given():
     assert controller(first_step=1.0, breaks=(0.1,)).propose() <= 0.01
 
 
-@spread(bad=[0.0, -1e-6, math.inf, math.nan], name=["tolerance", "first_step"])
-def test_what_is_no_tolerance_is_refused(name, bad):
-    with pytest.raises(ValueError, match=f"{name}: .* is not allowed; it must be positive"):
-        AdaptiveSteps(**({"tolerance": 1e-6} | {name: bad}))
-    with pytest.raises(ValueError, match="most_steps: 0 is not allowed"):
-        AdaptiveSteps(tolerance=1e-6, most_steps=0)
-
-
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_behind_a_kink_steps_are_a_share_of_those_before_it(scale):
     one = controller()

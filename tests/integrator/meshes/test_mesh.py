@@ -1,7 +1,6 @@
 """Meshes as values: points, shares, and what cannot be built."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -107,36 +106,6 @@ def test_a_mesh_goes_through_given_points():
     assert mesh.n_reported == mesh.n_steps == 4
     assert mesh.shortest_step == 1e-6
     assert fresh(mesh) == [0.0, 0.3]
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: mesh_of(np.array([0.0, 1.0, 1.0])), "the times must increase from 0"),
-        (lambda: mesh_of(np.array([0.1, 1.0])), "the times must increase from 0"),
-        (lambda: mesh_of(np.array([0.0])), "the times must increase from 0"),
-        (lambda: mesh_of(np.array([0.0, np.nan, 1.0])), "the times must increase from 0"),
-        (lambda: mesh_of(np.zeros((2, 2))), "the times must increase from 0"),
-        (lambda: mesh_of(np.array([0.0, 1.0, 2.0]), (1.5,)), "break point t = 1.5 is not one"),
-        (lambda: graded_mesh(1.0, 8, 0.5), "grading: 0.5 is not allowed; it must be 1 to 20"),
-        (lambda: graded_mesh(1.0, 8, 21.0), "grading: 21.0 is not allowed; it must be 1 to 20"),
-        (lambda: graded_mesh(1.0, 8, math.nan), "grading: nan is not allowed"),
-        (lambda: graded_mesh(1.0, 64, 20.0, (0.5,)),
-         "makes a first step of .* vanishes in round-off; take a smaller grading"),
-        (lambda: uniform_mesh(1.0, 2, (0.3, 0.5)), "n_steps: 2 is not allowed; 3 parts"),
-        (lambda: graded_mesh(1.0, 1, 2.0, (0.3,)), "n_steps: 1 is not allowed; 2 parts"),
-        (lambda: Mesh(stretches=()), "it must begin at 0"),
-        (lambda: Mesh(stretches=(stretch(0.5, 1.0, 5, 0.1),)), "it must begin at 0"),
-        (lambda: Mesh(stretches=(stretch(0.0, 1.0, 10, 0.1), stretch(1.1, 2.0, 9, 0.1))),
-         "a gap at t = 1"),
-        (lambda: Mesh(stretches=(stretch(0.0, 1.0, 0, 0.1),)), "0 steps from 0 to 1"),
-        (lambda: Mesh(stretches=(stretch(0.0, math.inf, 1, 1.0),)), "1 steps from 0 to inf"),
-        (lambda: Mesh(stretches=(stretch(0.0, 1.0, 10, 0.11),)), "10 steps of 0.11 make 1.1"),
-    ],
-)  # fmt: skip
-def test_what_is_no_mesh_is_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
 
 
 def stretch(begin: float, end: float, n_steps: int, step_size: float) -> Stretch:

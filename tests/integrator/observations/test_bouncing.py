@@ -348,16 +348,3 @@ def test_a_frictionless_wall_turns_the_normal_velocity_only():
     assert run.momentum is not None
     along = run.momentum @ [1.0, -1.0]
     assert along == pytest.approx(np.full(run.time.size, along[0]))
-
-
-def test_surfaces_that_are_none_are_refused():
-    ball = spring((0.5, 0.2), T=1.0, m=1.0, k=0.0, x=1.0, forcing="-10")
-    for when, message in (
-        ("vx", "vx is not a position"),
-        ("t - 1", "it contains no coordinate"),
-        ("abs(x)", "abs has no normal everywhere"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            fvi.integrate(ball, "gauss3", 10, impacts={"floor": {"when": when}})
-    with pytest.raises(ValueError, match=r"restitution: 2\.0 is not allowed"):
-        fvi.integrate(ball, "gauss3", 10, impacts={"floor": {"when": "x", "restitution": 2.0}})

@@ -165,14 +165,3 @@ def test_a_force_that_is_infinite_at_the_start_has_its_power_behind():
     assert np.isfinite(force[1:]).all()
     # what the initial position adds is most of it at first
     assert force[1] == pytest.approx(-0.3 * (np.pi * run.time[1]) ** -0.5, rel=0.2)
-
-
-def test_methods_without_polynomials_are_refused():
-    with pytest.raises(ValueError, match="keeps no polynomials of its steps"):
-        fvi.integrate(FRAME, "bdf2", 40, output=[1.0])
-    with pytest.raises(ValueError, match="5 is not allowed; the run goes from 0 to 4"):
-        fvi.integrate(FRAME, "gauss3", 40, output=[1.0, 5.0])
-    with pytest.raises(ValueError, match="times must increase"):
-        fvi.integrate(FRAME, "gauss3", 40, output=[1.0, 0.5])
-    with pytest.raises(ValueError, match=r"quantities\.a: column 1: unknown name 'ay'"):
-        fvi.integrate(FRAME, "gauss3", 40, quantities={"a": "ay"})

@@ -212,28 +212,3 @@ def test_a_response_gives_the_parameters_back(folder):
     assert result.best.is_converged
     values = [one.value for one in result.best.estimates]
     np.testing.assert_allclose(values, [40.0, 1.4, 0.7], rtol=1e-8)
-
-
-REFUSED = {
-    "force: x=2": ("force: y", "10:46: fit.data.force: "),
-    "force: x=2, ": ("", "10:9: fit.data: say where the force acts, force: x"),
-    "frequency: f": ("frequency: f, time: f", "not together with frequency"),
-    "ax: {": ("ay: {", "fit.data.columns.ay: not known"),
-    "magnitude: m": ("magnitude: q", "frf.csv:1: no column is called 'q'"),
-    "kind: damped-oscillator": ("kind: duffing", "not linear and has no harmonic response"),
-    "{magnitude: m, phase: p}": ("{}", "no column; name that of magnitude"),
-    "frequency: f, force: x=2, ": ("force: x, time: f, ", "only for responses"),
-}
-
-
-@pytest.mark.parametrize("given", REFUSED)
-def test_what_is_refused_of_a_response(folder, given):
-    wrong, said = REFUSED[given]
-    text = RESPONSE.replace(given, wrong, 1)
-    if "duffing" in text:
-        text = text.replace("  stiffness: 30.0\n", "")
-        text = text.replace("    problem.stiffness: {from: 0}\n", "")
-    (folder / "frf.yaml").write_text(text)
-    with pytest.raises(fvi.ConfigError) as refused:
-        fvi.load(folder / "frf.yaml")
-    assert said in str(refused.value)

@@ -49,42 +49,6 @@ def test_noise_belongs_to_the_column_of_its_data_set(folder):
     assert [one.deviation for one in result.best.series] == [0.001, 10.0]
 
 
-@pytest.mark.parametrize(
-    ("noise", "said"),
-    [
-        ("{xb: 10}", "a standard deviation for column 'xa' is missing"),
-        ("{xa: 10}", "a standard deviation for column 'xb' is missing"),
-        ("{xa: 1, xb: 1, xc: 1}", "fit.noise.xc: not a column of the data"),
-        ("{x: 1}", "fit.noise.x: not a column of the data"),
-    ],
-)
-def test_missing_and_unknown_columns_of_noise(folder, noise, said):
-    with pytest.raises(fvi.ConfigError) as refused:
-        load(folder, TEXT.replace("{xa: 0.001, xb: 10}", noise))
-    assert said in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ("problem.damping: [{order: 0.6, coeficient: 1}]", "coeficient"),
-        ("problem.damping.0.order: 2.5", "2.5 is not allowed"),
-        ("problem.mass: -1", "-1"),
-        ("problem.stiffness: soft", "a finite number"),
-        (
-            "problem.damping: [{law: zener, order: 0.5, time: 1, relaxed: 1, unrelaxd: 2}]",
-            "unrelaxd",
-        ),
-    ],
-)
-def test_values_of_a_model_are_read_like_those_of_the_file(folder, change, said):
-    models = f"  models: {{other: {{set: {{{change}}}}}}}\n"
-    with pytest.raises(fvi.ConfigError) as refused:
-        load(folder, TEXT + models)
-    assert said in str(refused.value)
-    assert "decay.yaml:16:" in str(refused.value)
-
-
 def test_a_check_in_json_prints_json_alone(folder):
     load(folder)
     arguments = ["fit", str(folder / "decay.yaml"), "-o", str(folder / "out"), "--quiet"]
