@@ -52,4 +52,3 @@ def test_the_page_of_pages_and_shipped_configurations_are_printed():
     assert [Path(one).name for one in told[-2:]] == ["five-storeys.csv", "ground-motion.csv"]
     assert all(Path(one).is_file() for one in told[-2:])
     assert shown == (DOCS.parent / "configs" / "three-designs.yaml").read_text(encoding="utf-8")
-    assert "did you mean 'three-designs'?" in fvi("show", "tree-designs", "--config", code=2).stderr

@@ -1,7 +1,6 @@
 """What complaints say to write is understood; the complaints are in tests/mistakes."""
 
 import logging
-import re
 
 import numpy as np
 import pytest
@@ -86,10 +85,3 @@ def test_what_happens_once_every_period():
     assert np.allclose(seen.time, [2.0, 4.0, 6.0, 8.0, 10.0][: seen.time.size], atol=1e-9)
     assert seen.time.size >= 4
     assert experiment.observations.events["period"].direction == "rising"
-
-
-@pytest.mark.parametrize("command", ["response five-storeys", "export x.h5", "modes", "stability"])
-def test_what_is_missing_on_the_command_line_has_an_example(command):
-    done = fvi(*command.split(), code=2)
-    (example,) = re.findall(rf"Write, for example, fvi ({command.split()[0]} .*)", done.stderr)
-    assert example

@@ -72,12 +72,6 @@ def test_a_check_holds_until_something_changes(folder):
     assert "peak" in text
 
 
-def test_nothing_asked_for_is_told(folder):
-    (folder / "bare.yaml").write_text(TEXT[: TEXT.index("quantities")].replace("asked", "bare"))
-    found = command("quantities", str(folder / "bare.yaml"), "-q", "--output", str(folder), code=2)
-    assert "no quantities, events or impacts are asked for" in found.output
-
-
 def test_sparse_matrices_stand_in_mappings():
     matrix = csr_array([[2.0, -1.0], [-1.0, 2.0]])
     problem = {"kind": "bagley-torvik", "mass": [[1, 0], [0, 1]], "stiffness": matrix}

@@ -135,20 +135,6 @@ def test_a_part_finds_what_it_has_computed(results):
     assert "compute" not in told
 
 
-@pytest.mark.parametrize(
-    "shard",
-    [
-        *("0/3", "4/3", "2", "a/3", "1/0", "-1/2", "1/2/3"),
-        *("1/100001", "1/999999999999", f"1/{'9' * 40}", "1/\u0663"),
-    ],
-)
-def test_a_part_that_there_is_not_is_refused(shard, tmp_path):
-    code, told = fvi("run", "damped-oscillator", f"--shard={shard}", "-o", tmp_path / "new")
-    assert code == 2
-    assert told.startswith(f"--shard {shard}: is not ")
-    assert not (tmp_path / "new").exists()
-
-
 def test_files_that_do_not_belong_together_are_refused(results, tmp_path):
     (tmp_path / "all.yaml").write_text(CONFIG.replace("to: 4.0", "to: 5.0"))
     assert fvi("run", tmp_path / "all.yaml", "-q", "-o", tmp_path, "--shard", "1/3")[0] == 0

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.errors import RequestError
 
 OVER = "frequency=0.3:5:40"
 MASSES = (2.2, 2.0, 1.6)
@@ -80,19 +79,3 @@ def test_peaks_of_accelerations_lie_where_those_are_largest():
         assert peak.hertz == pytest.approx(fine[dense.magnitude[:, index].argmax()], abs=1e-3)
         assert peak.magnitude == pytest.approx(dense.magnitude[:, index].max(), rel=1e-5)
     assert table.qualities == ("displacement", "acceleration")
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("late", "two coordinates are multiplied"),
-        ("x1**2", "a coordinate occurs in a power"),
-        ("work_pot", "no amplitude"),
-        ("x1 + 1", "holds 1, which does not move"),
-        ("x4", "unknown name 'x4'"),
-        ("force_9", "unknown name 'force_9'"),
-    ],
-)
-def test_what_has_no_amplitude_is_refused(text, said):
-    with pytest.raises(RequestError, match=said):
-        amplitudes(text)

@@ -272,23 +272,3 @@ def test_the_commands_from_three_exported_files(tmp_path):
     assert (output / "tables" / "beam-response.csv").is_file()
     assert (output / "tables" / "beam-response-peaks.csv").is_file()
     assert (output / "figures" / "beam-response.png").stat().st_size > 1000
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("modes", "pendulum"), "is not linear"),
-        (("modes", "ten-storeys", "--count", "11"), "--count: 11 is not allowed"),
-        (("modes", "ten-storeys", "--near", "-1"), "--near: -1 is not allowed"),
-        (("response", "ten-storeys", "--over", "frequency=0:1:5"), "--over: 'frequency=0:1:5'"),
-        (("response", "ten-storeys", "--over", "period=1:2:5"), "it must be frequency=FROM"),
-        (("response", "ten-storeys", "--over", "frequency=1:2:5", "--at", "x11"),
-         "--at: column 1: unknown name 'x11'"),
-        (("response", "ten-storeys", "--over", "frequency=1:2:5", "--force", "x1=a"),
-         "write a number after ="),
-        (("response", "damped-oscillator", "--over", "frequency=1:2:5"), "say where forces act"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_computed_is_told(arguments, message):
-    done = fvi(*arguments, code=2)
-    assert message in done.stderr
