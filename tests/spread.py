@@ -33,3 +33,9 @@ def spread(**values: Sequence[Any]) -> pytest.MarkDecorator:
             flat += value if len(names) > 1 else [value]
         entries.append(pytest.param(*flat, marks=marks))
     return pytest.mark.parametrize([name for names in together for name in names], entries)
+
+
+def few_of(few: int, many: int, name: str = "seed") -> pytest.MarkDecorator:
+    """Parametrize by the numbers below `many`; those from `few` on are ``slow``."""
+    rest = [pytest.param(number, marks=pytest.mark.slow) for number in range(few, many)]
+    return pytest.mark.parametrize(name, [*range(few), *rest])

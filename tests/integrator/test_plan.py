@@ -2,6 +2,7 @@
 
 import itertools
 import tracemalloc
+from collections.abc import Callable
 from unittest.mock import patch
 
 import numpy as np
@@ -187,14 +188,20 @@ MEMORY = [
 ]
 
 
+def most_memory(run: Callable[[], object]) -> int:
+    """The bytes that are taken at once."""
+    tracemalloc.start()
+    run()
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return most
+
+
 @spread(n_steps=[4096, 5000, 2**14], **{"scene, method": [case[1:] for case in MEMORY]})
 def test_peak_memory_within_a_quarter_of_what_is_traced(scene, method, n_steps):
     integrate(scene, method, 32)
     planned = plan_run(scene, method, n_steps).memory_bytes
-    tracemalloc.start()
-    integrate(scene, method, n_steps)
-    _, traced = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    traced = most_memory(lambda: integrate(scene, method, n_steps))
     assert planned == pytest.approx(traced, rel=0.25)
 
 
@@ -211,10 +218,7 @@ def test_tables_of_nonlinear_blocks_are_planned_to_a_tenth(masses, n_steps):
     )
     integrate(scene, gauss(), 8)
     planned = plan_run(scene, gauss(), n_steps).memory_bytes
-    tracemalloc.start()
-    integrate(scene, gauss(), n_steps)
-    _, traced = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    traced = most_memory(lambda: integrate(scene, gauss(), n_steps))
     assert planned == pytest.approx(traced, rel=0.1)
 
 
@@ -314,10 +318,7 @@ class TestMembers:
         scenes = different(60)
         integrate_members(scenes, method, 32)
         planned = plan_run(scenes[0], method, 4096, members=60).memory_bytes
-        tracemalloc.start()
-        integrate_members(scenes, method, 4096)
-        _, traced = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
+        traced = most_memory(lambda: integrate_members(scenes, method, 4096))
         assert planned == pytest.approx(traced, rel=0.25)
 
 
@@ -347,8 +348,5 @@ class TestDiagnosed:
     def test_peak_memory(self, scene, method):
         integrate(scene, method, 32, diagnostics=self.BALANCE)
         planned = plan_run(scene, method, 4096, is_diagnosed=True).memory_bytes
-        tracemalloc.start()
-        integrate(scene, method, 4096, diagnostics=self.BALANCE)
-        _, traced = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
+        traced = most_memory(lambda: integrate(scene, method, 4096, diagnostics=self.BALANCE))
         assert planned == pytest.approx(traced, rel=0.25)

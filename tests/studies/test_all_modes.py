@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from oracles.eigenvalues import Term, Zener, oscillating_modes, unpolished_modes
 from scipy.sparse import csr_array
+from spread import few_of
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
@@ -105,9 +106,7 @@ def found_modes(scene: Scene) -> ModeTable | None:
         return None
 
 
-@pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 20))]
-)
+@few_of(1, 20, "block")
 def test_all_modes_of_random_structures_are_found(block):
     for seed in range(20 * block, 20 * block + 20):
         mass, terms = drawn(seed)
@@ -200,9 +199,7 @@ def missing_in_chain(seed: int) -> list[complex]:
     return lost if table.is_complete else [*lost, complex("nan")]
 
 
-@pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 10))]
-)
+@few_of(1, 10, "block")
 def test_modes_of_large_structures_are_found_where_they_are_asked_for(block):
     for seed in range(6 * block, 6 * block + 6):
         assert not missing_in_chain(seed), seed

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from oracles.peaks import Oscillator, OutsidePeak, peaks
+from spread import few_of
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
@@ -82,9 +83,7 @@ def wrong(seed: int) -> list[OutsidePeak]:
     return [one for one in clear if not is_found(one, table, loss)]
 
 
-@pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 20))]
-)
+@few_of(1, 20, "block")
 def test_peaks_of_close_modes_are_those_of_a_sum_of_oscillators(block):
     for seed in range(6 * block, 6 * block + 6):
         assert not wrong(seed), seed

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from letters import spring
 from oracles.stability import LARGEST_FACTOR, STEPS, Oscillator, Steps, grows, run
+from spread import few_of
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, RuleSpecification
@@ -69,9 +70,7 @@ def growing_steps(seed: int, number: int) -> list[float]:
 
 
 # every sixth of the first block has its own method; 300 scenes in all
-@pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 25))]
-)
+@few_of(1, 25, "block")
 def test_no_step_below_the_largest_stable_one_grows(block):
     number = 12 if block == 0 else 80
     found = {seed: growing_steps(seed, number) for seed in range(12 * block, 12 * block + 12)}
@@ -88,9 +87,7 @@ def growth_of_a_run(scene: Oscillator, steps: Steps, h: float) -> float:
     return float(x[-x.size // 4 :].max() / x[: x.size // 4].max())
 
 
-@pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 25))]
-)
+@few_of(1, 25, "block")
 def test_runs_of_claimed_steps_do_not_grow(block):
     found = {}
     for seed in range(12 * block, 12 * block + 12):

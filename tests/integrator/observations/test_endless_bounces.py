@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.integrator.engine.engine import Engine
@@ -99,9 +100,7 @@ def test_without_that_they_have_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run.observed.events["floor"].time.size > most_impacts(0.8)
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(6), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(6, 60))]
-)
+@few_of(6, 60)
 def test_drawn_rebounds_end_in_counted_work(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     random = np.random.default_rng([25, 1, seed])
     order = float(random.uniform(0.05, 1.95)) if seed % 2 else float(random.uniform(1.05, 1.95))

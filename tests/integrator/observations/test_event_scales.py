@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from letters import spring
 from numpy.typing import NDArray
+from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.integrator.observations import formulas, search
@@ -108,14 +109,8 @@ def _check(seed: int) -> None:
     assert np.abs(found - times).max(initial=0.0) < 1e-7
 
 
-@pytest.mark.parametrize("seed", range(25))
+@few_of(25, 500)
 def test_all_changes_of_sign_are_found(seed):
-    _check(seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(25, 500))
-def test_all_changes_of_sign_are_found_many(seed):
     _check(seed)
 
 

@@ -12,6 +12,7 @@ import pytest
 from letters import swing
 from numpy.typing import NDArray
 from oracles.volterra import VolterraSolution, solve_volterra
+from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
@@ -92,9 +93,7 @@ def is_rough(scene: Scene, terms: Terms) -> bool:
     )
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(10), *(pytest.param(n, marks=pytest.mark.slow) for n in range(10, 80))]
-)
+@few_of(10, 80)
 def test_velocities_and_their_extents_from_the_start_on(seed):
     scene, terms = drawn(seed)
     known = oracle(scene, terms)

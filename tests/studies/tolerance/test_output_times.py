@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from letters import spring
 from oracles.volterra import VolterraSolution, solve_volterra
+from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
@@ -88,14 +89,8 @@ def check(data: dict[str, object]) -> None:
     assert largest_error(found, known) <= data["tolerance"] + known.error.max(), data
 
 
-@pytest.mark.parametrize("seed", range(6))
+@few_of(6, 120)
 def test_drawn_scenes(seed):
-    check(draw(np.random.default_rng([21, seed]), near_two=seed % 2 == 1))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6, 120))
-def test_more_drawn_scenes(seed):
     check(draw(np.random.default_rng([21, seed]), near_two=seed % 2 == 1))
 
 

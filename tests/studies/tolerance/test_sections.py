@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from oracles.volterra import solve_volterra
+from spread import few_of
 
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.observations import search
@@ -89,14 +89,8 @@ def check(data: dict[str, object]) -> None:
     assert error <= data["tolerance"] + known.error.max(), data
 
 
-@pytest.mark.parametrize("seed", range(6))
+@few_of(6, 120)
 def test_drawn_sections(seed):
-    check(draw(seed))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6, 120))
-def test_more_drawn_sections(seed):
     check(draw(seed))
 
 
