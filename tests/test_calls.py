@@ -35,7 +35,8 @@ def said_of(written: str, names: dict[str, object]) -> str:
 
 
 @pytest.mark.parametrize("path", CALLS, ids=lambda path: path.stem)
-def test_a_call_is_answered_as_its_file_shows(path, request):
+def test_a_call_is_answered_as_its_file_shows(path, request, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     head, statements = statements_of(path.read_text(encoding="utf-8"))
     found = [(written, shown, said_of(written, names)) for written, shown in statements]

@@ -132,8 +132,6 @@ def test_a_frame_of_motions_has_the_points_of_every_run(outcome):
         level=("design", "problem.omega", "n_steps"),
     )
     assert np.array_equal(own["x"], one.trajectory.position[:, 0])
-    with pytest.raises(ValueError, match="'points' is not known; write 'runs', 'motions' or"):
-        outcome.to_dataframe("points")
 
 
 def test_a_frame_of_events_has_a_line_for_every_occurrence(outcome):
