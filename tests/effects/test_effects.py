@@ -42,7 +42,7 @@ def test_what_does_nothing_is_not_active():
         FractionalDamping(order=0.5, coefficient=np.zeros((2, 2))),
         FractionalDamping(order=1.0, coefficient=np.eye(2)),
     )
-    scene = spring(T=1.0, m=np.eye(2), damping=terms)
+    scene = spring(T=1.0, m=np.eye(2), k=np.eye(2), damping=terms)
     assert scene.active_damping == (terms[1],)
     assert scene.is_linear
     assert scene.break_points == ()
