@@ -1,5 +1,7 @@
 """Defaults and combinations of methods, and what is resolved."""
 
+import json
+
 import pytest
 
 from fvi_cli.config import parse_config
@@ -103,40 +105,9 @@ def test_lists_are_combined_and_the_order_is_that_of_the_keys():
     ]
 
 
-def test_every_default_is_filled_in():
+def test_every_default_is_filled_in(kept):
     (resolved,) = parse_config(FRAME.format("{bdf: 2}"), "example.yaml").resolved["experiments"]
-    assert resolved == {
-        "name": "example",
-        "problem": {
-            "kind": "pendulum",
-            "omega": 1.0,
-            "damping": [],
-            "derivative": "caputo",
-            "forcing": "0",
-            "initial": {"position": 0.0, "velocity": 0.0},
-            "final_time": 1.0,
-            "exact": "auto",
-        },
-        "method": [
-            {
-                "bdf": 2,
-                "degree": 1,
-                "sampling": "points",
-                "quadrature": {"rule": "gauss", "points": 1},
-                "start": "none",
-                "forcing_quadrature": "exact",
-                "history": "auto",
-            }
-        ],
-        "ladder": {"steps": [4, 8]},
-        "report": {"norm": "max"},
-        "expect": {},
-        "claims": {},
-        "figures": [],
-        "allow_unstable": False,
-        "store": {"every": 1},
-        "stability": {"observe": True},
-    }
+    kept("defaults.json", json.dumps(resolved, indent=1) + "\n")
 
 
 @pytest.mark.parametrize(

@@ -151,6 +151,16 @@ def test_a_small_table_as_csv_and_latex_letter_by_letter(kept):
     assert bare.rstrip() in texts["text.tex"]
 
 
+def test_another_number_and_another_word_are_seen_in_what_is_kept(kept, request):
+    """The control."""
+    if request.config.getoption("--renew"):
+        pytest.skip("it would be kept")
+    text = rendered("small", [SMALL])["csv"]
+    for old, new in (("0.0625", "0.0626"), ("diverged", "failed")):
+        with pytest.raises(AssertionError):
+            kept("small.csv", text.replace(old, new))
+
+
 @pytest.mark.parametrize("name", ["text", "a/../b", "$x$ %", "ü", ""])
 def test_every_table_has_a_file_of_its_own_whatever_its_name(name):
     grids = [Grid(header=("n",), rows=((f"{k}",),), text_columns=0, name=name) for k in range(2)]
