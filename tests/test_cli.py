@@ -181,10 +181,17 @@ def reasons(result):
     return [(row.split()[4], row[place:]) for row in rows]
 
 
+def becomes_another(monkeypatch, solver=SOLVER_VERSION, **code):
+    """What is stored so far is that of another version of the program."""
+    own = dataclasses.replace(own_code(), **code)
+    for module in ("digests", "records.runs", "comparison.reasons"):
+        monkeypatch.setattr(f"fvi_cli.storage.{module}.SOLVER_VERSION", solver)
+        monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: own)
+
+
 def test_a_dry_run_tells_older_solvers_and_refusals(folder, monkeypatch):
     fvi("run", "quick.yaml", "-q")
-    for module in ("storage.digests", "storage.records.runs", "storage.comparison.reasons"):
-        monkeypatch.setattr(f"fvi_cli.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
+    becomes_another(monkeypatch, solver=SOLVER_VERSION + 1)
     changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.final_time=0.5")
     assert reasons(changed) == 8 * [("compute", "changed: problem.final_time; older solver")]
     assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("compute", "older solver")]
@@ -209,9 +216,7 @@ def test_a_dry_run_tells_older_solvers_and_refusals(folder, monkeypatch):
 def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, change, reason):
     few = ("run", "quick.yaml", "--set", "ladder.steps=[4]")
     fvi(*few, "-q")
-    other = dataclasses.replace(own_code(), **change)
-    for module in ("digests", "records.runs", "comparison.reasons"):
-        monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: other)
+    becomes_another(monkeypatch, **change)
     found = reasons(fvi(*few, "--dry-run"))
     assert all(action == "compute" and why.startswith(reason) for action, why in found)
     assert found
@@ -232,20 +237,14 @@ def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
         if path.is_file() and path.suffix != ".h5"
     }
     assert before
-    if change == "solver":
-        for module in ("digests", "records.runs", "comparison.reasons"):
-            monkeypatch.setattr(f"fvi_cli.storage.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
-    else:
-        other = dataclasses.replace(own_code(), **{change: "9.9"})
-        for module in ("digests", "records.runs", "comparison.reasons"):
-            monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: other)
+    becomes_another(monkeypatch, **{change: SOLVER_VERSION + 1 if change == "solver" else "9.9"})
     refused = fvi(command, "results/quick.h5", code=2)
     assert "none of the 8 runs of quick can be used" in refused.stderr
     assert "fvi show results/quick.h5 --config" in refused.stderr
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_files_without_the_versions_of_all_libraries_say_so(folder, monkeypatch):
+def test_files_without_the_versions_of_all_libraries_say_so():
     """Files of earlier versions do not name all libraries."""
     older = dataclasses.replace(own_code(), mpmath="")
     assert own_code().differences(older) == ""
