@@ -1,5 +1,8 @@
 """The command line, called in this process."""
 
+import csv
+from pathlib import Path
+
 from click.testing import Result
 from typer.testing import CliRunner
 
@@ -36,3 +39,9 @@ def fvi(*arguments: object, code: int | None = None) -> Result:
     assert "Traceback" not in result.output
     assert code is None or result.exit_code == code, result.output
     return result
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """What a written table holds."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))

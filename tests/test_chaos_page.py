@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import fvi
+from command_line import fvi, rows_of
 
 from fvi_cli.config import parse_config
 
@@ -43,8 +43,7 @@ def test_the_figures_that_the_page_names_are_there(folder):
 
 def test_events_happen_once_every_period_and_are_exported(folder):
     (path,) = (folder / "results" / "export" / "chaos").glob("*period*.csv")
-    with path.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(path)
     times = np.array([float(row["time"]) for row in rows])
     assert np.allclose(times, 2 * np.pi * np.arange(1, times.size + 1), rtol=1e-12)
     assert times.size == 19

@@ -1,9 +1,8 @@
 """``fvi stability`` as it is called."""
 
-import csv
 import dataclasses
 
-from command_line import fvi
+from command_line import fvi, rows_of
 
 from fvi_cli.runner.request import ranges
 from fvi_cli.studies import stability_study
@@ -26,8 +25,7 @@ def call(folder, *arguments, text=CONFIG):
 
 
 def rows(folder):
-    with (folder / "out/tables/quick-stability.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+    return rows_of(folder / "out/tables/quick-stability.csv")
 
 
 def test_what_is_observed_otherwise_is_told(tmp_path, monkeypatch):

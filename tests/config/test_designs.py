@@ -1,13 +1,12 @@
 """Designs: named sets of overrides, and names for the members of a sweep."""
 
-import csv
 import json
 import re
 
 import numpy as np
 import pytest
 import yaml
-from command_line import fvi
+from command_line import fvi, rows_of
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
@@ -141,7 +140,7 @@ def test_one_table_holds_designs_and_quantities(tmp_path, monkeypatch):
     for text in (said, *tables):
         assert not re.search(r"\{'|\['|None", text)
     file = tmp_path / "results/tables/building-quantities-designs.csv"
-    rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+    rows = rows_of(file)
     assert [row["design"] for row in rows] == NAMES
     peaks = {
         name: np.array([float(row[f"peak_{name}"]) for row in rows]) for name in ("drift", "roof")
@@ -162,7 +161,7 @@ def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, mon
     )
     fvi("quantities", "building.yaml", code=0)
     file = tmp_path / "results/tables/building-quantities-designs.csv"
-    rows = list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+    rows = rows_of(file)
     first = {
         row["problem.masses.0"]: float(row["peak_drift"]) for row in rows if row["design"] == "bare"
     }
@@ -181,6 +180,6 @@ def test_exports_have_the_names_of_designs(tmp_path, monkeypatch):
     fvi("export", "results/building.h5", "--to", "csv", code=0)
     rows = []
     for file in (tmp_path / "results").rglob("*-members.csv"):
-        rows += list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+        rows += rows_of(file)
     found = [(row["design"], float(row["problem.masses.0"])) for row in rows]
     assert sorted(found) == sorted((name, mass) for name in NAMES for mass in (2.0, 3.0))

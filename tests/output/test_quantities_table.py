@@ -1,13 +1,12 @@
 """Tables of quantities and events: what the command writes, and that a check can fail."""
 
-import csv
 import math
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command_line import configuration
+from command_line import configuration, rows_of
 from command_line import fvi as command
 from scipy.sparse import csr_array
 
@@ -45,16 +44,14 @@ def _fvi(folder: Path, *options: str) -> tuple[int, str]:
 def test_tables_hold_what_was_observed(folder):
     code, text = _fvi(folder)
     assert code == 0, text
-    with (folder / "tables/asked-quantities.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(folder / "tables/asked-quantities.csv")
     (outcome,) = fvi.recall(folder / "asked.h5")
     observed = outcome.finished[1].trajectory.observed
     own = [row for row in rows if row["case"] == "gauss-s4-graded"]
     assert [row["quantity"] for row in own] == ["torque", "a"]
     assert float(own[0]["peak"]) == observed.extents["torque"].peak
     assert float(own[0]["rms"]) == observed.extents["torque"].rms
-    with (folder / "tables/asked-quantities-events.csv").open() as file:
-        events = list(csv.DictReader(file))
+    events = rows_of(folder / "tables/asked-quantities-events.csv")
     assert [(row["event"], row["count"]) for row in events[:2]] == [("bottom", "1"), ("end", "1")]
     assert float(events[1]["last"]) == outcome.finished[0].trajectory.time[-1]
     assert "torque" in text
@@ -102,8 +99,7 @@ def test_errors_stand_beside_peaks_wherever_they_are_known(tmp_path, how, exact,
     ran = command("run", tmp_path / "known.yaml", "-o", tmp_path, code=0).output
     table = command("quantities", tmp_path / "known.yaml", "-o", tmp_path, code=0).output
     shown = command("show", tmp_path / "known.h5", code=0).output
-    with (tmp_path / "tables/known-quantities.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "tables/known-quantities.csv")
     written = (tmp_path / "tables/known-quantities.md").read_text()
     for words, title in ((ran, known), (table, known), (written, known), (shown, stored)):
         lines = [line for line in words.splitlines() if "torque" in line]
@@ -131,8 +127,9 @@ def test_runs_that_fail_are_named_in_every_table(tmp_path):
         path.write_text(text.replace("lost", name).replace("10.0", until))
         command("quantities", str(path), "-o", str(tmp_path), code=int(status == "failed"))
         for kind in ("quantities", "quantities-events"):
-            with (tmp_path / "tables" / f"{name}-{kind}.csv").open(encoding="utf-8") as file:
-                assert {row["status"] for row in csv.DictReader(file)} == {status}
+            assert {
+                row["status"] for row in rows_of(tmp_path / "tables" / f"{name}-{kind}.csv")
+            } == {status}
         shown = (tmp_path / "tables" / f"{name}-quantities.md").read_text(encoding="utf-8")
         assert shown.count("failed") == (2 if status == "failed" else 0)
 

@@ -1,11 +1,11 @@
 """Output times, quantities and events in files: written, read, listed, exported."""
 
-import csv
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from command_line import rows_of
 
 import fvi_cli as fvi
 
@@ -84,14 +84,12 @@ def test_listing_and_export(stored, tmp_path):
     names = {path.name for path in fvi.export(stored[0], "csv", tmp_path)}
     stem = "seen-gauss-s4-graded-n000032"
     assert {f"{stem}.csv", f"{stem}-events-turn.csv", f"{stem}-events-never.csv"} <= names
-    with (tmp_path / f"{stem}.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / f"{stem}.csv")
     assert list(rows[0]) == ["time", "x", "p_x", "energy", "a", "torque"]
     assert [row["time"] for row in rows[:4]] == ["0.0", "0.1", "0.2", "0.3"]
     observed = stored[1].observed
     assert [float(row["torque"]) for row in rows] == observed.quantities["torque"].tolist()
-    with (tmp_path / f"{stem}-events-turn.csv").open(encoding="utf-8") as file:
-        turns = list(csv.DictReader(file))
+    turns = rows_of(tmp_path / f"{stem}-events-turn.csv")
     assert list(turns[0]) == ["time", "x", "vx"]
     for form in ("npz", "mat"):
         assert fvi.export(stored[0], form, tmp_path)
@@ -122,8 +120,7 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path):
     names = {path.name for path in fvi.export(tmp_path / "seen.h5", "csv", tmp_path)}
     assert "seen-gauss-s4-graded-n000032.csv" in names
     stem = tmp_path / "seen-gauss-s4-graded-n000032-events-low.csv"
-    with stem.open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(stem)
     assert len(rows) == sum(counts)
     swept = "problem.damping.0.order"
     assert sorted(rows[0]) == sorted(["member", "occurrence", swept, "time", "x", "vx"])

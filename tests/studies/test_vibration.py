@@ -1,6 +1,5 @@
 """Modes and harmonic responses against closed forms, long runs, and each other."""
 
-import csv
 import math
 import tracemalloc
 from dataclasses import replace
@@ -8,7 +7,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from command_line import configuration, fvi
+from command_line import configuration, fvi, rows_of
 from scipy.io import mmwrite
 from scipy.sparse import coo_array
 
@@ -253,8 +252,7 @@ def test_the_commands_from_three_exported_files(tmp_path):
     output = tmp_path / "out"
     told = fvi("modes", config, "--count", "4", "-o", output, code=0).stdout
     assert "None is missing" in told
-    with (output / "tables" / "beam-modes.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(output / "tables" / "beam-modes.csv")
     columns = "mode,real,imaginary,frequency_hz,damping_ratio,loss_factor,residual"
     assert ",".join(rows[0]) == columns
     assert len(rows) == 4

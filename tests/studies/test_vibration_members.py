@@ -1,12 +1,9 @@
 """Modes and responses of sweeps, and of what is fed: in tables, files and figures."""
 
-import csv
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
-from command_line import configuration, fvi
+from command_line import configuration, fvi, rows_of
 
 import fvi_cli as fvi_api
 from fvi_cli.plotting.spectra import response_figure, spectrum_figure
@@ -20,11 +17,6 @@ def problem(coefficient: float, order: float = 0.5) -> str:
         f"kind: structure, {MASSES}, damping: [{{order: {order}, coefficient: {coefficient}, "
         "acts_on: [x1]}], final_time: 10, exact: none"
     )
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open() as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Fits: what comes out of data whose parameters are known."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from command_line import fvi as here
+from command_line import rows_of
 from letters import spring
 
 import fvi_cli as fvi
@@ -208,13 +208,11 @@ def test_the_command_writes_what_it_says(tmp_path):
     document = json.loads(done.stdout)
     assert [one["model"] for one in document["fits"]] == ["springpot", "viscous"]
     assert all(Path(one).is_file() for one in document["files"])
-    with (output / "tables" / "decay-fit.csv").open() as file:
-        table = list(csv.DictReader(file))
+    table = rows_of(output / "tables" / "decay-fit.csv")
     assert list(table[0])[:5] == ["parameter", "estimate", "standard_error", "low", "high"]
     for row, true in zip(table[:3], TRUE.values(), strict=True):
         assert float(row["estimate"]) == pytest.approx(true, rel=0.05)
-    with (output / "tables" / "decay-fit-models.csv").open() as file:
-        springpot, viscous = csv.DictReader(file)
+    springpot, viscous = rows_of(output / "tables" / "decay-fit-models.csv")
     # the wrong law is far worse, and what it leaves is no noise
     assert float(springpot["aicc_difference"]) == 0
     assert float(viscous["aicc_difference"]) > 50
