@@ -43,6 +43,7 @@ EQUATIONS = {name: kind.equation for name, kind in KINDS.items()}
         ("theta2 - theta1", r"\theta_{2} - \theta_{1}"),
         ("x = t**2.5*sqrt(2e-3)", r"x = t^{2.5}\,\sqrt{2\cdot10^{-3}}"),
         ("t^a^b", "t^{a}{}^{b}"),
+        ("x^", "x^{}"),
     ],
 )
 def test_equations_are_mathematics(text, typeset):
