@@ -14,7 +14,12 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.determinants import step_determinants
-from fvi_cli.integrator.stability.limits import largest_stable_step, stable_method
+from fvi_cli.integrator.stability.limits import (
+    LARGEST_N_STEPS,
+    largest_stable_step,
+    least_stable_n_steps,
+    stable_method,
+)
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.modes import growing_frequencies, growing_modes
 from fvi_cli.integrator.stability.patterns import step_patterns
@@ -103,6 +108,23 @@ def test_sawtooth_bound_of_explicit_sampling(p, bound, order):
     for factor, verdict in ((0.95, "stable"), (1.05, "unstable")):
         scene = oscillator(n * critical * factor, stiffness=0.0, damping=((order, 1.0),))
         assert predict_stability(scene, nodes(p), n).verdict == verdict
+
+
+def test_the_largest_stable_step_is_one_that_is_predicted_stable():
+    """Also where forces of the finest steps are beside inertia what round-off is."""
+    draw, p = np.random.default_rng(1).uniform, 5
+    for _ in range(20):
+        scene = oscillator(
+            10 ** draw(0, 2),
+            mass=10 ** draw(-2, 2),
+            stiffness=10 ** draw(-1, 3),
+            damping=((draw(1.6, 1.9), 10 ** draw(-2, 0)),),
+        )
+        least = least_stable_n_steps(scene, points(p))
+        finest = predict_stability(scene, points(p), LARGEST_N_STEPS).verdict
+        assert (least is None) == (finest == "unstable")
+        for n in () if least is None else (least, 2 * least):
+            assert predict_stability(scene, points(p), n).verdict == "stable"
 
 
 def test_largest_stable_step_where_there_is_no_limit():

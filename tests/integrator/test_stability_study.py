@@ -48,7 +48,6 @@ PLANE_METHODS = (
 
 @pytest.mark.parametrize("method", PLANE_METHODS, ids=lambda method: method.case)
 def test_a_map_says_what_the_determinants_say_one_by_one(method):
-    # the map evaluates polynomials in stiffness and damping, the determinants are determinants
     stiffness, damping = np.geomspace(1e-2, 1e5, 6), np.geomspace(1e-3, 1e3, 5)
     for order in (0.4, 1.6):
         found = stability_map(method, order, stiffness, damping)

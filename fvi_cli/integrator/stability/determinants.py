@@ -14,16 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.stability.patterns import DAMPING, MASS, STIFFNESS, Patterns, step_patterns
+from fvi_cli.integrator.stability.patterns import Patterns, step_patterns
 from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
-from fvi_cli.mathematics.transforms.zeros import Functions, LogFunction
+from fvi_cli.mathematics.transforms.zeros import LogFunction
 
 ENTRIES_AT_ONCE = 2_000_000
 """Of the matrices whose determinants are taken together."""
-
-NEGLIGIBLE = 1e-11
-"""Coefficients of a determinant that are round-off of the largest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,77 +109,13 @@ def _degree(method: AnyMethod, orders: tuple[float, ...]) -> int:
     return method.degree + 2 + math.ceil(turns)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlaneDeterminants:
-    r"""Step determinants of scalar systems as polynomials in their stiffness and damping.
-
-    A step of :math:`m x'' + \mu D^\gamma x + k x` knows the scene by :math:`\kappa = h^2 k / m`
-    and :math:`\delta = h^{2 - \gamma} \mu / m` only. Many systems take one matrix product: a
-    fourth to an eighth of the time of their determinants (1,600 systems, BDF3, BDF6, Radau IIA).
-    """
-
-    patterns: Patterns
-    powers: Integers  # exponents (i, j) of the terms that occur, (terms, 2)
-    products: Array  # kappa^i delta^j of every system, (systems, terms)
-    degree: int
-
-    @property
-    def number(self) -> int:
-        """How many systems."""
-        return len(self.products)
-
-    def __getitem__(self, which: Integers) -> PlaneDeterminants:
-        return replace(self, products=self.products[which])
-
-    def tabulate(self, z: ComplexArray) -> ComplexArray:
-        """The coefficients at each z."""
-        i, j = self.powers.T
-        return _coefficients(self.patterns(z))[:, i, j]
-
-    def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
-        """Logarithms of the polynomials of these systems at these rows."""
-        if numbers.ndim == 2:
-            return np.asarray(np.log(self.products[numbers[:, 0]] @ table[rows].T))
-        return np.asarray(np.log(np.einsum("kt,kt->k", table[rows], self.products[numbers])))
-
-
-def _coefficients(patterns: ComplexArray) -> ComplexArray:
-    """Coefficients of the determinant by its values on circles, shape ``(k, n + 1, n + 1)``."""
-    n = patterns.shape[-1] + 1
-    roots = np.exp(2j * np.pi * np.arange(n) / n)
-    matrices = (
-        patterns[:, None, None, MASS]
-        + roots[:, None, None, None] * patterns[:, None, None, STIFFNESS]
-        + roots[:, None, None] * patterns[:, None, None, DAMPING]
-    )
-    return np.asarray(np.fft.fft2(np.linalg.det(matrices), axes=(1, 2)) / n**2)
-
-
 def plane_determinants(
     method: AnyMethod, order: float, stiffness: Array, damping: Array
-) -> PlaneDeterminants:
-    r"""Of the points (:math:`\kappa`, :math:`\delta`) of the plane, one-dimensional arrays."""
-    patterns = step_patterns(method, (order,))
-    sample = np.asarray(0.9 * np.exp(1j * np.array([0.3, 1.1, 2.0, 2.9])), dtype=np.complex128)
-    sizes = np.abs(_coefficients(patterns(sample))).max(axis=0)
-    powers = np.argwhere(sizes > NEGLIGIBLE * sizes.max())
-    i, j = powers.T
-    return PlaneDeterminants(
-        patterns=patterns,
-        powers=powers,
-        products=stiffness[:, None] ** i * damping[:, None] ** j,
+) -> StepDeterminants:
+    r"""Of points of the plane of :math:`h^2 k / m` and :math:`h^{2 - \gamma} \mu / m`, ``(n,)``."""
+    forms = np.stack([np.ones_like(stiffness), stiffness, damping], axis=1)
+    return StepDeterminants(
+        patterns=step_patterns(method, (order,)),
+        forms=forms[..., None, None],
         degree=_degree(method, (order,)),
     )
-
-
-def determinants_over_steps(
-    system: MatrixPencil, method: AnyMethod, step_sizes: Array
-) -> Functions:
-    """Step determinants of a system over step sizes whose forces matter beside inertia."""
-    if system.dimension > 1 or len(system.damping) != 1:
-        return step_determinants([system], method, step_sizes)
-    ((order, coefficient),) = system.damping
-    mass = float(system.mass[0, 0])
-    stiffness = step_sizes**2 * float(system.stiffness[0, 0]) / mass
-    damping = step_sizes ** (2.0 - order) * float(coefficient[0, 0]) / mass
-    return plane_determinants(method, order, stiffness, damping)

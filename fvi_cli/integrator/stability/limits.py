@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.stability.determinants import determinants_over_steps
+from fvi_cli.integrator.stability.determinants import step_determinants
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.modes import FASTEST, growing_frequencies
 from fvi_cli.integrator.stability.prediction import (
@@ -175,7 +175,7 @@ def _grow_faster(
     for system in systems:
         left = np.flatnonzero(~grows)
         if left.size:
-            determinants = determinants_over_steps(system, method, step_sizes[left])
+            determinants = step_determinants([system], method, step_sizes[left])
             grows[left] = count_zeros(determinants, math.exp(-growth)) != 0
     return grows
 
