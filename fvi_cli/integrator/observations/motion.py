@@ -25,7 +25,7 @@ equation of motion.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -72,6 +72,9 @@ class DenseMotion:
     remarks: tuple[str, ...] = ()  # of each; empty: none
     # whether the velocities at t = 0 are those of the scenes; those of derivatives are polynomials
     are_starts_given: bool = False
+    # the only steps that are asked for positions and momenta, ascending, which have numbers of
+    # their own from then on; None: all
+    chosen: Places | None = None
 
     # the mesh
 
@@ -83,22 +86,37 @@ class DenseMotion:
     @cached_property
     def owner(self) -> Places:
         """Member of every step, ``(N,)``."""
+        if self.chosen is not None:
+            return np.searchsorted(self.firsts, self.chosen, side="right") - 1
         return np.repeat(np.arange(len(self.steps)), [one.n_steps for one in self.steps])
+
+    @cached_property
+    def _own(self) -> Sequence[Places | slice]:
+        """The steps of every member by their numbers in its run."""
+        if self.chosen is None:
+            return [slice(None)] * len(self.steps)
+        edges = np.searchsorted(self.chosen, self.firsts).tolist()
+        pairs = zip(itertools.pairwise(edges), self.firsts, strict=False)
+        return [self.chosen[slice(*pair)] - first for pair, first in pairs]
+
+    def _of_steps(self, values: Iterable[Array]) -> list[Array]:
+        """What every member has, ``(n, ...)``, of its chosen steps."""
+        return [one[own] for one, own in zip(values, self._own, strict=True)]
 
     @cached_property
     def begin(self) -> Array:
         """Where steps begin, ``(N,)``."""
-        return np.concatenate([one.time[:-1] for one in self.steps])
+        return np.concatenate(self._of_steps(one.time[:-1] for one in self.steps))
 
     @cached_property
     def end(self) -> Array:
         """Where steps end, ``(N,)``."""
-        return np.concatenate([one.time[1:] for one in self.steps])
+        return np.concatenate(self._of_steps(one.time[1:] for one in self.steps))
 
     @cached_property
     def step_size(self) -> Array:
         """Lengths of steps, ``(N,)``."""
-        return np.concatenate([one.step_size for one in self.steps])
+        return np.concatenate(self._of_steps(one.step_size for one in self.steps))
 
     def located(self, member: int, time: Array) -> tuple[Places, Array]:
         """Number of the step and place in it of times in the run of a member, shape ``(n,)``.
@@ -139,12 +157,12 @@ class DenseMotion:
 
     @cached_property
     def _begins(self) -> Array:
-        return np.concatenate([one.position[:-1] for one in self.steps])
+        return np.concatenate(self._of_steps(one.position[:-1] for one in self.steps))
 
     @cached_property
     def _polynomials(self) -> tuple[Array, Array]:
         """Chebyshev coefficients of increments over h and of velocities, both ``(K, N, d)``."""
-        velocity = [one.velocity for one in self.shapes]
+        velocity = self._of_steps(one.velocity for one in self.shapes)
         increments = maps_of_stages(
             self.shapes, velocity, lambda t: t.increments_to_series @ t.to_unknowns
         )
@@ -162,36 +180,39 @@ class DenseMotion:
         """
 
         def means(steps: Sequence[RunSteps]) -> Array:
-            velocity = [one.velocity for one in steps]
+            velocity = self._of_steps(one.velocity for one in steps)
             return maps_of_stages(steps, velocity, lambda t: t.to_unknowns[-1:])
 
         found = np.repeat(means(self.steps) - means(self.shapes), 3, axis=0)
         ends = maps_of_stages(
             self.shapes,
-            [one.velocity for one in self.shapes],
+            self._of_steps(one.velocity for one in self.shapes),
             lambda t: _end_slopes(t.degree).T @ t.to_unknowns,
         )
-        for member, (scene, steps) in enumerate(zip(self.scenes, self.steps, strict=True)):
+        edges = np.searchsorted(self.owner, np.arange(len(self.steps) + 1)).tolist()
+        every = zip(self.scenes, self.steps, self.shapes, itertools.pairwise(edges), strict=True)
+        for member, (scene, steps, shape, pair) in enumerate(every):
             is_rough = any(term.order > 1 for term in scene.active_damping)
-            if not is_rough and steps is not self.shapes[member]:
-                own = slice(*self.firsts[member : member + 2].tolist())
+            if not is_rough and steps is not shape:
+                own, at = slice(*pair), np.arange(steps.n_steps)[self._own[member]]
                 with np.errstate(all="ignore"):
-                    slopes = self._velocities(member) - ends[:, own]
+                    slopes = self._velocities(member, at) - ends[:, own]
                 # stiff: momenta keep what stages have long forgotten
-                size = np.abs(self.shapes[member].velocity).max(axis=1)
-                size = np.maximum(size, np.maximum(_shifted(size, 1), _shifted(size, -1)))
+                size = _largest_near(shape.velocity, at)
                 is_known = (np.abs(slopes) <= size).all(axis=0)
                 found[1:, own] = np.where(is_known, slopes, found[1:, own])
         return found
 
-    def _velocities(self, member: int) -> Array:
-        """Velocities of a run where its steps begin and where they end, ``(2, n, d)``."""
+    def _velocities(self, member: int, at: Places) -> Array:
+        """Velocities of a run where some of its steps begin and where they end, ``(2, n, d)``."""
         scene, steps = self.scenes[member], self.steps[member]
-        behind = before = scene.velocity(steps.position, steps.momentum, steps.time)
+        points, places = np.unique([at, at + 1], return_inverse=True)
+        x, p, t = (one[points] for one in (steps.position, steps.momentum, steps.time))
+        behind = before = scene.velocity(x, p, t)
         if steps.jump is not None:
-            at_end = steps.momentum - steps.jump
-            before = scene.velocity(steps.position, at_end, steps.time)
-        return np.stack([behind[:-1], before[1:]])
+            before = scene.velocity(x, p - steps.jump[points], t)
+        begins, ends = places.reshape(2, -1)
+        return np.stack([behind[begins], before[ends]])
 
     def momentum_and_energy(
         self, position: Array, steps: Places, tau: Array
@@ -338,10 +359,10 @@ def _corrections() -> tuple[Array, Array]:
     return matrix @ np.stack(displacement, axis=1), matrix @ np.stack(rate, axis=1)
 
 
-def _shifted(values: Array, places: int) -> Array:
-    """Those of the neighbour; at the end of the row of the same."""
-    index = np.clip(np.arange(len(values)) + places, 0, len(values) - 1)
-    return np.asarray(values[index])
+def _largest_near(velocity: Array, at: Places) -> Array:
+    """Largest velocities at the stages of some steps and of those beside them, ``(n, d)``."""
+    near = [np.clip(at + shift, 0, len(velocity) - 1) for shift in (-1, 0, 1)]
+    return np.asarray(np.max([np.abs(velocity[one]).max(axis=1) for one in near], axis=0))
 
 
 def accelerations(
