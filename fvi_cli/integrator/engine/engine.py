@@ -197,6 +197,23 @@ class Engine:
         impulse = self._kicked(op, found, count)
         return self._taken(op.frame, state, known, u, impulse, found.failed, found)
 
+    def solve_after(
+        self, state: State, h: float, past: Array, loads: Array | None, guess: Array
+    ) -> tuple[Array, Mask]:
+        """Inputs ``(q, i, e)`` of a step of every member, and which have no solution.
+
+        From the force of the past on it, ``(q, m, e)``, and for nonlinear scenes a guess of U.
+        """
+        known = self._known(self.frame(h, 1), past, 1, loads)
+        if self.law.is_linear:
+            op = self.operator(h, 1)
+            u, failed = op.solve(state, known), op.singular
+        else:
+            op, points, rest = self._operators.of_step(state, h, guess)
+            found = Newton(self.law, self.damping, op, state, known).run(points, rest)
+            u, failed = found.unknowns, found.failed
+        return self._inputs(u.reshape(self.q, 1, -1, self.e)), failed
+
     def _past(self, frame: Frame, state: State, count: int) -> Array | None:
         """Force of the past on the first steps of a frame, ``(q, count m, e)``."""
         # dampers of order 1 have no states, and no past; tables of blocks have a place for it
@@ -324,7 +341,7 @@ class Engine:
 
     def of(self, places: Places) -> Engine:
         """The engine of some members; tables of step sizes are shared."""
-        if len(places) == self.q:
+        if np.array_equal(places, np.arange(self.q)):
             return self
         part = copy.copy(self)
         part._operators = self._operators.of(places)

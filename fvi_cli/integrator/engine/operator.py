@@ -327,7 +327,10 @@ class Operators:
     def of_linear(self, h: float, count: int) -> Operator:
         """The operator of `count` steps of linear scenes."""
         key = (h, count)
-        if key not in self._linear:
+        if key not in self._linear and self._whole is not None:
+            whole, places = self._whole
+            self._linear[key] = whole.of_linear(h, count).of(places)
+        elif key not in self._linear:
             at = self.law.linearise(np.zeros((1, self._e)), None, 0.0)
             self._linear[key] = Operator(self.frame(h, count), at, self.damping, is_linear=True)
             if len(self._linear) > KEPT_TABLES:

@@ -27,7 +27,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 
 import numpy as np
 
@@ -127,7 +127,8 @@ class DenseMotion:
             For times outside of the run.
         """
         steps, tau = self.steps[member].located(time, at_ends=True)
-        return steps + self.firsts[member], tau
+        steps = steps + self.firsts[member]
+        return steps if self.chosen is None else np.searchsorted(self.chosen, steps), tau
 
     def time(self, steps: Places, tau: Array) -> Array:
         """Times of places; the end of a step is the point of the mesh."""
@@ -187,7 +188,7 @@ class DenseMotion:
         ends = maps_of_stages(
             self.shapes,
             self._of_steps(one.velocity for one in self.shapes),
-            lambda t: _end_slopes(t.degree).T @ t.to_unknowns,
+            lambda t: end_slopes(t.degree).T @ t.to_unknowns,
         )
         edges = np.searchsorted(self.owner, np.arange(len(self.steps) + 1)).tolist()
         every = zip(self.scenes, self.steps, self.shapes, itertools.pairwise(edges), strict=True)
@@ -198,7 +199,7 @@ class DenseMotion:
                 with np.errstate(all="ignore"):
                     slopes = self._velocities(member, at) - ends[:, own]
                 # stiff: momenta keep what stages have long forgotten
-                size = _largest_near(shape.velocity, at)
+                size = largest_near(shape.velocity, at)
                 is_known = (np.abs(slopes) <= size).all(axis=0)
                 found[1:, own] = np.where(is_known, slopes, found[1:, own])
         return found
@@ -342,7 +343,7 @@ def join_series(series: Sequence[Array]) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _end_slopes(degree: int) -> Array:
+def end_slopes(degree: int) -> Array:
     """From U to velocities at the beginning and the end of a step, ``(s, 2)``."""
     return lobatto_basis(degree).derivatives([0.0, 1.0])[1:]
 
@@ -359,10 +360,12 @@ def _corrections() -> tuple[Array, Array]:
     return matrix @ np.stack(displacement, axis=1), matrix @ np.stack(rate, axis=1)
 
 
-def _largest_near(velocity: Array, at: Places) -> Array:
+def largest_near(velocity: Array, at: Places) -> Array:
     """Largest velocities at the stages of some steps and of those beside them, ``(n, d)``."""
-    near = [np.clip(at + shift, 0, len(velocity) - 1) for shift in (-1, 0, 1)]
-    return np.asarray(np.max([np.abs(velocity[one]).max(axis=1) for one in near], axis=0))
+    # stage by stage: NumPy reduces short axes one by one
+    size = reduce(np.maximum, np.abs(velocity).swapaxes(0, 1))
+    size = np.concatenate([size[:1], size, size[-1:]])
+    return np.asarray(np.maximum(size[at + 1], np.maximum(size[at], size[at + 2])))
 
 
 def accelerations(

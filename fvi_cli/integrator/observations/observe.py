@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
+import numpy as np
+
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -17,10 +19,11 @@ from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.request import Observations, check_observable
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 
 
 def integrate_requested(
@@ -142,8 +145,20 @@ def observe_members(
             method,
             [steps[k] for k in members],
             keeper_of_run(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
+            _chosen([requests[k] for k in members], [steps[k] for k in members]),
         )
         observer = Observer(motion, [requests[k] for k in members])
         runs = [trajectories[k] for k in members]
         found.update(zip(members, observer.observe(runs, impacts), strict=True))
     return [found[index] for index in range(len(trajectories))]
+
+
+def _chosen(requests: Sequence[Observations], runs: Sequence[RunSteps]) -> list[Places] | None:
+    """The steps of every run in which times of output lie; None: others are looked at as well."""
+    found = []
+    for request, run in zip(requests, runs, strict=True):
+        if request.times is None or request.quantities or request.events:
+            return None
+        times = request.times[request.times <= float(run.time[-1]) * (1.0 + 1e-12)]
+        found.append(np.unique(run.located(times, at_ends=True)[0]))
+    return found

@@ -112,9 +112,6 @@ class Observer:
             times = one.run.time if wanted is None else wanted
             at.append(motion.located(index, times[times <= one.end * (1.0 + 1e-12)]))
         steps, tau = (np.concatenate(one) for one in zip(*at, strict=True))
-        if not (self._first.quantities or self._first.events):
-            chosen, steps = np.unique(steps, return_inverse=True)
-            motion = replace(motion, chosen=chosen)
         edges = np.cumsum([one[0].size for one in at])[:-1]
         for name, expression in (self._first.quantities or {}).items():
             along = self.along(expression)

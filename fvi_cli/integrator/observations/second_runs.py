@@ -11,14 +11,16 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along
 from fvi_cli.integrator.damping.directions import pattern_of
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.members import batch_kind, integrate_members
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.dampers import single_damper
 from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.single_steps import can_be_single, solved_steps
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 
 MOST_STAGES = 12
 """Stages of the second run at most."""
@@ -29,15 +31,28 @@ def dense_motion(
     method: Method,
     steps: Sequence[RunSteps],
     checkpoints: RunKeeper | None = None,
+    chosen: Sequence[Places] | None = None,
 ) -> DenseMotion:
-    """The dense motions of finished runs, by second runs on their meshes."""
+    """The dense motions of finished runs, by second runs on their meshes.
+
+    Where only some steps of each are looked at, these alone are solved again.
+    """
     methods, shapes, remarks = [method] * len(steps), list(steps), [""] * len(steps)
     runs, stages = list(steps), min(2 * method.degree, MOST_STAGES)
     if stages != method.degree:
         own = Method(
             cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
         )
-        for index, (second, outcome) in enumerate(_second_runs(scenes, own, steps, checkpoints)):
+        by_step = {} if chosen is None else _single_steps(scenes, own, steps, chosen)
+        others = [index for index in range(len(steps)) if index not in by_step]
+        again = _second_runs(
+            [scenes[index] for index in others],
+            own,
+            [steps[index] for index in others],
+            checkpoints,
+        )
+        every = {**by_step, **dict(zip(others, again, strict=True))}
+        for index, (second, outcome) in every.items():
             if second is not None:
                 methods[index], shapes[index] = own, second
                 if scenes[index].prescribed is not None:
@@ -55,7 +70,40 @@ def dense_motion(
         find_forces=partial(forces_along, scenes, methods, shapes),
         remarks=tuple(remarks),
         are_starts_given=True,
+        chosen=None if chosen is None else _numbered(chosen, steps),
     )
+
+
+def _numbered(chosen: Sequence[Places], steps: Sequence[RunSteps]) -> Places:
+    """Chosen steps of every run in the numbering of all."""
+    firsts = np.cumsum([0, *(one.n_steps for one in steps[:-1])])
+    return np.concatenate([one + first for one, first in zip(chosen, firsts, strict=True)])
+
+
+def _single_steps(
+    scenes: Sequence[Scene], method: Method, steps: Sequence[RunSteps], chosen: Sequence[Places]
+) -> dict[int, tuple[RunSteps | None, str]]:
+    """Runs with their chosen steps solved by themselves, where that is possible and worth it."""
+    groups: dict[Hashable, list[int]] = {}
+    meshes: dict[Hashable, Mesh] = {}
+    for index, (scene, one, own) in enumerate(zip(scenes, steps, chosen, strict=True)):
+        if can_be_single(scene, one, own):
+            key = one.time.tobytes(), scene.break_points
+            if key not in meshes:
+                meshes[key] = one.mesh(scene.break_points)
+            kind = batch_kind(scene, method, meshes[key])
+            if kind is not None:
+                groups.setdefault((kind, key), []).append(index)
+    found: dict[int, tuple[RunSteps | None, str]] = {}
+    for places in groups.values():
+        again = solved_steps(
+            [scenes[index] for index in places],
+            method,
+            [steps[index] for index in places],
+            [chosen[index] for index in places],
+        )
+        found |= {k: (one, "") for k, one in zip(places, again, strict=True) if one is not None}
+    return found
 
 
 def forces_along(

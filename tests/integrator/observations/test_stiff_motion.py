@@ -41,6 +41,6 @@ def test_between_points_a_stiff_motion_holds(seed):
 
 
 def test_velocities_of_momenta_would_spoil_it():
-    near = "fvi_cli.integrator.observations.motion._largest_near"
+    near = "fvi_cli.integrator.observations.motion.largest_near"
     with mock.patch(near, lambda v, at: np.full((at.size, v.shape[2]), np.inf)):
         assert max(errors(seed)[1] for seed in range(4)) > 0.5

@@ -1,0 +1,188 @@
+r"""Some steps of finished runs, solved again by a method of more stages.
+
+A step of a run begins at its position and momentum there, which have the order 2 m of the points.
+What the memory adds is driven by the velocities of the run itself: through those at the m stages
+and at both ends of a step there is a polynomial of degree m + 1, whose error the memory sees only
+through a kernel that is smooth where it is past. So each step is solved by itself, however many
+there are, and others are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.damping import Damping, DampingTables
+from fvi_cli.integrator.decoupling import linear_decoupling
+from fvi_cli.integrator.memory.exponentials import ExponentialKernels
+from fvi_cli.integrator.memory.interface import along
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.motion import end_slopes, largest_near
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.run.on_mesh import engine_for
+from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.lagrange import LagrangeBasis
+from fvi_cli.mathematics.series.chebyshev import in_rows
+
+TOGETHER, AT_A_TIME = 64, 2048
+"""Scenes, and steps of all of them, that are worked out together and stay in the cache."""
+LONGEST = 32
+"""Equal steps from one state of the memory to the next."""
+
+
+def can_be_single(scene: Scene, run: RunSteps, chosen: Places) -> bool:
+    """Whether steps of a run can be solved by themselves, and are few enough for that."""
+    is_rough = any(term.order > 1 for term in scene.active_damping)
+    if is_rough or run.jump is not None or scene.lagrangian is not None:
+        return False
+    modes = linear_decoupling(scene)
+    return 2 * chosen.size <= run.n_steps and (modes is None or modes.batch == 1)
+
+
+def solved_steps(
+    scenes: Sequence[Scene], method: Method, runs: Sequence[RunSteps], chosen: Sequence[Places]
+) -> list[RunSteps | None]:
+    """Runs on one mesh of scenes of one kind with their chosen steps solved by another method.
+
+    None where a step has no solution.
+    """
+    found: list[RunSteps | None] = []
+    for first in range(0, len(scenes), TOGETHER):
+        part = slice(first, first + TOGETHER)
+        found += _solved(scenes[part], method, runs[part], chosen[part])
+    return found
+
+
+def _solved(
+    scenes: Sequence[Scene], method: Method, runs: Sequence[RunSteps], chosen: Sequence[Places]
+) -> list[RunSteps | None]:
+    mesh = runs[0].mesh(scenes[0].break_points)
+    engine, tables = engine_for(scenes, method, mesh, most=1), step_tables(method)
+    position, momentum = (
+        np.stack([getattr(one, name) for one in runs]) for name in ("position", "momentum")
+    )
+    with np.errstate(all="ignore"):
+        every = zip(scenes, position, momentum, strict=True)
+        at_points = np.stack([scene.velocity(x, p, runs[0].time) for scene, x, p in every])
+    inputs = _at_stages(np.stack([one.velocity for one in runs]), at_points, runs[0].tables, method)
+    velocity = inputs.copy()
+    owner = np.repeat(np.arange(len(runs)), [one.size for one in chosen])
+    numbers = np.concatenate(chosen)
+    failed = np.zeros(len(runs), dtype=bool)
+    start, damping = engine.start(), engine.damping
+    states, begin = start.z, 0
+    for stretch in mesh.stretches:
+        h, end = stretch.step_size, begin + stretch.n_steps
+        own = np.flatnonzero((begin <= numbers) & (numbers < end))
+        past = np.zeros((own.size, tables.points.size, engine.e))
+        if damping is not None:
+            path = _Path(damping, damping.tables(h, min(LONGEST, stretch.n_steps)), inputs)
+            states = path.follow(states, begin, end, owner[own], numbers[own], past)
+        loads = engine.loads(stretch.begin, h, stretch.n_steps, is_fresh=stretch.is_fresh)
+        for first in range(0, own.size, AT_A_TIME):
+            part = slice(first, first + AT_A_TIME)
+            member, step = owner[own[part]], numbers[own[part]]
+            state = replace(start.of(member), x=position[member, step], p=momentum[member, step])
+            given = None if loads is None else loads[member, step - begin][:, None]
+            guess = np.matmul(tables.to_unknowns, inputs[member, step])
+            with np.errstate(all="ignore"):
+                solved, wrong = engine.of(member).solve_after(state, h, past[part], given, guess)
+            velocity[member, step] = solved.reshape(step.size, -1, engine.e)
+            failed[member[wrong]] = True
+        begin = end
+    return [
+        None if is_wrong else replace(run, tables=tables, velocity=one)
+        for run, one, is_wrong in zip(runs, velocity, failed.tolist(), strict=True)
+    ]
+
+
+def _at_stages(velocity: Array, at_points: Array, own: StepTables, method: Method) -> Array:
+    """Velocities where another method has its stages, ``(q, n, r, d)``.
+
+    From those at the stages ``(q, n, m, d)`` and at the points ``(q, n + 1, d)`` of runs.
+    """
+    q, n, m, d = velocity.shape
+    stages = velocity.swapaxes(2, 3).reshape(-1, m)
+    to_ends = end_slopes(own.degree).T @ own.to_unknowns
+    ends = in_rows(stages, to_ends.T).reshape(q, n, d, 2)
+    known = np.stack([at_points[:, :-1], at_points[:, 1:]], axis=-1)
+    # stiff: momenta keep what stages have long forgotten
+    near = np.stack([largest_near(one, np.arange(n)) for one in velocity])
+    is_known = (np.abs(known - ends) <= near[..., None]).all(axis=-1, keepdims=True)
+    first, last = np.where(is_known, known, ends).reshape(-1, 2).T[..., None]
+    points = np.concatenate([[0.0], own.points, [1.0]])
+    table = LagrangeBasis(control_points=points).values(step_tables(method).points)
+    found = in_rows(np.concatenate([first, stages, last], axis=1), table)
+    return np.ascontiguousarray(found.reshape(q, n, d, -1).swapaxes(2, 3))
+
+
+class _Path:
+    """The memory along equal steps that are driven by ``(q, n, i, e)``."""
+
+    def __init__(self, damping: Damping, tables: DampingTables, inputs: Array) -> None:
+        self.damping, self.tables, self.inputs = damping, tables, inputs
+
+    def follow(
+        self, states: Array, begin: int, end: int, owner: Places, steps: Places, past: Array
+    ) -> Array:
+        """States at the end; puts forces of the past on steps of members, ``(p, m, e)``."""
+        block, (q, _, i, e) = self.tables.kernels.count, self.inputs.shape
+        for first in range(begin, end, block * LONGEST):
+            last = min(first + block * LONGEST, end)
+            blocks = (last - first) // block
+            driven = self.inputs[:, first : first + blocks * block]
+            added = self._added(driven.reshape(q, blocks, block * i, e))
+            path = np.empty((-(-(last - first) // block), *states.shape))
+            for index in range(len(path)):
+                path[index] = states
+                if index < blocks:
+                    states = states + (self._change * states + added[index])
+            if rest := (last - first) % block:
+                driven = self.inputs[:, last - rest : last].reshape(q, rest * i, e)
+                states = self.damping.push(self.tables, states, driven, rest)
+            (own,) = np.nonzero((first <= steps) & (steps < last))
+            number, offset = np.divmod(steps[own] - first, block)
+            for one in np.unique(offset).tolist():
+                (at,) = np.nonzero(offset == one)
+                member = owner[own[at]]
+                past[own[at]] = self._past(path[number[at], member], member, steps[own[at]], one)
+        return states
+
+    @property
+    def _change(self) -> Array:
+        return self._kernels.change[:, None]
+
+    @property
+    def _kernels(self) -> ExponentialKernels:
+        kernels = self.tables.kernels
+        assert isinstance(kernels, ExponentialKernels)
+        return kernels
+
+    def _added(self, driven: Array) -> Array:
+        """What inputs of blocks ``(q, b, B i, e)`` add to the states, ``(b, q, J, e)``."""
+        q, blocks, size, e = driven.shape
+        rows = driven.swapaxes(2, 3).reshape(-1, size)
+        found = in_rows(rows, self._kernels.intake.T).reshape(q, blocks, e, -1)
+        return np.ascontiguousarray(found.transpose(1, 0, 3, 2))
+
+    def _past(self, states: Array, member: Places, steps: Places, offset: int) -> Array:
+        """Force of the past on steps so far behind these states, ``(p, m, e)``."""
+        kernels, damping = self._kernels, self.damping.of(member)
+        m, i, (p, _, e) = kernels.n_samples, kernels.n_inputs, states.shape
+        here = replace(kernels, response=kernels.response[offset * m : (offset + 1) * m])
+        column = np.zeros((1, self.damping.n_states, 1))
+        force = damping.past(replace(self.tables, kernels=here), states, column, 1)
+        if not offset:
+            return force
+        before = steps[:, None] - np.arange(offset, 0, -1)
+        driven = self.inputs[member[:, None], before].reshape(p, offset * i, e)
+        for one, sequence in zip(damping.combinations, self.tables.sequences, strict=True):
+            lags = sequence[:, offset:0:-1].transpose(0, 2, 1, 3).reshape(-1, m, offset * i)
+            force = force + along(
+                np.matmul(lags if len(lags) == 1 else lags[member], driven), one.matrix
+            )
+        return force
