@@ -15,23 +15,20 @@ from dataclasses import replace
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.damping_along import PIECE
 from fvi_cli.integrator.damping.damping import Damping, DampingTables
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.motion import end_slopes, largest_near
+from fvi_cli.integrator.observations.pieces import AT_A_TIME
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import engine_for
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import LagrangeBasis
 from fvi_cli.mathematics.series.chebyshev import in_rows
-
-TOGETHER, AT_A_TIME = 64, 2048
-"""Scenes, and steps of all of them, that are worked out together and stay in the cache."""
-LONGEST = 32
-"""Equal steps from one state of the memory to the next."""
 
 
 def can_be_single(scene: Scene, run: RunSteps, chosen: Places) -> bool:
@@ -51,8 +48,9 @@ def solved_steps(
     None where a step has no solution.
     """
     found: list[RunSteps | None] = []
-    for first in range(0, len(scenes), TOGETHER):
-        part = slice(first, first + TOGETHER)
+    for first in range(0, len(scenes), PIECE):
+        # so many stay in the cache
+        part = slice(first, first + PIECE)
         found += _solved(scenes[part], method, runs[part], chosen[part])
     return found
 
@@ -80,7 +78,7 @@ def _solved(
         own = np.flatnonzero((begin <= numbers) & (numbers < end))
         past = np.zeros((own.size, tables.points.size, engine.e))
         if damping is not None:
-            path = _Path(damping, damping.tables(h, min(LONGEST, stretch.n_steps)), inputs)
+            path = _Path(damping, damping.tables(h, min(PIECE, stretch.n_steps)), inputs)
             states = path.follow(states, begin, end, owner[own], numbers[own], past)
         loads = engine.loads(stretch.begin, h, stretch.n_steps, is_fresh=stretch.is_fresh)
         for first in range(0, own.size, AT_A_TIME):
@@ -131,8 +129,8 @@ class _Path:
     ) -> Array:
         """States at the end; puts forces of the past on steps of members, ``(p, m, e)``."""
         block, (q, _, i, e) = self.tables.kernels.count, self.inputs.shape
-        for first in range(begin, end, block * LONGEST):
-            last = min(first + block * LONGEST, end)
+        for first in range(begin, end, block * PIECE):
+            last = min(first + block * PIECE, end)
             blocks = (last - first) // block
             driven = self.inputs[:, first : first + blocks * block]
             added = self._added(driven.reshape(q, blocks, block * i, e))

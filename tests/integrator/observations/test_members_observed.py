@@ -1,7 +1,5 @@
 """What is observed of a member does not depend on the batch it is in."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from letters import observe_one, spring, swing
@@ -14,8 +12,7 @@ from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
 from fvi_cli.integrator.observations.pieces import AT_A_TIME
 from fvi_cli.integrator.observations.request import Observations, observations
-from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.chebyshev import evaluate_series, in_rows
+from fvi_cli.mathematics.series.chebyshev import evaluate_series
 from fvi_cli.scenes.data import duffing
 
 FINAL_TIME, COUNT = 6.0, 18
@@ -101,33 +98,6 @@ def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
     # the control: members differ
     first, second = numbers(whole[1]), numbers(whole[2])
     assert np.abs(first["x"][:3] - second["x"][:3]).max() > 1e-3
-
-
-@pytest.mark.parametrize("kind", ["duffing", "spring", "swing"])
-@pytest.mark.parametrize("count", [1, COUNT])
-def test_output_alone_has_the_same_bits_from_the_polynomials_of_its_steps(kind, count, monkeypatch):
-    rng, method = np.random.default_rng([len(kind), count]), METHODS["gauss2"]
-    drawn = [member(kind, rng) for _ in range(count)]
-    scenes, n_steps = [scene for scene, _ in drawn], [200] * count
-    times = [np.sort(rng.uniform(0.0, FINAL_TIME, 7)) for _ in drawn]
-    asked = [observations(("x",), output=one) for one in times]
-    more = [replace(one, quantities={"v": Expression.parse("vx", ("vx",))}) for one in asked]
-    rows = []
-
-    def counted(values, matrix):
-        rows.append(len(values))
-        return in_rows(values, matrix)
-
-    monkeypatch.setattr(motion, "in_rows", counted)
-    found = integrate_requested(scenes, method, n_steps, asked)
-    assert max(rows) <= 7 * count
-    for (_, one), (_, other) in zip(
-        found, integrate_requested(scenes, method, n_steps, more), strict=True
-    ):
-        for name in ("time", "position", "momentum", "energy"):
-            assert np.array_equal(getattr(one, name), getattr(other, name)), name
-    # the control: a quantity has its extent along all steps
-    assert max(rows) == 200 * count
 
 
 def test_evaluations_of_the_motion_do_not_grow_with_the_members(monkeypatch):
