@@ -18,6 +18,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import PIECE
 from fvi_cli.integrator.damping.damping import Damping, DampingTables
 from fvi_cli.integrator.decoupling import linear_decoupling
+from fvi_cli.integrator.engine.state import Mask
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
@@ -45,7 +46,7 @@ def solved_steps(
 ) -> list[RunSteps | None]:
     """Runs on one mesh of scenes of one kind with their chosen steps solved by another method.
 
-    None where a step has no solution.
+    None where a step has no solution, and of stiff runs.
     """
     found: list[RunSteps | None] = []
     for first in range(0, len(scenes), PIECE):
@@ -66,11 +67,11 @@ def _solved(
     with np.errstate(all="ignore"):
         every = zip(scenes, position, momentum, strict=True)
         at_points = np.stack([scene.velocity(x, p, runs[0].time) for scene, x, p in every])
-    inputs = _at_stages(np.stack([one.velocity for one in runs]), at_points, runs[0].tables, method)
+    stages = np.stack([one.velocity for one in runs])
+    inputs, failed = _at_stages(stages, at_points, runs[0].tables, method)
     velocity = inputs.copy()
     owner = np.repeat(np.arange(len(runs)), [one.size for one in chosen])
     numbers = np.concatenate(chosen)
-    failed = np.zeros(len(runs), dtype=bool)
     start, damping = engine.start(), engine.damping
     states, begin = start.z, 0
     for stretch in mesh.stretches:
@@ -98,24 +99,26 @@ def _solved(
     ]
 
 
-def _at_stages(velocity: Array, at_points: Array, own: StepTables, method: Method) -> Array:
+def _at_stages(
+    velocity: Array, at_points: Array, own: StepTables, method: Method
+) -> tuple[Array, Mask]:
     """Velocities where another method has its stages, ``(q, n, r, d)``.
 
-    From those at the stages ``(q, n, m, d)`` and at the points ``(q, n + 1, d)`` of runs.
+    From those at the stages ``(q, n, m, d)`` and at the points ``(q, n + 1, d)`` of runs; and the
+    stiff runs, in which points keep what stages have long forgotten.
     """
     q, n, m, d = velocity.shape
     stages = velocity.swapaxes(2, 3).reshape(-1, m)
     to_ends = end_slopes(own.degree).T @ own.to_unknowns
-    ends = in_rows(stages, to_ends.T).reshape(q, n, d, 2)
-    known = np.stack([at_points[:, :-1], at_points[:, 1:]], axis=-1)
-    # stiff: momenta keep what stages have long forgotten
+    gaps = in_rows(stages, to_ends.T).reshape(q, n, d, 2)
+    first, last = (one.reshape(-1, 1) for one in (at_points[:, :-1], at_points[:, 1:]))
+    gaps -= np.concatenate([first, last], axis=1).reshape(gaps.shape)
     near = np.stack([largest_near(one, np.arange(n)) for one in velocity])
-    is_known = (np.abs(known - ends) <= near[..., None]).all(axis=-1, keepdims=True)
-    first, last = np.where(is_known, known, ends).reshape(-1, 2).T[..., None]
+    is_stiff = np.any(~(np.abs(gaps) <= near[..., None]), axis=(1, 2, 3))
     points = np.concatenate([[0.0], own.points, [1.0]])
     table = LagrangeBasis(control_points=points).values(step_tables(method).points)
     found = in_rows(np.concatenate([first, stages, last], axis=1), table)
-    return np.ascontiguousarray(found.reshape(q, n, d, -1).swapaxes(2, 3))
+    return np.ascontiguousarray(found.reshape(q, n, d, -1).swapaxes(2, 3)), is_stiff
 
 
 class _Path:
