@@ -11,7 +11,7 @@ STRIDE = 256
 """Loops over single steps report after every so many of them."""
 
 SECONDS_BETWEEN = 0.1
-"""The callback is called no more often than this."""
+"""The callback is called no more often than this, unless it wants to be."""
 
 Watcher = Callable[[int, int], None]
 """Called with the number of steps that are done, and N."""
@@ -20,7 +20,9 @@ _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 
 @contextlib.contextmanager
-def on_progress(watcher: Watcher) -> Iterator[None]:
+def on_progress(
+    watcher: Watcher, *, seconds_between: float = SECONDS_BETWEEN
+) -> Iterator[None]:
     """Tell `watcher` now and then how far the integrations inside the block have come.
 
     Loops report it of their own accord, block by block; they need not be handed the watcher through
@@ -32,7 +34,7 @@ def on_progress(watcher: Watcher) -> Iterator[None]:
         nonlocal due
         now = time.monotonic()
         if now >= due:
-            due = now + SECONDS_BETWEEN
+            due = now + seconds_between
             watcher(done, n_steps)
 
     token = _watcher.set(seldom)

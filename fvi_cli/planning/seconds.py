@@ -1,4 +1,4 @@
-"""How long a job will take: short runs of the very job, and how more steps of it grow dearer."""
+"""How long a job will take: the begin of the very job, and how much dearer its outputs make it."""
 
 from __future__ import annotations
 
@@ -10,110 +10,150 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import on_progress
 from fvi_cli.integrator.meshes.mesh import graded_mesh
-from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.observations.impacts.run import integrate_with_impacts
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 
-FIRST_STEPS, LONGER = 16, 4
-"""Steps of the first short run, and how many times longer each other one is (guessed)."""
-USUAL_BLOCKS = 1024
-"""Steps from which on blocks are as long as in longer runs, or nearly."""
-ENOUGH_SECONDS, MOST_SECONDS, TABLES_SECONDS = 0.1, 1.0, 3.0
-"""No longer run is tried behind one that took so long, on so many steps, on fewer, and behind one
-that made tables (guessed)."""
-NOISY_SECONDS, REPEATED = 0.01, 3
-"""Shorter runs are done so often, the least time counts (guessed)."""
+FIRST_STEPS = 16
+"""Steps of the run that loads modules and makes tables which all share (guessed)."""
+MOST_SECONDS = 0.5
+"""Of the begin of a job, which is stopped then (guessed)."""
+SHARE = 0.25
+"""The part of its steps that is done again, with all outputs and without (guessed)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Seconds that runs of increasing numbers of steps took."""
+    """When how many steps of a run were done, and what its outputs add."""
 
-    n_steps: tuple[int, ...]
+    n_steps: tuple[int, ...]  # increasing, up to where the run was stopped or at its end
     seconds: tuple[float, ...]
     is_quadratic: bool  # whether every step sums over all before it
+    multiple: float = 1.0  # seconds with all outputs by those of the steps alone
 
     def at(self, n_steps: int) -> float:
-        """Seconds of so many steps: between measured runs, or as the last of them go on."""
-        sizes, taken = np.array(self.n_steps, dtype=float), np.maximum.accumulate(self.seconds)
-        if n_steps <= sizes[-1] or sizes.size == 1:
-            return float(np.interp(n_steps, sizes, taken) * max(1.0, n_steps / sizes[-1]))
-        slopes = np.diff(taken) / np.diff(sizes)
+        """Seconds of so many steps: between measured ones, or as the second half went on."""
+        sizes, taken = np.array(self.n_steps, dtype=float), np.array(self.seconds)
         ahead = n_steps - sizes[-1]
+        if ahead <= 0.0 or sizes.size == 1:
+            found = np.interp(n_steps, sizes, taken) * max(1.0, n_steps / sizes[-1])
+            return float(self.multiple * found)
+        middle = sizes[0] + (sizes[-1] - sizes[0]) / 2.0
+        ends = np.array([sizes[0], middle, sizes[-1]])
+        slopes = np.diff(np.interp(ends, sizes, taken)) / np.diff(ends)
         found = taken[-1] + slopes[-1] * ahead
-        if self.is_quadratic and slopes.size > 1:
-            rise = (slopes[-1] - slopes[-2]) / (sizes[-1] - sizes[-3])
-            found += max(rise, 0.0) * ahead * (n_steps - sizes[-2])
-        return float(found)
+        if self.is_quadratic:
+            rise = (slopes[1] - slopes[0]) / (ends[2] - ends[0])
+            found += max(rise, 0.0) * ahead * (n_steps - middle)
+        return float(self.multiple * found)
 
 
-def time_runs(
-    run: Callable[[int], object],
+Job = Callable[[int, bool], object]
+"""Does so many steps, with all outputs that are requested or without."""
+
+
+class _EnoughError(Exception):
+    """Stops a run that was measured for long enough."""
+
+
+def time_job(
+    run: Job,
     n_steps: int,
     *,
     n_runs: int = 1,
     is_quadratic: bool,
-    clock: Callable[[], float] = time.perf_counter,
+    clock: Callable[[], float] = time.process_time,
 ) -> Timing:
-    """Run few steps and more, up to `n_steps` or until a run takes long enough.
+    """Measure the begin of a job; seconds are those of one of its `n_runs` members.
 
-    Seconds are those of one of `n_runs` members. The first one is done twice: what it prepares
-    for all others is left out.
+    Processor seconds: others may be busy on the machine meanwhile.
     """
-    sizes: list[int] = []
-    taken: list[float] = []
-    size, most = min(FIRST_STEPS, n_steps), MOST_SECONDS
+    run(min(FIRST_STEPS, n_steps), True)
+    samples: list[tuple[int, float]] = []
+    began = clock()
 
-    def timed() -> float:
+    def note(done: int, of: int) -> None:
+        taken = clock() - began
+        if not samples or done > samples[-1][0]:
+            # meshes with a graded start have more steps
+            samples.append((done * n_steps // of, taken))
+        if taken > MOST_SECONDS and samples[-1][0] > samples[0][0]:
+            raise _EnoughError
+
+    try:
+        with on_progress(note, seconds_between=0.0):
+            run(n_steps, False)
+        samples.append((n_steps, clock() - began))
+    except _EnoughError:
+        pass
+    done, seconds = samples[-1]
+    again = max(1, int(min(n_steps, done * min(1.0, SHARE * MOST_SECONDS / seconds))))
+
+    def timed(*, is_whole: bool) -> float:
         began = clock()
-        run(size)
+        run(again, is_whole)
         return clock() - began
 
-    run(size)
-    while not sizes or (sizes[-1] < n_steps and (len(sizes) < 2 or taken[-1] < most)):
-        least = timed()
-        if least < NOISY_SECONDS:
-            least = min(least, *(timed() for _ in range(REPEATED - 1)))
-        sizes.append(size)
-        taken.append(least)
-        most = MOST_SECONDS if size < USUAL_BLOCKS else ENOUGH_SECONDS
-        if len(taken) > 1 and taken[-1] > LONGER**2 * taken[-2]:
-            # more than the square of its steps: it made tables that longer runs have as well
-            most = TABLES_SECONDS
-        size = min(LONGER * size, n_steps)
-    each = tuple(one / n_runs for one in taken)
-    return Timing(n_steps=tuple(sizes), seconds=each, is_quadratic=is_quadratic)
+    multiple = timed(is_whole=True) / timed(is_whole=False)
+    each = {done: taken / n_runs for done, taken in samples}
+    return Timing(
+        n_steps=tuple(each),
+        seconds=tuple(each.values()),
+        is_quadratic=is_quadratic,
+        multiple=multiple,
+    )
 
 
 def short_job(
     scenes: Sequence[Scene],
     method: AnyMethod,
+    steps: Sequence[AnySteps],
     n_steps: int,
     *,
     observations: Sequence[Observations],
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     grading: float = 1.0,
-) -> Callable[[int], object]:
-    """The first steps of a run, or of a batch of members, with all its requested outputs.
+) -> Job:
+    """The first steps of a run, or of a batch of members, with all its requested outputs or none.
 
     Steps have the size of the whole job; those of graded meshes go to the end of the motion.
+    Impacts are no outputs: they belong to the motion.
     """
 
-    def run(short: int) -> object:
-        own, steps = scenes, list[AnySteps]([short] * len(scenes))
-        if grading == 1.0:
+    def run(short: int, is_whole: bool) -> object:
+        own, its = scenes, list(steps)
+        if short < n_steps and grading == 1.0:
             share = short / n_steps
             own = [replace(one, final_time=share * one.final_time) for one in scenes]
-        else:
-            steps = [
-                graded_mesh(one.final_time, short, grading, one.break_points) for one in scenes
-            ]
+            its = [short] * len(scenes)
+        elif short < n_steps:
+            its = [graded_mesh(one.final_time, short, grading, one.break_points) for one in scenes]
         requests = [_until(one, own[0].final_time) for one in observations]
+        first = requests[0]
+        if not is_whole and first.impacts and isinstance(method, Method):
+            return integrate_with_impacts(
+                own[0],
+                method,
+                short,
+                first.impacts,
+                coordinates=first.coordinates,
+                parameters=first.parameters,
+            )
+        if not is_whole:
+            requests = [Observations()] * len(scenes)
         return integrate_requested(
-            own, method, steps, requests, every=every, diagnostics=diagnostics
+            own,
+            method,
+            its,
+            requests,
+            every=every,
+            diagnostics=diagnostics if is_whole else NO_DIAGNOSTICS,
+            with_steps=not observations[0].is_empty,
         )
 
     return run

@@ -14,7 +14,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.integrator.members import companions
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.plan import Plan, plan_run
-from fvi_cli.planning.seconds import Timing, short_job, time_runs
+from fvi_cli.planning.seconds import Timing, short_job, time_job
 from fvi_cli.runner.executors.batches import batches_of, pack_size
 from fvi_cli.runner.executors.jobs import crash
 from fvi_cli.runner.parts.shard import shard_named
@@ -171,20 +171,23 @@ def _alike(runs: Sequence[Run]) -> list[list[Run]]:
 
 
 def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
-    """Short runs of a batch, seconds of each of its members; None where they cannot be done."""
+    """The begin of a batch, seconds of each of its members; None where it cannot be done."""
     run, experiment = batch[0], batch[0].experiment
+    # of members that are integrated individually one says enough
+    together = batch if plan.members > 1 and experiment.diagnostics.is_empty else batch[:1]
     job = short_job(
-        [one.scene for one in batch],
+        [one.scene for one in together],
         run.method,
+        [one.steps for one in together],
         run.n_steps,
         every=experiment.store_every,
         diagnostics=experiment.diagnostics if isinstance(run.method, Method) else NO_DIAGNOSTICS,
-        observations=[one.observations for one in batch],
+        observations=[one.observations for one in together],
         grading=experiment.grading,
     )
     is_quadratic = bool(plan.history_operations) and plan.mesh.n_lags == plan.mesh.n_steps
     try:
-        return time_runs(job, run.n_steps, n_runs=len(batch), is_quadratic=is_quadratic)
+        return time_job(job, run.n_steps, n_runs=len(together), is_quadratic=is_quadratic)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError):
         return None
 
