@@ -187,15 +187,16 @@ def _check_members(
         return
     if len(members) >= MANY:
         _logger.info("checking %d members of a sweep", len(members))
+    trial = replace(at, complaints=at.complaints.separate())
     for member, combination in zip(members, sweep.combinations, strict=True):
         if not at.complaints.checks_member(member.number):
             continue
         specification = with_values(template, member.values)
-        own = at.complaints.separate()
         # the places are those of the first member; they matter only where something is wrong
-        _check_member(specification, first, replace(at, complaints=own), check)
-        if not len(own):
+        _check_member(specification, first, trial, check)
+        if not len(trial.complaints):
             continue
+        trial = replace(at, complaints=at.complaints.separate())
         own = at.complaints.separate()
         tree = tree_of(sweep, at.node, combination)
         _check_member(specification, first, replace(at, node=tree, complaints=own), check)

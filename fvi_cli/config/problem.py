@@ -12,7 +12,7 @@ import numpy as np
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
-from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
+from fvi_cli.keys.cursor import INVALID, PLAIN, Cursor, is_complete
 from fvi_cli.keys.nodes import ScalarNode
 from fvi_cli.keys.settings import Setting
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
@@ -97,6 +97,8 @@ def _check_sizes(problem: Kind, at: Cursor) -> None:
     stated = problem.stated_size()
     sized = [] if stated is None else [stated]
     for path, value in _sized(problem):
+        if type(value) in PLAIN:
+            continue
         size = len(value) if isinstance(value, list | tuple) else matrix_size(value)
         if size is not None:
             sized.append((path, size))

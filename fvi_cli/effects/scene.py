@@ -98,7 +98,7 @@ class Scene:
         d = self.inertia.dimension
         for name in ("initial_position", "initial_velocity"):
             value = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
-            if value.shape != (d,) or not np.all(np.isfinite(value)):
+            if value.shape != (d,) or not np.isfinite(value).all():
                 raise ArgumentError(name, f"{d} finite numbers are needed, got {value.tolist()}")
             set_arrays(self, **{name: value})
         try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fvi_cli.keys.complaints import excerpt, listed
-from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.cursor import PLAIN, Cursor
 from fvi_cli.keys.nodes import ListNode, MappingNode, ScalarNode, read_scalar
 from fvi_cli.keys.scalars import Schema, Shape, referred
 
@@ -178,7 +178,7 @@ class ByForm(Shape):
         shape: Shape | None = self.single
         if isinstance(value, list | tuple):
             shape = self.several
-        elif isinstance(value, Mapping):
+        elif type(value) not in PLAIN and isinstance(value, Mapping):
             shape = next((one for one in self.mappings if one.has_any(value)), None)
         return value if shape is None else shape.build(value)
 

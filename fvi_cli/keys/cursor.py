@@ -26,22 +26,26 @@ REQUIRED: Final = Missing.REQUIRED
 OPTIONAL: Final = Missing.OPTIONAL
 
 
+PLAIN: Final = (float, str, int, bool, type(None))
+"""Types of values that hold no others."""
+
+
 class Built:
     """A value that was made of a mapping."""
 
 
 def is_complete(value: object) -> bool:
     """Whether nothing in a value that was read is INVALID."""
-    # most values are these, and whether something is a mapping takes long to ask
-    if type(value) in (float, str, int, bool):
+    # most values are plain, and whether something is a mapping takes long to ask
+    if type(value) in PLAIN:
         return True
-    if isinstance(value, Built):
-        value = vars(value)
-    if isinstance(value, Mapping):
-        return all(is_complete(entry) for entry in value.values())
+    if value is INVALID:
+        return False
     if isinstance(value, list | tuple):
-        return all(is_complete(entry) for entry in value)
-    return value is not INVALID
+        return all(map(is_complete, value))
+    if isinstance(value, Built):
+        return all(map(is_complete, vars(value).values()))
+    return not isinstance(value, Mapping) or all(map(is_complete, value.values()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

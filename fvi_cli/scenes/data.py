@@ -81,10 +81,15 @@ def scene_function(make: _Make) -> _Make:
     known += [every[name] for name in SceneData.__annotations__]
     signature = inspect.Signature(known, return_annotation="Scene")
     numbers = {one.name for one in known if str(one.annotation).startswith(_NUMBERS)}
+    allowed, needed = (
+        {one.name for one in known if is_any or one.default is one.empty}
+        for is_any in (True, False)
+    )
 
     @functools.wraps(make)
     def checked(*unnamed: Any, **given: Any) -> Scene:
-        check_arguments(make.__name__, unnamed, given, signature)
+        if unnamed or not needed <= given.keys() <= allowed:
+            check_arguments(make.__name__, unnamed, given, signature)
         for name in given.keys() & {"damping", "laws"}:
             given[name] = listed_effects(name, given[name])
         for name in given.keys() & {"forcing", "ground_acceleration"}:

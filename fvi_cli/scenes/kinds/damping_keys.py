@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -357,8 +358,11 @@ def damping_effects(
     for index, term in enumerate(terms):
         try:
             made = term.effects(partial(on, term))
-            number = before + index + 1
-            found.extend(replace(one, name=term.name or "", number=number) for one in made)
+            for one in made:
+                # `replace` would check its matrix once more
+                own = copy.copy(one)
+                vars(own).update(name=term.name or "", number=before + index + 1)
+                found.append(own)
         except ArgumentError as error:
             raise error.below(f"{place}.{index}") from None
     damping = tuple(one for one in found if isinstance(one, FractionalDamping))

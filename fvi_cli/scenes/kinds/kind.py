@@ -118,8 +118,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         stated = self.stated_size()
         entries = [self.initial.position, *self._matrices()]
         entries += [term.factor for term in self.damping if term.acts_on is None]
-        size = max(_size(entry) for entry in entries) if stated is None else stated[1]
-        return ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
+        return _numbered(max(map(_size, entries)) if stated is None else stated[1])
 
     def _matrices(self) -> tuple[object, object]:
         return getattr(self, "mass", None), getattr(self, "stiffness", None)
@@ -200,7 +199,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             exact_source=source,
             exact_error=error,
             equation=_with_laws(self.equation, scene),
-            coordinates=self.coordinate_names(),
+            coordinates=self.own_names() or _numbered(scene.dimension),
             inputs={name: self._driver(name, ()) for name in ground},
             numbers=self.numbers(),
             ready=self.ready_quantities(),
@@ -213,6 +212,10 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
     def ready_quantities(self) -> Mapping[str, Expression]:
         """Formulas of quantities that need none, by their names."""
         return {}
+
+
+def _numbered(size: int) -> tuple[str, ...]:
+    return ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
 
 
 def _with_laws(equation: str, scene: Scene) -> str:
