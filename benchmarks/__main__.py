@@ -15,6 +15,7 @@ from benchmarks.constants import run_constants
 from benchmarks.executors import executors_page
 from benchmarks.fits import N_BENCH, N_FITS, N_STARTS, run_bench, run_fits
 from benchmarks.floors import floor_table, run_floors
+from benchmarks.forecasts import forecast_table, run_forecasts
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.parts import parts_page
@@ -47,6 +48,10 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     ),
     "executors": ("Who computes side by side", lambda asked: executors_page()),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
+    "forecasts": (
+        "What a dry run forecasts",
+        lambda asked: forecast_table(run_forecasts(asked.seed)),
+    ),
     "parts": (
         "What a sweep in parts takes",
         lambda asked: parts_page(asked.members, computed=not asked.made_up),
@@ -155,7 +160,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=int,
         default=secrets.randbelow(10**9),
         metavar="S",
-        help="truth: of the random scenes; default: another one every time, which is printed",
+        help="forecasts, truth: of the random scenes; default: another one every time, which is "
+        "printed",
     )
     parser.add_argument(
         "--most-wrong",
@@ -190,7 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command += f" --fits {min(asked.fits, N_BENCH)}"
         if name in ("robustness", "truth"):
             command += f" --per-mille {asked.per_mille}"
-        if name == "truth":
+        if name in ("forecasts", "truth"):
             command += f" --seed {asked.seed}"
         if name == "parts":
             command += f" --members {asked.members}{' --made-up' if asked.made_up else ''}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measuring import in_own_process, table, yes_or_no
+from benchmarks.measuring import in_own_process, number, table, yes_or_no
 from fvi_cli.runner.compute import run
 from fvi_cli.runner.plan import forecast_runs, plan
 from fvi_cli.runner.request import requested
@@ -44,8 +44,10 @@ class ForecastRow:
         return 1 / FACTOR <= self.ratio <= FACTOR
 
 
-def drawn_config(rng: np.random.Generator, observed: str) -> Config:
-    """An experiment of one to a hundred members of which something is observed."""
+def drawn_config(
+    rng: np.random.Generator, observed: str, *, most_members: int = 100, most_steps: int = 2000
+) -> Config:
+    """An experiment of one member, or many, of which something is observed."""
     kinds = ["pendulum", "duffing", "damped-oscillator", "lagrangian", "chain"]
     kind = "lagrangian" if observed == "impacts" else str(rng.choice(kinds))
     omega, end = rng.uniform(0.5, 3.0), float(rng.uniform(5.0, 100.0))
@@ -78,7 +80,7 @@ def drawn_config(rng: np.random.Generator, observed: str) -> Config:
     if rng.random() < 0.6:
         problem["exact"] = "none"
     each = int(rng.integers(4, 30))
-    n_steps = int(min(each * end, 2000))
+    n_steps = int(min(each * end, most_steps))
     degree = int(rng.choice([2, 3, 4, 6]))
     config: Config = {
         "name": "drawn",
@@ -86,7 +88,7 @@ def drawn_config(rng: np.random.Generator, observed: str) -> Config:
         "method": {"rk": "gauss", "degree": degree},
         "ladder": {"steps": [n_steps] if rng.random() < 0.5 else [n_steps, 2 * n_steps]},
     }
-    members = int(np.exp(rng.uniform(0.0, np.log(100.0))))
+    members = int(np.exp(rng.uniform(0.0, np.log(most_members))))
     if members > 1:
         config["sweep"] = {swept: {"from": 0.05, "to": 0.6, "number": members}}
     several: dict[str, Config] = {
@@ -118,12 +120,34 @@ def measure_forecast(config: Config) -> ForecastRow:
     known = [one for one in found if one is not None]
     return ForecastRow(
         kind=str(config["problem"]["kind"]),
-        observed=", ".join(one for one in ("events", "impacts", "output", "quantities") if one in config),
+        observed=", ".join(
+            one for one in ("events", "impacts", "output", "quantities") if one in config
+        ),
         members=max(1, len(experiment.members)),
         n_steps=", ".join(map(str, experiment.steps)),
         asking=asked - began,
         forecast=sum(known) if len(known) == len(found) else float("nan"),
         computed=done - asked,
+    )
+
+
+def forecast_table(rows: Sequence[ForecastRow]) -> str:
+    """Markdown: what was forecast, what it took, and whether that is near enough."""
+    return table(
+        "Processor seconds of all runs of an experiment with what its errors are measured against, "
+        "as `--dry-run` forecasts them and as they were computed by the same process afterwards.",
+        ("kind", "observed", "members", "N", "forecast", "computed", "ratio", "asking", "met"),
+        [
+            (
+                *(row.kind, row.observed, str(row.members), row.n_steps),
+                *(
+                    number(one, ".2f")
+                    for one in (row.forecast, row.computed, row.ratio, row.asking)
+                ),
+                yes_or_no(row.is_met),
+            )
+            for row in rows
+        ],
     )
 
 

@@ -20,9 +20,7 @@ _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 
 @contextlib.contextmanager
-def on_progress(
-    watcher: Watcher, *, seconds_between: float = SECONDS_BETWEEN
-) -> Iterator[None]:
+def on_progress(watcher: Watcher, *, seconds_between: float = SECONDS_BETWEEN) -> Iterator[None]:
     """Tell `watcher` now and then how far the integrations inside the block have come.
 
     Loops report it of their own accord, block by block; they need not be handed the watcher through

@@ -19,11 +19,14 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 
 FIRST_STEPS = 16
-"""Steps of the run that loads modules and makes tables which all share (guessed)."""
-MOST_SECONDS = 0.5
-"""Of the begin of a job, which is stopped then (guessed)."""
-SHARE = 0.25
-"""The part of its steps that is done again, with all outputs and without (guessed)."""
+"""Steps of the run that loads modules and makes tables which all share, and at least of the begin
+of a job (guessed)."""
+MOST_SECONDS, MOST_WITH_IMPACTS = 0.5, 2.0
+"""Of the begin of a job, which is stopped then; impacts come when they come (guessed)."""
+PATIENCE = 4.0
+"""After so many times these a job is stopped before its first steps are done (guessed)."""
+AGAIN_SECONDS = 0.125
+"""Of its steps that are done again, with all outputs and without (guessed)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +55,7 @@ class Timing:
         return float(self.multiple * found)
 
 
-Job = Callable[[int, bool], object]
+ShortJob = Callable[[int, bool], object]
 """Does so many steps, with all outputs that are requested or without."""
 
 
@@ -61,12 +64,12 @@ class _EnoughError(Exception):
 
 
 def time_job(
-    run: Job,
+    run: ShortJob,
     n_steps: int,
     *,
     n_runs: int = 1,
     is_quadratic: bool,
-    clock: Callable[[], float] = time.process_time,
+    most_seconds: float = MOST_SECONDS,
 ) -> Timing:
     """Measure the begin of a job; seconds are those of one of its `n_runs` members.
 
@@ -74,29 +77,33 @@ def time_job(
     """
     run(min(FIRST_STEPS, n_steps), True)
     samples: list[tuple[int, float]] = []
-    began = clock()
+    began = time.process_time()
 
     def note(done: int, of: int) -> None:
-        taken = clock() - began
+        taken = time.process_time() - began
         if not samples or done > samples[-1][0]:
             # meshes with a graded start have more steps
             samples.append((done * n_steps // of, taken))
-        if taken > MOST_SECONDS and samples[-1][0] > samples[0][0]:
+        ahead = samples[-1][0] - samples[0][0]
+        # many short steps may stand before the first of those that follow
+        if taken > most_seconds and (
+            ahead >= FIRST_STEPS or (ahead and taken > PATIENCE * most_seconds)
+        ):
             raise _EnoughError
 
     try:
         with on_progress(note, seconds_between=0.0):
             run(n_steps, False)
-        samples.append((n_steps, clock() - began))
+        samples.append((n_steps, time.process_time() - began))
     except _EnoughError:
         pass
     done, seconds = samples[-1]
-    again = max(1, int(min(n_steps, done * min(1.0, SHARE * MOST_SECONDS / seconds))))
+    again = max(1, int(done * min(1.0, AGAIN_SECONDS / max(seconds, 1e-9))))
 
     def timed(*, is_whole: bool) -> float:
-        began = clock()
+        began = time.process_time()
         run(again, is_whole)
-        return clock() - began
+        return time.process_time() - began
 
     multiple = timed(is_whole=True) / timed(is_whole=False)
     each = {done: taken / n_runs for done, taken in samples}
@@ -111,29 +118,28 @@ def time_job(
 def short_job(
     scenes: Sequence[Scene],
     method: AnyMethod,
-    steps: Sequence[AnySteps],
     n_steps: int,
     *,
-    observations: Sequence[Observations],
+    observations: Sequence[Observations] = (),
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     grading: float = 1.0,
-) -> Job:
+) -> ShortJob:
     """The first steps of a run, or of a batch of members, with all its requested outputs or none.
 
     Steps have the size of the whole job; those of graded meshes go to the end of the motion.
     Impacts are no outputs: they belong to the motion.
     """
+    requested = observations or [Observations()] * len(scenes)
 
     def run(short: int, is_whole: bool) -> object:
-        own, its = scenes, list(steps)
-        if short < n_steps and grading == 1.0:
+        own, its = scenes, list[AnySteps]([short] * len(scenes))
+        if grading != 1.0:
+            its = [graded_mesh(one.final_time, short, grading, one.break_points) for one in scenes]
+        elif short < n_steps:
             share = short / n_steps
             own = [replace(one, final_time=share * one.final_time) for one in scenes]
-            its = [short] * len(scenes)
-        elif short < n_steps:
-            its = [graded_mesh(one.final_time, short, grading, one.break_points) for one in scenes]
-        requests = [_until(one, own[0].final_time) for one in observations]
+        requests = [_until(one, own[0].final_time) for one in requested]
         first = requests[0]
         if not is_whole and first.impacts and isinstance(method, Method):
             return integrate_with_impacts(
@@ -153,7 +159,7 @@ def short_job(
             requests,
             every=every,
             diagnostics=diagnostics if is_whole else NO_DIAGNOSTICS,
-            with_steps=not observations[0].is_empty,
+            with_steps=not requested[0].is_empty,
         )
 
     return run

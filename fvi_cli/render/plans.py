@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
     """One line for every run: what would be done with it, why, which effects it has, what it takes.
 
     Members of a sweep with which the same would be done share a line, which has the effects of the
-    first of them and what each takes. `in_full`: the machinery of every run stands below.
+    first of them, and the time of all. `in_full`: the machinery of every run stands below.
     """
     header = ("experiment", "method", "n_steps", "step_size", "action", "predicted", "effects")
     rows = [(*header, "operations", "memory", "time", "reason")]
@@ -37,7 +38,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
                 ", ".join([*effects_of(run.problem), *describe_observations(run)]),
-                *_costs(forecasts.get(run)),
+                *_costs([forecasts.get(one.run) for one in alike]),
                 plan.reason,
             )
         )
@@ -69,14 +70,18 @@ def machinery_as_text(plans: Mapping[Run, Plan]) -> str:
     )
 
 
-def _costs(forecast: Forecast | None) -> tuple[str, str, str]:
-    if forecast is None:
+def _costs(forecasts: Sequence[Forecast | None]) -> tuple[str, str, str]:
+    first = forecasts[0]
+    if first is None:
         return ("-", "-", "-")
-    count, seconds = forecast.plan.history_operations, forecast.seconds
+    count = first.plan.history_operations
+    seconds = sum(
+        math.nan if one is None or one.seconds is None else one.seconds for one in forecasts
+    )
     return (
         "-" if count is None else str(count),
-        f"{forecast.plan.memory_bytes / 1e6:.3g} MB",
-        "-" if seconds is None else f"about {seconds:.{1 if seconds < 10 else 3}g} s",
+        f"{first.plan.memory_bytes / 1e6:.3g} MB",
+        "-" if math.isnan(seconds) else f"about {seconds:.{1 if seconds < 10 else 3}g} s",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +15,27 @@ from fvi_cli.errors import RequestError
 from fvi_cli.integrator.members import companions
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.plan import Plan, plan_run
-from fvi_cli.planning.seconds import Timing, short_job, time_job
+from fvi_cli.planning.seconds import (
+    MOST_SECONDS,
+    MOST_WITH_IMPACTS,
+    ShortJob,
+    Timing,
+    short_job,
+    time_job,
+)
 from fvi_cli.runner.executors.batches import batches_of, pack_size
 from fvi_cli.runner.executors.jobs import crash
 from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
-from fvi_cli.studies.experiment import Predicted, Run
+from fvi_cli.studies.experiment import Experiment, Predicted, Run
+from fvi_cli.studies.reference import (
+    MOST_STEPS,
+    REFERENCE_METHOD,
+    first_steps,
+    needs_refined_run,
+)
 from fvi_cli.studies.study import prediction_of
 
 MOST_ALIKE = 1024
@@ -122,22 +136,44 @@ def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
 def forecast_runs(plans: Sequence[PlannedRun]) -> dict[Run, Forecast]:
     """What the runs on given steps take, and how long those take that would be computed.
 
-    Times are measured by short runs on the finest steps of every method.
+    Processor seconds are measured on the finest steps of every method, and contain for each run its
+    share of what its error is measured against.
     """
     known = [one for one in plans if not one.finds_steps]
     found = {run: Forecast(plan=plan) for run, plan in engine_plans([p.run for p in known]).items()}
     computed = [p.run for p in known if p.run in found and p.action == "compute"]
     timings: dict[object, Timing | None] = {}
+    shares: dict[Experiment, float] = {}
     for alike in sorted(_alike(computed), key=lambda alike: -alike[0].n_steps):
-        first = alike[0]
+        first, batch = alike[0], batches_of(alike[:MOST_ALIKE])[0]
         key = (first.experiment, first.method)
         if key not in timings:
-            timings[key] = _timing(batches_of(alike[:MOST_ALIKE])[0], found[first].plan)
+            timings[key] = _timing(batch, found[first].plan)
+        if first.experiment not in shares:
+            n_sharing = len([one for one in computed if one.experiment is first.experiment])
+            n_scenes = max(1, len(first.experiment.members))
+            shares[first.experiment] = _reference_seconds(batch) * n_scenes / n_sharing
         timing = timings[key]
         if timing is not None:
-            seconds = timing.at(first.n_steps)
+            seconds = timing.at(first.n_steps) + shares[first.experiment]
             found |= {run: Forecast(plan=found[run].plan, seconds=seconds) for run in alike}
     return found
+
+
+def _reference_seconds(batch: Sequence[Run]) -> float:
+    """Of the refined runs of a scene on grids: two, and every other time a third (guessed)."""
+    experiment, first = batch[0].experiment, batch[0]
+    n_steps = first_steps(math.lcm(*experiment.steps))
+    # an exact solution is held against short runs only
+    is_refined = needs_refined_run(first) and first.problem.exact is None
+    if not is_refined or 2 * n_steps > MOST_STEPS or experiment.grading != 1.0:
+        return 0.0
+    scenes = [one.scene for one in batch]
+    if companions(scenes, REFERENCE_METHOD, n_steps)[0] == 1:
+        scenes = scenes[:1]
+    job = short_job(scenes, REFERENCE_METHOD, 2 * n_steps)
+    timing = _timed(job, 2 * n_steps, len(scenes))
+    return 0.0 if timing is None else timing.at(n_steps) + 2.0 * timing.at(2 * n_steps)
 
 
 def engine_plans(runs: Sequence[Run]) -> dict[Run, Plan]:
@@ -178,7 +214,6 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
     job = short_job(
         [one.scene for one in together],
         run.method,
-        [one.steps for one in together],
         run.n_steps,
         every=experiment.store_every,
         diagnostics=experiment.diagnostics if isinstance(run.method, Method) else NO_DIAGNOSTICS,
@@ -186,8 +221,23 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
         grading=experiment.grading,
     )
     is_quadratic = bool(plan.history_operations) and plan.mesh.n_lags == plan.mesh.n_steps
+    most = MOST_WITH_IMPACTS if run.observations.impacts else MOST_SECONDS
+    return _timed(job, run.n_steps, len(together), most, is_quadratic=is_quadratic)
+
+
+def _timed(
+    job: ShortJob,
+    n_steps: int,
+    n_runs: int,
+    most_seconds: float = MOST_SECONDS,
+    *,
+    is_quadratic: bool = False,
+) -> Timing | None:
+    """The begin of a job; None where it cannot be done."""
     try:
-        return time_job(job, run.n_steps, n_runs=len(together), is_quadratic=is_quadratic)
+        return time_job(
+            job, n_steps, n_runs=n_runs, is_quadratic=is_quadratic, most_seconds=most_seconds
+        )
     except (ValueError, ArithmeticError, np.linalg.LinAlgError):
         return None
 

@@ -282,9 +282,14 @@ def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
     return _without_end(scene, last)
 
 
+def first_steps(common: int) -> int:
+    """Steps of the first refined run on multiples of a common grid."""
+    return common * max(1, math.ceil(LEAST_STEPS / common))
+
+
 def _refined_on_grids(scenes: Sequence[Scene], common: int) -> list[Reference]:
     """Runs on multiples of a common grid, doubled for every scene as long as it pays."""
-    n_steps = common * max(1, math.ceil(LEAST_STEPS / common))
+    n_steps = first_steps(common)
     runs = _members(scenes, n_steps)
     errors = [math.inf] * len(runs)
     going = [index for index, run in enumerate(runs) if run.status == "ok"]
