@@ -27,7 +27,6 @@ from fvi_cli.runner.executors.jobs import (
     crash,
     no_memory,
 )
-from fvi_cli.studies.reference import Reference
 
 _logger = logging.getLogger(__name__)
 
@@ -138,31 +137,28 @@ def _finished(job: Job, answer: Results | Crash) -> FinishedJob:
     return FinishedJob(job=job, results=results)
 
 
-def compute_individually(
-    error: Exception, job: Job, references: References, compute: ComputeJob
-) -> Results:
-    """Compute every run of a job by itself, after computing the job has raised an exception.
+def compute_soundly(job: Job, references: References, compute: ComputeJob) -> Results:
+    """Compute the runs of a job, each by itself where all at once raise an exception.
 
     Raises
     ------
     MemoryError
         If there is not enough memory: that is the fault of none of the runs.
     """
-    if isinstance(error, MemoryError):
-        raise error
+    try:
+        return compute(job, references)
+    except MemoryError:
+        raise
+    except Exception as mistake:
+        error = mistake
     if len(job.runs) == 1:
         return [crash(error)]
     _logger.debug("%d runs together: %s", len(job.runs), crash(error).trace)
     _logger.warning("%d runs are computed one by one: %s", len(job.runs), crash(error).message)
-    given: Sequence[Sequence[Reference | None]] = [[one] for one in references]
     found: list[Result] = []
-    for run, own in zip(job.runs, given or [()] * len(job.runs), strict=True):
-        try:
-            found += compute(replace(job, runs=(run,)), own)
-        except MemoryError:
-            raise
-        except Exception as mistake:
-            found.append(crash(mistake))
+    for index, run in enumerate(job.runs):
+        own = replace(job, runs=(run,))
+        found += compute_soundly(own, references[index : index + 1], compute)
     return found
 
 
@@ -188,10 +184,7 @@ class InProcess(Executor):
         ((job, references),) = self.given
         try:
             with on_progress(partial(self.watch, job)) if self.watch else nullcontext():
-                try:
-                    answer: Answer = self.compute_job(job, references)
-                except Exception as error:
-                    answer = compute_individually(error, job, references, self.compute_job)
+                answer: Answer = compute_soundly(job, references, self.compute_job)
         except MemoryError as error:
             answer = no_memory(error)
         self.given = []

@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from fvi_cli.errors import ExecutorError
-from fvi_cli.runner.executors.executor import compute_individually
+from fvi_cli.runner.executors.executor import compute_soundly
 from fvi_cli.runner.executors.jobs import ComputeJob, Crash, Job, References, Results
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.code import Code, own_code
@@ -74,13 +74,9 @@ def compute_portable(compute: ComputeJob, portable: PortableJob) -> PortableResu
     if differences := code.differences(own_code()):
         raise ExecutorError(f"it has {differences}; install the same on both sides")
     job, references = pickle.loads(content)  # noqa: S301 - made by the parent process
-    try:
-        results = compute(job, references)
-    except Exception as error:
-        results = compute_individually(error, job, references, compute)
     return [
         _fields_of(one) | {"run": _choice(one.run)} if isinstance(one, FinishedRun) else one
-        for one in results
+        for one in compute_soundly(job, references, compute)
     ]
 
 
