@@ -68,7 +68,7 @@ def time_job(
     n_steps: int,
     *,
     n_runs: int = 1,
-    is_quadratic: bool,
+    is_quadratic: bool = False,
     most_seconds: float = MOST_SECONDS,
 ) -> Timing:
     """Measure the begin of a job; seconds are those of one of its `n_runs` members.

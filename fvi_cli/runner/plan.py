@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +19,6 @@ from fvi_cli.planning.plan import Plan, plan_run
 from fvi_cli.planning.seconds import (
     MOST_SECONDS,
     MOST_WITH_IMPACTS,
-    ShortJob,
     Timing,
     short_job,
     time_job,
@@ -146,16 +146,18 @@ def forecast_runs(plans: Sequence[PlannedRun]) -> dict[Run, Forecast]:
     shares: dict[Experiment, float] = {}
     for alike in sorted(_alike(computed), key=lambda alike: -alike[0].n_steps):
         first, batch = alike[0], batches_of(alike[:MOST_ALIKE])[0]
-        key = (first.experiment, first.method)
+        key, experiment = (first.experiment, first.method), first.experiment
         if key not in timings:
-            timings[key] = _timing(batch, found[first].plan)
-        if first.experiment not in shares:
-            n_sharing = len([one for one in computed if one.experiment is first.experiment])
-            n_scenes = max(1, len(first.experiment.members))
-            shares[first.experiment] = _reference_seconds(batch) * n_scenes / n_sharing
+            timings[key] = None
+            with contextlib.suppress(ValueError, ArithmeticError, np.linalg.LinAlgError):
+                timings[key] = _timing(batch, found[first].plan)
+                if experiment not in shares:
+                    n_sharing = sum(one.experiment is experiment for one in computed)
+                    n_scenes = max(1, len(experiment.members))
+                    shares[experiment] = _reference_seconds(batch) * n_scenes / n_sharing
         timing = timings[key]
         if timing is not None:
-            seconds = timing.at(first.n_steps) + shares[first.experiment]
+            seconds = timing.at(first.n_steps) + shares.get(experiment, 0.0)
             found |= {run: Forecast(plan=found[run].plan, seconds=seconds) for run in alike}
     return found
 
@@ -172,8 +174,8 @@ def _reference_seconds(batch: Sequence[Run]) -> float:
     if companions(scenes, REFERENCE_METHOD, n_steps)[0] == 1:
         scenes = scenes[:1]
     job = short_job(scenes, REFERENCE_METHOD, 2 * n_steps)
-    timing = _timed(job, 2 * n_steps, len(scenes))
-    return 0.0 if timing is None else timing.at(n_steps) + 2.0 * timing.at(2 * n_steps)
+    timing = time_job(job, 2 * n_steps, n_runs=len(scenes))
+    return timing.at(n_steps) + 2.0 * timing.at(2 * n_steps)
 
 
 def engine_plans(runs: Sequence[Run]) -> dict[Run, Plan]:
@@ -206,8 +208,8 @@ def _alike(runs: Sequence[Run]) -> list[list[Run]]:
     return list(groups.values())
 
 
-def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
-    """The begin of a batch, seconds of each of its members; None where it cannot be done."""
+def _timing(batch: Sequence[Run], plan: Plan) -> Timing:
+    """The begin of a batch, seconds of each of its members."""
     run, experiment = batch[0], batch[0].experiment
     # of members that are integrated individually one says enough
     together = batch if plan.members > 1 and experiment.diagnostics.is_empty else batch[:1]
@@ -220,26 +222,13 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing | None:
         observations=[one.observations for one in together],
         grading=experiment.grading,
     )
-    is_quadratic = bool(plan.history_operations) and plan.mesh.n_lags == plan.mesh.n_steps
-    most = MOST_WITH_IMPACTS if run.observations.impacts else MOST_SECONDS
-    return _timed(job, run.n_steps, len(together), most, is_quadratic=is_quadratic)
-
-
-def _timed(
-    job: ShortJob,
-    n_steps: int,
-    n_runs: int,
-    most_seconds: float = MOST_SECONDS,
-    *,
-    is_quadratic: bool = False,
-) -> Timing | None:
-    """The begin of a job; None where it cannot be done."""
-    try:
-        return time_job(
-            job, n_steps, n_runs=n_runs, is_quadratic=is_quadratic, most_seconds=most_seconds
-        )
-    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
-        return None
+    return time_job(
+        job,
+        run.n_steps,
+        n_runs=len(together),
+        is_quadratic=bool(plan.history_operations) and plan.mesh.n_lags == plan.mesh.n_steps,
+        most_seconds=MOST_WITH_IMPACTS if run.observations.impacts else MOST_SECONDS,
+    )
 
 
 def check_memory(request: Request, settings: Settings) -> None:
