@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.looks import EXACT, Look
@@ -17,6 +20,18 @@ FEW_POINTS = 2001
 MOST_POINTS = 20_000
 """Points of a line up to which files hold them all; a longer one is a picture in them."""
 _VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
+_MARK, _PIECE = 2.5, 7.0  # points within which a mark hides another, and of a line in its turn
+_RING = 4.5  # points of a peak's mark
+PEAK: Mapping[str, Any] = {
+    "marker": "o",
+    "linestyle": "none",
+    "markersize": _RING,
+    "markerfacecolor": "none",
+    "markeredgewidth": 1.1,
+    "zorder": 6,
+    "clip_on": False,
+}
+"""Properties of the ring at a peak."""
 _SAME = 0.02  # of a panel's height: less is one line to the eye
 
 
@@ -29,7 +44,7 @@ class Curve:
     label: str = ""  # its entry in the legend
     by: float = math.nan  # a number that a colour bar shows in place of the label
     look: Look | None = None  # None: by its place among the curves of the panel
-    peaks: Sequence[tuple[float, float]] = ()  # points that are marked by crosses
+    peaks: Sequence[tuple[float, float]] = ()  # points that are marked by rings
     # regions around it: what they are, and their lower and upper edges over x
     bands: Sequence[tuple[str, Array, Array]] = ()
     lost: Sequence[tuple[float, str]] = ()  # abscissas without a value, with what happened
@@ -78,6 +93,12 @@ class Panel:
     rounding: float = 0.0  # values below are hatched as round-off
     levels: Sequence[float] = ()  # dashed horizontal lines
 
+    @property
+    def gaps(self) -> str:
+        """What is said of values behind the first that a logarithmic axis cannot show."""
+        is_broken = self.is_log and any(np.any(curve.y[1:] == 0) for curve in self.curves)
+        return "gaps: exactly 0" if is_broken else ""
+
 
 def looks(curves: Sequence[Curve], *, marked: bool) -> list[Look]:
     """What every curve of a panel looks like: as it says, else by its place."""
@@ -97,13 +118,7 @@ def merge_alike(panels: Sequence[Panel]) -> list[Panel]:
     count = len(panels[0].curves)
     if any(p.is_ensemble or p.is_log or len(p.curves) != count for p in panels):
         return list(panels)
-    groups: list[list[int]] = []
-    for k in range(count):
-        own = next((g for g in groups if all(_coincide(p, g[0], k) for p in panels)), None)
-        if own is None:
-            groups.append([k])
-        else:
-            own.append(k)
+    groups = in_groups(count, lambda one, other: all(_coincide(p, one, other) for p in panels))
     return [
         replace(
             panel,
@@ -120,6 +135,18 @@ def merge_alike(panels: Sequence[Panel]) -> list[Panel]:
     ]
 
 
+def in_groups(count: int, is_alike: Callable[[int, int], bool]) -> list[list[int]]:
+    """The numbers below `count` in groups, each of those that are like the first of it."""
+    groups: list[list[int]] = []
+    for k in range(count):
+        own = next((group for group in groups if is_alike(group[0], k)), None)
+        if own is None:
+            groups.append([k])
+        else:
+            own.append(k)
+    return groups
+
+
 def _coincide(panel: Panel, first: int, second: int) -> bool:
     one, other = panel.curves[first], panel.curves[second]
     if EXACT in (one.look, other.look) or one.x.shape != other.x.shape:
@@ -133,14 +160,6 @@ def _coincide(panel: Panel, first: int, second: int) -> bool:
         return False
     a, b = one.y[there], other.y[there]
     return bool(np.abs(a - b).max() <= _SAME * np.ptp([a, b]))
-
-
-def is_near(one: Curve, other: Curve) -> bool:
-    """Whether marks of two ladders lie upon each other at half of their points or more."""
-    shared, a, b = np.intersect1d(one.x, other.x, return_indices=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        distance = np.abs(np.log10(one.y[a] / other.y[b]))
-    return bool(shared.size and np.mean(distance < 0.06) >= 0.5)
 
 
 def join_labels(labels: Sequence[str]) -> str:
@@ -163,3 +182,39 @@ def join_labels(labels: Sequence[str]) -> str:
     degrees = [tail.removeprefix("degree ") for tail in tails]
     are_degrees = all(degree.isdigit() for degree in degrees)
     return f"{heads[0]}, {f'degrees {listed(degrees)}' if are_degrees else listed(tails)}"
+
+
+def take_turns(axes: Axes) -> None:
+    """Of marks that lie upon each other show one, each curve its share; of lines piece by piece."""
+    lines = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
+    places = [axes.transData.transform(one.get_xydata()) / axes.figure.dpi * 72 for one in lines]
+    points = [(*at, k, i) for k, own in enumerate(places) for i, at in enumerate(own.tolist())]
+    left = sorted(one for one in points if math.isfinite(one[0] + one[1]))
+    shown: list[list[int]] = [[] for _ in lines]
+    while left:
+        here = [one for one in left if math.dist(one[:2], left[0][:2]) < _MARK]
+        least = min((k for *_, k, _ in here), key=lambda k: len(shown[k]))
+        shown[least] += [i for *_, k, i in here if k == least]
+        left = [one for one in left if one not in here]
+    for line, own in zip(lines, shown, strict=True):
+        line.set_markevery(sorted(own))
+    for group in in_groups(len(lines), lambda k, j: _is_one_line(places[k], places[j])):
+        for place, k in enumerate(group if len(group) > 1 else ()):
+            lines[k].set_linestyle((_PIECE * place, (_PIECE, _PIECE * (len(group) - 1))))
+
+
+def part_peaks(axes: Axes) -> None:
+    """Draw peaks at one place as rings round each other."""
+    seen: list[list[float]] = []
+    for line in (one for one in axes.lines if str(one.get_label()).startswith("_peak")):
+        place = axes.transData.transform(line.get_xydata())[0].tolist()
+        near = sum(math.dist(place, one) < _RING / 2 * axes.figure.dpi / 72 for one in seen)
+        line.set_markersize(_RING * (1 + 0.6 * near))
+        seen.append(place)
+
+
+def _is_one_line(one: Array, other: Array) -> bool:
+    """Whether three points of a line in four lie on another, all in points of type."""
+    (x, y), rising = one.T, other[np.argsort(other[:, 0])].T
+    gap = np.abs(np.interp(x, rising[0], rising[1], left=np.nan, right=np.nan) - y)
+    return bool(np.mean(gap < rcParams["lines.linewidth"]) >= 0.75)

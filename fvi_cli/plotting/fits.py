@@ -79,7 +79,7 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
                 is_log=amplitude is not None and amplitude.part == "magnitude",
             ),
             Panel(
-                curves=lower,
+                curves=lower[::-1],  # the best model on top
                 y=residual,
                 x=with_unit(what, units, what),
                 height=1.0,
@@ -130,15 +130,14 @@ def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
 
 
 def _profile(one: Estimate) -> list[Curve]:
-    """The profile of a parameter, what it is in a linear model, and where its interval ends."""
+    """The profile of a parameter, its linear approximation, and where its interval ends."""
     inside = one.profile[np.abs(one.profile[:, 1]) <= 4.0]
     smooth, spread = _smooth(inside, one), np.array([-2.5, 2.5])
+    line = one.value + spread * one.standard_error
     curves = [
         Curve(x=smooth[0], y=smooth[1], label="profile", look=_PROFILE),
-        Curve(x=inside[:, 0], y=inside[:, 1], label="fits", look=_FITTED),
-        Curve(
-            x=one.value + spread * one.standard_error, y=spread, label="linear model", look=_LINEAR
-        ),
+        Curve(x=inside[:, 0], y=inside[:, 1], label="refits", look=_FITTED),
+        Curve(x=line, y=spread, label="linear approximation", look=_LINEAR),
     ]
     ends = [end for end in (one.low, one.high) if np.isfinite(end)]
     return curves + [
@@ -148,7 +147,7 @@ def _profile(one: Estimate) -> list[Curve]:
 
 
 def _smooth(points: Array, one: Estimate) -> tuple[Array, Array]:
-    """A cubic through the points of a profile, tangent to the linear model."""
+    """A cubic through the points of a profile, tangent to its linear approximation."""
     x, y = points[np.argsort(points[:, 0])].T
     if x.size < 3 or not one.standard_error > 0:
         return x, y

@@ -26,7 +26,8 @@ _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
     "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
 }
 _STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
-_BASELINE_MARKERS = "x+1234|"
+_BASELINE_MARKERS = "x+dh<12"
+_BROAD = 4.0  # points
 # for methods that differ in more than convolution quadrature and degree
 _FURTHER_MARKERS = "<>8dHp"
 
@@ -43,10 +44,15 @@ class Look:
     width: float | None = None
     size: float | None = None
 
+    @property
+    def is_broad(self) -> bool:
+        """Whether it is seen even where others lie upon it."""
+        return (self.width or 0.0) >= _BROAD
+
     def properties(self) -> dict[str, Any]:
         """Keyword arguments of a line of this look."""
         # a white edge keeps filled marks apart that lie upon each other
-        has_edge = self.is_filled and self.marker not in "x+.*|"
+        has_edge = self.is_filled and self.marker not in "x+.*|" and not self.is_broad
         sizes = {"linewidth": self.width, "markersize": self.size}
         return {
             "color": self.colour,
@@ -55,12 +61,13 @@ class Look:
             "markerfacecolor": self.colour if self.is_filled else "white",
             "markeredgecolor": "white" if has_edge else self.colour,
             "markeredgewidth": 0.5 if self.is_filled else 0.9,
+            **({"solid_capstyle": "butt"} if self.is_broad else {}),
             **{name: size for name, size in sizes.items() if size is not None},
         }
 
 
-EXACT = Look(colour="#bdbdbd", width=4.0)
-"""A broad light line, seen even where thin ones lie upon it."""
+EXACT = Look(colour="#bdbdbd", width=_BROAD)
+CHEAPEST = Look(colour="#f6d27c", marker="o", width=6.0, size=6.0)
 
 
 @dataclass(frozen=True, kw_only=True)

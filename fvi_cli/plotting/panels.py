@@ -15,7 +15,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from fvi_cli.plotting.curves import MOST_POINTS, Curve, Panel, is_near, looks, merge_alike
+from fvi_cli.plotting.curves import (
+    MOST_POINTS,
+    PEAK,
+    Curve,
+    Panel,
+    looks,
+    merge_alike,
+    part_peaks,
+    take_turns,
+)
 from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
 from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
@@ -71,7 +80,7 @@ def over_time(
     curves stand at a colour `bar` of that name. `title` stands above the legend. `from_zero`:
     ordinates are sizes. `shared`: all panels have the same abscissas.
     """
-    panels = merge_alike(panels)
+    panels = [replace(one, remark=one.remark or one.gaps) for one in merge_alike(panels)]
     shares = {"sharex": shared, "sharey": columns > 1}
     figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
     for axes, panel in zip(used, panels, strict=True):
@@ -86,6 +95,8 @@ def over_time(
             plain_numbers(axes.xaxis)
     _clear_factors(figure, used, panels, columns)
     figure.align_ylabels(used)
+    for axes in used:
+        part_peaks(axes)
     return figure
 
 
@@ -114,6 +125,7 @@ def ladders(
         limit_ladder(axes, panel.curves)
     figure.draw_without_rendering()
     for axes, panel in zip(used, panels, strict=True):
+        take_turns(axes)
         if panel.has_slopes and not panel.is_ensemble:
             explain(axes, panel.curves)
     return figure
@@ -220,12 +232,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
         first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
         shifted = (first, stride)
-        if nested:
-            later = sum(is_near(curve, other) for other in curves[position + 1 :])
-            if later:
-                properties["markersize"] = 4.0 + 0.9 * min(later, 3)
-                properties["linewidth"] = rcParams["lines.linewidth"] + 0.5 * min(later, 3)
-        elif sum(other.has_line for other in shown) == 1 and look.has_line:
+        if not nested and look.has_line and sum(other.has_line for other in shown) == 1:
             properties["marker"], properties["linestyle"] = "", "-"
         axes.plot(
             xs,
@@ -233,20 +240,16 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             label=curve.label,
             gid=f"floor {curve.floor:.1e}" if curve.floor else None,
             markevery=None if nested or not look.has_line else shifted,
-            zorder=2.0 if look is EXACT else 3 + 0.01 * position + (not look.has_line),
+            zorder=2.0 if look.is_broad else 3 + 0.01 * position + (not look.has_line),
             rasterized=xs.size > MOST_POINTS,
             **properties,
         )
         if curve.peaks:
             axes.plot(
                 *np.array(curve.peaks).T,
-                "x",
                 color=INK if colours is None and len(curves) == 1 else properties["color"],
-                markersize=5,
-                markeredgewidth=1.3,
                 label=f"_peak {curve.label}",
-                zorder=6,
-                clip_on=False,
+                **PEAK,
             )
     if panel.rounding > 0:
         hatch_rounding(axes, 1e-300, panel.rounding)
@@ -274,7 +277,7 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
 def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
     """An entry for every name in the panels, none for a single curve that has no peak."""
     entries: dict[str, Line2D | Patch] = {}
-    size, width = rcParams["lines.markersize"], rcParams["lines.linewidth"]
+    size = rcParams["lines.markersize"]
     for line in (line for one in axes for line in one.lines):
         label = str(line.get_label())
         named = entries.get(label[1:]) if label.startswith("_") else None
@@ -288,9 +291,6 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
         entries[label] = entry = Line2D([], [])
         entry.update_from(line)
         entry.set(label=label, markevery=None)
-        if line.get_markersize() > size and line.get_marker() != "*":
-            # what lies below other curves is larger in the panel
-            entry.set(markersize=size, linewidth=width)
     for label, alpha in {
         label: alpha
         for panel in panels
@@ -302,7 +302,7 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
         for _, _, label, alpha in _BANDS:
             entries[label] = Patch(facecolor=COLOURS[0], alpha=1.5 * alpha, label=label)
     if any(curve.peaks for panel in panels for curve in panel.curves):
-        entries["peak"] = Line2D([], [], color=INK, marker="x", linestyle="none", label="peak")
+        entries["peak"] = Line2D([], [], color=INK, label="peak", **PEAK)
     return list(entries.values())
 
 
@@ -358,7 +358,7 @@ def _clear_factors(
 def _limit_over_time(axes: Axes, panel: Panel) -> None:
     """Keep curves that run away, and zeros of an error, from pressing the others flat."""
     if any(curve.peaks for curve in panel.curves):
-        # room for the crosses
+        # room for the rings
         axes.margins(y=0.15)
     exact = [curve for curve in panel.curves if curve.look is EXACT]
     ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]

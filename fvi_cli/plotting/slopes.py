@@ -235,7 +235,7 @@ def _draw_slopes(
     is_drawn = False
     for order in (*expected, *sorted(stated)):
         is_stated = order in stated
-        label = f"stated {order:g}" if is_stated else f"order {fraction_in_words(order)}"
+        label = f"claimed order {order:g}" if is_stated else f"order {fraction_in_words(order)}"
         box = np.array([72 * text_width(label), small()])
         near = [one for one in ladders if is_stated and one.stated == order]
         near = near or _nearest(ladders, order)

@@ -109,8 +109,8 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     )
     above, below = figure.axes[:2]
     for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
-        text = above.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 2))
-        text.set(fontsize=small() - 1, color=INK, ha="right")
+        text = above.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 0))
+        text.set(fontsize=small() - 1, color=INK, ha="right", va="center")
         text.anncoords = "offset points"
     above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
     rates = np.concatenate([curve.x for curve in upper])

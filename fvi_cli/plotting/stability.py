@@ -41,8 +41,8 @@ UNKNOWN_COLOUR = "#E6E6E6"
 _HATCHES = {UNSTABLE_COLOUR: "////"}
 _COLOURS = {
     "stable": STABLE_COLOUR,
-    "unstable, not yet at the final time": SLOW_COLOUR,
-    "unstable before the final time": UNSTABLE_COLOUR,
+    "unstable, not visible by the final time": SLOW_COLOUR,
+    "unstable, visible by the final time": UNSTABLE_COLOUR,
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
@@ -87,7 +87,7 @@ def step_figure(table: StabilityTable) -> Figure:
     for place, (case, rows) in enumerate(by_case.items()):
         if _growth_line(growth, styles[case], rows):
             _mark_row(bars, place, styles[case])
-            bars.set_title("marks in the panel below", loc="right", fontsize=small(), pad=2.5)
+            bars.set_title("lines in the panel below", loc="right", fontsize=small(), pad=2.5)
     growth.set_ylabel("growth per step $\\log(1/|z|)$")
     if not any(row.prediction.growth_per_step > 0 for row in table.rows):
         growth.set_ylim(1e-3, 1.0)
@@ -103,15 +103,15 @@ def step_figure(table: StabilityTable) -> Figure:
     time = f"$T = {final_time:g}$ {experiment.units.get('time', '')}".rstrip()
     fillings = {
         STABLE_COLOUR: "stable",
-        SLOW_COLOUR: f"unstable, not yet at {time}",
-        UNSTABLE_COLOUR: f"unstable before {time}",
+        SLOW_COLOUR: f"unstable, not visible by {time}",
+        UNSTABLE_COLOUR: f"unstable, visible by {time}",
     }
     if any(row.verdict == "unknown" for row in table.rows):
         fillings[UNKNOWN_COLOUR] = "not predicted"
     marks = [
         Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
         Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
-        Line2D([], [], label="growth in that run", **_GROWTH),
+        Line2D([], [], label="measured growth", **_GROWTH),
     ]
     entries = [*_patches(fillings), *_observed_entries(table, marks)]
     legend_of(figure, entries, above=False)

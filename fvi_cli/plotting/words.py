@@ -45,14 +45,15 @@ def typeset_sum(words: str) -> str:
 
 
 def quantity_in_words(experiment: Experiment, name: str) -> str:
-    """``base shear`` for ``base_shear``; of a damper ``force of wall 3`` for ``force_wall_3``."""
+    """``base shear`` for ``base_shear``; of a damper ``force of wall 3``, ``energy lost in it``."""
     scene = experiment.problem.scene
     kind, _, rest = name.partition("_")
     words = rest.replace("_", " ")
     # a quantity of one's own may begin alike, as force_max
     if not words or scene is None or name not in damper_values(scene):
         return name.replace("_", " ")
-    return f"{kind} of {'damper ' if words[0].isdecimal() else ''}{words}"
+    what = "energy lost in" if kind == "work" else f"{kind} of"
+    return f"{what} {'damper ' if words[0].isdecimal() else ''}{words}"
 
 
 def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...]:

@@ -52,6 +52,15 @@ class CostCurve:
         """
         return len(self.points) > 2 and all(p.status == "floor" for p in self.points)
 
+    @property
+    def unbeaten(self) -> tuple[CostRow, ...]:
+        """The points that no other is more accurate than, or as accurate as, and quicker."""
+        return tuple(
+            one
+            for one in self.points
+            if not any(p.error <= one.error and p.seconds < one.seconds for p in self.points)
+        )
+
     def seconds_to(self, accuracy: float) -> float:
         """Least set-up plus stepping time to an error of at most `accuracy`; nan: not reached.
 
@@ -88,13 +97,8 @@ class CostCurve:
 
         Where tolerances make the curve, only those that no other beats.
         """
-        above = [point for point in self.points if point.status == "ok" and point.error > 0]
-        if self.is_by_tolerance:
-            above = [
-                one
-                for one in above
-                if not any(p.error <= one.error and p.seconds < one.seconds for p in above)
-            ]
+        points = self.unbeaten if self.is_by_tolerance else self.points
+        above = [point for point in points if point.status == "ok" and point.error > 0]
         return tuple(above[-FINEST_ROWS:]) if len(above) > 2 else ()
 
     @property

@@ -220,10 +220,11 @@ def member_curve(one: FinishedRun, x: Array, y: Array) -> Curve:
 
 
 def members_title(experiment: Experiment) -> str:
-    """What stands above a legend of members; designs speak for themselves."""
+    """What stands above a legend of members, with their number where not each has a name."""
     if all(one.name and not one.unnamed for one in experiment.members):
         return ""
-    return f"{len(experiment.members)} members: {swept_keys_in_words(experiment)}"
+    count, words = len(experiment.members), swept_keys_in_words(experiment)
+    return words if count <= MOST_LINES else f"{count} members: {words}"
 
 
 def bar_of(experiment: Experiment, panels: Sequence[Panel]) -> str:
@@ -253,6 +254,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
     names = method_looks([f.run.method for _, finished in studies for f in finished])
     first = _derivative(studies[0])
     where = {"max": "largest on the grid", "final": f"at $t = {first.final_time:g}$"}
+    power = f"^{{{fraction_in_words(first.order)}}}"
     panels: list[Panel] = []
     for exponent in sorted(rows):
         best = max(_largest_order(one) for one in rows[exponent])
@@ -262,7 +264,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
             title = rf"$b = {exponent:g}$: order $\min(p, {fraction_in_words(limit)})$"
             panels.append(
                 Panel(
-                    y="error",
+                    y=rf"error $|D_h{power} f - D{power} f|$",
                     title=title if len(panels) > 1 else f"{where[norm]}\n{title}",
                     height=1.25,
                     curves=[replace(one, order=min(limit, best)) for one in curves],
@@ -318,8 +320,9 @@ def _measured(item: FinishedRun, norm: str) -> float:
 
 def _heading(rows: dict[float, list[Study]], first: DerivativeProblem) -> str:
     family = all(_is_family_member(exponent, studies) for exponent, studies in rows.items())
-    function = r"$t^{\,b-1} \sin t$" if family else r"$f(t) \sim t^{\,b}$"
-    return f"Caputo derivative of order {fraction_in_words(first.order)} of {function} by BDF$p$"
+    function = r"$f(t) = t^{\,b-1} \sin t$" if family else r"$f(t) \sim t^{\,b}$"
+    order = fraction_in_words(first.order)
+    return f"Caputo derivative of order {order} of {function}, and $D_h$ by BDF$p$"
 
 
 def _is_family_member(exponent: float, studies: Sequence[Study]) -> bool:

@@ -1,39 +1,35 @@
-"""What accuracy costs, as a picture: time and work against the error, and who is cheapest."""
+"""What accuracy costs, as a picture: time and work against the error, and what is cheapest."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from fvi_cli.effects.scene import Derivative
 from fvi_cli.integrator.method_names import method_names
-from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.curves import Curve, Panel, take_turns
 from fvi_cli.plotting.ladders.convergence import error_label
-from fvi_cli.plotting.looks import Look, MethodLook, method_looks
+from fvi_cli.plotting.looks import CHEAPEST, Look, MethodLook, method_looks
 from fvi_cli.plotting.panels import ladders
-from fvi_cli.plotting.slopes import make_room
-from fvi_cli.plotting.style import DECORATION, INK, journal_style, label_size, note, text_width
+from fvi_cli.plotting.style import INK, journal_style, label_size
 from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.studies.cost import CostRow, CostTable
-from fvi_cli.studies.cost_curves import Band, CostCurve, cheapest_bands, cost_curves
+from fvi_cli.studies.cost_curves import CostCurve, cost_curves, pareto_front
 
-FRONT_COLOUR = "#f6d27c"
 _COARSEST, _FINEST = 3.0, 2e-15
 DERIVATIVE_NAMES: Mapping[Derivative, str] = {
     "caputo": "Caputo",
     "riemann-liouville": "Riemann–Liouville",
 }
-_STRIP = 0.1  # of a panel's height
 _LONGEST_EQUATION = 48
 _TOLERANCE = Look(colour=INK, marker="*", dashes=(0, (1, 1)), width=0.8, size=5.0)
 
@@ -54,11 +50,10 @@ def cost_figure_names(name: str, tables: Sequence[CostTable]) -> list[str]:
 def cost_figure(table: CostTable) -> Figure:
     """Set-up plus stepping time, and history operations, against the error reached.
 
-    Accuracy grows to the right. The strip on top of the panel of times names the cheapest method
-    at every accuracy, whose runs have a broad line behind them. Baselines are grey. Stars are
-    searches for a tolerance with all their runs. Where no method sums over the past there is no
-    panel of work. A method that has nothing but round-off from the coarsest step on is exact by
-    chance; it is named and not drawn.
+    Accuracy grows to the right. Runs that no other beats in both error and time have a broad
+    line behind them. Baselines are grey. Stars are searches for a tolerance with all their runs.
+    Where no method sums over the past there is no panel of work. A method that has nothing but
+    round-off from the coarsest step on is exact by chance; it is named and not drawn.
     """
     everything = cost_curves(table)
     curves = [curve for curve in everything if not curve.is_exact_by_chance]
@@ -69,13 +64,24 @@ def cost_figure(table: CostTable) -> Figure:
         one.key: MethodLook(label=curve_name(one, names), look=looks[one.methods[0].case].look)
         for one in curves
     }
-    panels = [_panel("set-up and stepping, seconds", curves, own, lambda point: point.seconds)]
-    met = [row for row in table.by_tolerance if row.outcome == "met" and row.error > 0]
-    if met:
-        errors = np.array([max(row.error, _FINEST) for row in met])
-        seconds = np.array([row.seconds for row in met])
-        found = Curve(x=errors, y=seconds, label="by tolerance", look=_TOLERANCE)
-        panels = [Panel(curves=[*panels[0].curves, found], y=panels[0].y, has_slopes=False)]
+    front = [
+        (run.error, run.seconds)
+        for _, run in pareto_front(curves)
+        if run.status == "ok" and run.error < _COARSEST
+    ]
+    met = [
+        (max(row.error, _FINEST), row.seconds)
+        for row in table.by_tolerance
+        if row.outcome == "met" and row.error > 0
+    ]
+    times = _panel("set-up and stepping time (s)", curves, own, lambda point: point.seconds)
+    more = (("cheapest", CHEAPEST, front), ("with a tolerance", _TOLERANCE, met))
+    added = [
+        Curve(x=np.array(xy)[:, 0], y=np.array(xy)[:, 1], label=label, look=look)
+        for label, look, xy in more
+        if xy
+    ]
+    panels = [replace(times, curves=[*times.curves, *added])]
     if table.has_memory:
         label = "multiply-adds on the history"
         panels.append(_panel(label, curves, own, lambda point: float(point.history_operations)))
@@ -90,22 +96,17 @@ def cost_figure(table: CostTable) -> Figure:
     with journal_style():
         figure.suptitle(_title(table), fontsize=label_size())
         figure.set_figheight(figure.get_figheight() + 0.55)
-        times = figure.axes[0]
         errors = np.concatenate([curve.x for panel in panels for curve in panel.curves])
         wide = max(0.06 * math.log10(errors.max() / errors.min()), 0.3)
-        times.set_xlim(min(errors.max() * 10**wide, 2 * _COARSEST), errors.min() / 10**wide)
-        decades = math.log10(times.get_xlim()[0] / times.get_xlim()[1])
+        left, right = min(errors.max() * 10**wide, 2 * _COARSEST), errors.min() / 10**wide
+        figure.axes[0].set_xlim(left, right)
+        base = 1000 if left / right > 1e6 else 10
         for axes in figure.axes[: len(panels)]:
-            axes.xaxis.set_major_locator(LogLocator(base=1000 if decades > 6 else 10, numticks=12))
+            axes.xaxis.set_major_locator(LogLocator(base=base, numticks=12))
             axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
             axes.xaxis.set_minor_formatter(NullFormatter())
             logarithmic_ticks(axes.yaxis, 8)
-        bands = cheapest_bands(curves)
-        for band in bands:
-            _draw_front(times, band)
-        times.set_title("cheapest method (broad line):", loc="left", fontsize="small", pad=2.5)
-        figure.draw_without_rendering()
-        _draw_bands(times, bands, own)
+            take_turns(axes)
     return figure
 
 
@@ -117,7 +118,8 @@ def _panel(
 ) -> Panel:
     found = []
     for curve in curves:
-        drawn = [p for p in curve.points if value(p) > 0 and _shown(p) < _COARSEST]
+        points = curve.unbeaten if curve.is_by_tolerance else curve.points
+        drawn = [p for p in points if value(p) > 0 and _shown(p) < _COARSEST]
         own = looks[curve.key]
         x, y = np.array([(_shown(p), value(p)) for p in drawn]).reshape(-1, 2).T
         found.append(Curve(x=x, y=y, label=own.label, look=own.look))
@@ -144,50 +146,3 @@ def _title(table: CostTable) -> str:
     equation = "".join(f"${part}$" if maths else part for part, maths in to_mathematics(text))
     equation = re.sub(r"([A-Za-z])''", r"\\ddot{\1}", re.sub(r"\\,", r"\\;", equation))
     return f"{equation}\n{below}"
-
-
-def _draw_front(axes: Axes, band: Band) -> None:
-    """A broad line behind those runs of the cheapest method in its band that it does not beat."""
-    own = [
-        p
-        for p in band.curve.points
-        if band.fine <= _shown(p) <= band.coarse
-        and not any(q.error <= p.error and q.seconds < p.seconds for q in band.curve.points)
-    ]
-    line = axes.plot([_shown(p) for p in own], [p.seconds for p in own], color=FRONT_COLOUR)[0]
-    # one run alone is a broad dot
-    line.set(linewidth=6, marker="o", markersize=6, markeredgewidth=0, zorder=1)
-    line.set(label="_cheapest", solid_capstyle="round")
-
-
-def _draw_bands(axes: Axes, bands: Sequence[Band], looks: Mapping[str, MethodLook]) -> None:
-    """A strip at the top with the name, or where that has no room the mark, of the cheapest."""
-    make_room(axes, _STRIP)
-    axes.yaxis.set_minor_locator(NullLocator())
-    coarse, fine = axes.get_xlim()
-    inches = axes.get_window_extent().width / axes.figure.dpi
-    bottom, whole = 1 - _STRIP, math.log10(coarse / fine)
-
-    def draw(left: float, right: float, colour: str, alpha: float) -> None:
-        box = Rectangle((left, bottom), right - left, _STRIP, transform=axes.transAxes, alpha=alpha)
-        box.set(facecolor=colour, edgecolor="white", linewidth=0.8)
-        axes.add_patch(box)
-
-    draw(0, 1, "#f4f4f4", 1.0)
-    for band in bands:
-        left, right = (
-            min(max(math.log10(coarse / error) / whole, 0.0), 1.0)
-            for error in (band.coarse, band.fine)
-        )
-        own = looks[band.curve.key]
-        draw(left, right, own.look.colour, 0.3)
-        edge = axes.plot([right, right], [0, 1], transform=axes.transAxes, **DECORATION)[0]
-        edge.set(color="#bbbbbb", linewidth=0.5, label="_edge", zorder=0.5)
-        middle, height = (left + right) / 2, bottom + _STRIP / 2
-        if text_width(own.label) < (right - left) * inches - 0.03:
-            note(axes, middle, height, own.label)
-        elif (right - left) * inches > 0.07:
-            mark = axes.plot(
-                [middle], [height], transform=axes.transAxes, **DECORATION, **own.look.properties()
-            )[0]
-            mark.set(label="_mark", linestyle="none")

@@ -36,10 +36,9 @@ from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 _MOST_LINES = 24
-_FEW_LINES = 8
 _SHAPES = 17
 _POINTS = 201
-_DRAWN = 4001  # points of one curve
+_SHARE = 0.95  # of the distance of two lines: what they fill of it
 WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
 
@@ -172,7 +171,7 @@ def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: st
     count = position.shape[1]
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
     spacing = (count - 1) / max(drawn.size - 1, 1)
-    lift = _lift(position[:, drawn], (0.8 if count < _FEW_LINES else 1.3) * spacing)
+    lift = _lift(position[:, drawn], spacing)
     for index in drawn[::-1]:
         _draw_lifted(axes, time, position[:, index] * lift, float(index + 1), f"{what} {index + 1}")
     axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
@@ -194,7 +193,7 @@ def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
     modes = np.sin(np.outer(np.arange(1, position.shape[1] + 1), np.pi * place / length))
     picked = np.unique(np.linspace(0, time.size - 1, _SHAPES).round().astype(int))
     shapes = position[picked] @ modes
-    lift = _lift(shapes, 1.1 * (time[picked[1]] - time[picked[0]]))
+    lift = _lift(shapes.T, time[picked[1]] - time[picked[0]])
     for index, shape in zip(picked[::-1], shapes[::-1], strict=True):
         at = float(time[index])
         _draw_lifted(axes, place, shape * lift, at, f"t = {at:.4g}")
@@ -204,16 +203,17 @@ def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
     _scale_bar(axes, experiment, lift, shapes, "u")
 
 
-def _lift(values: Array, height: float) -> float:
-    """Factor that makes the largest displacement `height`."""
-    largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
-    return height / largest if largest > 0 else 1.0
+def _lift(values: Array, spacing: float) -> float:
+    """Factor by which no column, filled to its level, touches the next one above at any time."""
+    up, down = (np.where(sign * values > 0, sign * values, 0.0) for sign in (1, -1))
+    room = max(up.max(), down.max(), (up[:, :-1] + down[:, 1:]).max(initial=0.0))
+    return _SHARE * spacing / room if 0 < room < math.inf else 1.0
 
 
 def _draw_lifted(axes: Axes, x: Array, values: Array, level: float, label: str) -> None:
     """One line above its level, filled to it, so that it is read without colour."""
-    kept = np.unique(np.linspace(0, x.size - 1, min(x.size, _DRAWN)).round().astype(int))
-    x, values = x[kept], values[kept]
+    every = Curve(x=x, y=values).stride()
+    x, values = x[::every], values[::every]
     axes.fill_between(x, level, level + values, color=COLOURS[5], alpha=0.45, linewidth=0)
     axes.plot(x, level + values, color=INK, linewidth=0.8, label=f"_{label}")
 

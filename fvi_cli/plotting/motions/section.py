@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from fvi_cli.integrator.results.observed import Occurrences
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.ladders.convergence import members_title
 from fvi_cli.plotting.looks import Look, method_looks
 from fvi_cli.plotting.motions.paths import position_label
 from fvi_cli.plotting.motions.time_series import (
@@ -78,8 +79,7 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
             (label if len(events) == 1 else f"{event}, {label}", one)
             for label, (_, event, one) in zip(labels, found, strict=True)
         ]
-        title = f"{len(experiment.members)} members: {swept_keys_in_words(experiment)}"
-        return _marks(experiment, series, names[:1], title)
+        return _marks(experiment, series, names[:1], members_title(experiment))
     swept = swept_keys_in_words(experiment) if len(experiment.swept) == 1 else "member"
     above, below = [], []
     for item, event, one in found:
@@ -147,10 +147,9 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     bar = title = ""
     if experiment.members:
         having = finest_of_members([item for item in finished if has_quantities(item)])
-        swept = swept_keys_in_words(experiment)
-        title = f"{len(experiment.members)} members: {swept}"
+        title = members_title(experiment)
         if len(having) > MOST_LINES and None not in [swept_number(o.run.member) for o in having]:
-            bar = swept
+            bar = swept_keys_in_words(experiment)
     else:
         having = [most_accurate(select_runs(finished, has_quantities))]
     panels = []
@@ -183,7 +182,9 @@ def _marked_loops(time: Array, x: Array, y: Array) -> list[Curve]:
     """The loops that the table of quantities reports, on top of the whole motion."""
     marked = []
     for place, (word, loop) in enumerate(last_and_largest_loop(time, x, y).items(), start=1):
-        inside = (time >= loop.begin) & (time <= loop.end)
+        inside = time[(time > loop.begin) & (time < loop.end)]
+        whole = np.array([loop.begin, *inside, loop.end])
         look = Look(colour=COLOURS[place], width=1.4, dashes=LINE_STYLES[place - 1])
-        marked.append(Curve(x=x[inside], y=y[inside], label=f"{word} closed loop", look=look))
+        places = [np.interp(whole, time, values) for values in (x, y)]
+        marked.append(Curve(x=places[0], y=places[1], label=f"{word} closed loop", look=look))
     return marked

@@ -90,7 +90,7 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
         trajectory = item.trajectory
         with np.errstate(over="ignore", invalid="ignore"):
             error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
-        columns.append(np.where(np.isfinite(error) & (error > 0), error, np.nan))
+        columns.append(error)
     several = shown[0].trajectory.position.shape[1] > 1
     label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
     if experiment.problem.exact is None:
@@ -170,7 +170,7 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         parts["work of forcing $W_f$"] = found.forcing_work
         together = "$E + W_d - W_f$"
     if found.stored_energy is not None and np.any(found.stored_energy):
-        parts["of $W_d$ stored $E_s$"] = found.stored_energy
+        parts["stored in dampers $E_s$"] = found.stored_energy
     parts[together] = energy + found.dissipated_work - found.forcing_work
     defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
     upper = with_unit("energy, work", experiment.units, "energy")
