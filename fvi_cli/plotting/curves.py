@@ -95,7 +95,7 @@ class Panel:
 
     @property
     def gaps(self) -> str:
-        """What is said of values behind the first that a logarithmic axis cannot show."""
+        """A remark where a logarithmic axis cannot show a value behind the first."""
         is_broken = self.is_log and any(np.any(curve.y[1:] == 0) for curve in self.curves)
         return "gaps: exactly 0" if is_broken else ""
 

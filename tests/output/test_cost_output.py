@@ -6,9 +6,10 @@ import json
 import math
 import re
 
+import numpy as np
 import pytest
 from command_line import configuration, fvi
-from cost_tables import GAUSS, row, table
+from cost_tables import GAUSS, committed_tables, row, table
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -26,7 +27,6 @@ from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
-from fvi_cli.studies.cost_curves import cheapest_bands, cost_curves
 
 # as the design of the command promises them
 
@@ -81,6 +81,8 @@ class TestFigure:
     def test_methods_are_told_apart_without_colour_and_baselines_are_grey(self):
         axes = drawn().axes[0]
         curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+        broad = curves.pop()
+        assert broad.get_label() == "cheapest"
         assert len({(line.get_marker(), line.get_linestyle()) for line in curves}) == 3
         found = [to_hex(line.get_color()) in BASELINE_COLOURS for line in curves]
         assert found == [False, True, True]
@@ -91,18 +93,32 @@ class TestFigure:
         assert len(drawn().axes) == 2
         assert len(cost_figure(measured(memory=False)).axes) == 1
 
-    def test_the_broad_line_lies_behind_the_runs_of_the_method_that_the_strip_names(self):
-        table = measured()
-        curves = cost_curves(table)
-        axes = drawn().axes[0]
-        bands = cheapest_bands(curves)
-        broad = [line for line in axes.lines if line.get_label() == "_cheapest"]
-        assert len(broad) == len(bands) > 1
-        assert sum(line.get_xdata().size for line in broad) > len(bands)
-        for line, band in zip(broad, bands, strict=True):
-            runs = {(p.error, p.seconds) for p in band.curve.points}
-            assert set(zip(line.get_xdata(), line.get_ydata(), strict=True)) <= runs
-            assert all(band.fine <= error <= band.coarse for error in line.get_xdata())
+    @pytest.mark.parametrize("name", ["cost-paper", "cost-pendulum", "cost-step-forced"])
+    def test_the_broad_line_lies_behind_the_runs_that_no_other_beats(self, name):
+        for one in committed_tables(name):
+            axes = cost_figure(one).axes[0]
+            lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
+            front = lines.pop("cheapest").T
+            runs = np.concatenate([line.T for line in lines.values()])
+            assert {tuple(run) for run in front} <= {tuple(run) for run in runs}
+            beaten = [((runs <= run).all(axis=1) & (runs < run).any(axis=1)).any() for run in front]
+            assert not any(beaten)
+            # the control: most other runs are beaten
+            assert sum((front < run).all(axis=1).any() for run in runs) > len(runs) / 2
+
+    def test_of_runs_for_tolerances_those_are_drawn_that_no_other_beats(self):
+        cases = [
+            CostCase(
+                method=Baseline(name="dop853", tolerance=tolerance),
+                rows=tuple(row(n, tolerance, 1e-4 * n) for n in (10, 20, 40)),
+            )
+            for tolerance in (1e-4, 1e-8)
+        ]
+        lines = {one.get_label(): one for one in cost_figure(table(*cases)).axes[0].lines}
+        assert lines["DOP853"].get_xdata().tolist() == [1e-4, 1e-8]
+        ladder = CostCase(method=GAUSS, rows=cases[0].rows)
+        lines = {one.get_label(): one for one in cost_figure(table(ladder)).axes[0].lines}
+        assert lines["Gauss2"].get_xdata().tolist() == [1e-4] * 3
 
     def test_what_is_exact_by_chance_is_named_and_not_drawn(self):
         table = measured()

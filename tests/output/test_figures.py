@@ -250,7 +250,7 @@ def lines(figure: Figure) -> list[Line2D]:
 def guides(figure: Figure) -> dict[str, Line2D]:
     """Triangles of slopes by what they say."""
     found = {str(line.get_label())[1:]: line for axes in figure.axes for line in axes.lines}
-    return {name: line for name, line in found.items() if name.startswith(("order", "stated"))}
+    return {name: line for name, line in found.items() if name.startswith(("order", "claimed order"))}
 
 
 def height(line: Line2D) -> float:
@@ -270,7 +270,7 @@ def test_a_panel_has_its_height_beside_a_legend_and_its_numbers():
 def test_slopes_that_the_source_states_are_dashed():
     found = guides(convergence(claims={"bdf2": 1.8, "bdf3": 2.0}))
     dashes = {label: line.is_dashed() for label, line in found.items()}
-    assert dashes == {"order 1": False, "order 2": False, "stated 1.8": True}
+    assert dashes == {"order 1": False, "order 2": False, "claimed order 1.8": True}
 
 
 def test_a_slope_triangle_stands_beside_the_curve_that_is_expected_to_have_it():

@@ -75,7 +75,7 @@ SCENES = {
     },
 }
 PURE = re.compile(  # numbers without a unit, and what has its unit elsewhere in the words
-    r"growth per step|multiply-adds|seconds|^order |^phase|^(mass|storey) \$i\$|degrees|%"
+    r"growth per step|multiply-adds|time \(s\)$|^order |^phase|^(mass|storey) \$i\$|degrees|%"
 )
 
 
@@ -226,11 +226,12 @@ def test_a_quantity_is_the_force_of_a_damper_only_if_it_is():
         f"dampers: [{{order: 0.5, coefficient: 1.0}}], {GROUND}",
         name="named",
         steps="40",
-        more="quantities: {force_1_1: force_1_1, force_max: force_1_1}\nfigures: [quantities]\n",
+        more="quantities: {force_1_1: force_1_1, force_max: force_1_1, work_1: work_1}\n"
+        "figures: [quantities]\n",
     )
     (figure,) = fvi.figures(fvi.run(read(text))).values()
     words = [axes.get_ylabel().replace("\n", " ") for axes in figure.axes]
-    assert words == ["force of damper 1 1", "force max"]
+    assert words == ["force of damper 1 1", "force max", "energy lost in damper 1"]
 
 
 @pytest.mark.parametrize("kind", ["caputo", "riemann-liouville"])

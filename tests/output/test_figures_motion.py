@@ -189,6 +189,24 @@ def test_a_string_is_drawn_in_its_shapes():
     assert bar in (0.05, 0.1)
 
 
+@pytest.mark.parametrize("masses", [1, 2, 5, 30])
+@pytest.mark.parametrize("text", [CHAIN, FRAME, STRING])
+def test_lines_of_a_waterfall_do_not_touch_and_use_their_room(text, masses):
+    for key in ("masses: 40", "storeys: 3", "modes: 6"):
+        text = text.replace(key, f"{key.split(':')[0]}: {masses}")
+    axes = waterfall_figure(*made(text)).axes[0]
+    found = {
+        line.get_label(): line.get_ydata() for line in axes.lines if line.get_label()[:1] == "_"
+    }
+    found = {float(re.findall(r"[0-9.]+$", word)[0]): y for word, y in found.items() if " " in word}
+    levels = np.array(sorted(found))[:, None]
+    lines = np.array([found[level] for level in levels[:, 0]])
+    spacing = np.diff(levels[:, 0]).min(initial=1e9 if len(found) > 1 else 1.0)
+    room = (np.minimum(lines, levels)[1:] - np.maximum(lines, levels)[:-1]).min(initial=spacing)
+    assert room > 0.04 * spacing
+    assert np.abs(lines - levels).max() > 0.45 * spacing
+
+
 def test_what_cannot_be_drawn_is_told_with_its_reason():
     text = OSCILLATOR.replace("store: {diagnostics: [energy-balance]}", "")
     figures_key = "figures: [balance, momenta, phase, path, waterfall]\n"
@@ -299,6 +317,22 @@ def test_colours_follow_the_spacing_of_what_is_swept(numbers, scale):
     curves = tuple(Curve(x=t, y=n * t, label=f"{n}", by=n) for n in numbers.tolist())
     figure = over_time([Panel(curves=curves, y="x")], x="t", bar="order")
     assert figure.axes[-1].get_xscale() == scale
+
+
+@pytest.mark.parametrize("periods", [2.3, 3.7, 5.1])
+def test_a_loop_is_drawn_from_its_beginning_to_its_end(periods):
+    text = (
+        "name: loop\nproblem: {kind: material, law: {order: 0.5, coefficient: 2.0}, "
+        f"displacement: t*sin(6.2831853*t), final_time: {periods}}}\nmethod: gauss3\n"
+        "ladder: {steps: [400]}\nquantities: {force: force_1}\nfigures: [hysteresis]\n"
+    )
+    (outcome,) = fvi.run(parse_config(text, "loop"))
+    loop = drawn(outcome.plot("hysteresis"))["last closed loop"]
+    # both ends are at the deformation in the middle, between points of the motion
+    whole = drawn(outcome.plot("hysteresis"))["whole motion"]
+    middle = 0.5 * (whole["x"].min() + whole["x"].max())
+    assert loop["x"][[0, -1]] == pytest.approx(middle, abs=0.02 * np.ptp(whole["x"]))
+    assert not set(loop["x"][[0, -1]]) & set(whole["x"])
 
 
 def test_the_damper_that_a_design_lacks_does_not_hide_the_others():

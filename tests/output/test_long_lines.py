@@ -1,4 +1,4 @@
-"""Lines of many points: all of their form is drawn, in files of bounded size."""
+"""What is seen of lines: of many points, of several that coincide, of peaks and zeros."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fvi_cli.plotting.curves import FEW_POINTS, MOST_POINTS, Curve, Panel
 from fvi_cli.plotting.drawn import save_figure
-from fvi_cli.plotting.panels import plane
+from fvi_cli.plotting.panels import ladders, over_time, plane
 
 
 def spiral(periods: float, points: int) -> Curve:
@@ -62,3 +62,50 @@ def test_files_of_long_lines_are_bounded(kind, tmp_path):
         (path,) = save_figure(figure, tmp_path, f"n{points}", forms=[kind])
         sizes.append(path.stat().st_size)
     assert max(sizes) < 1_500_000
+
+
+def marks(apart: float, count: int, points: int) -> list[list[int]]:
+    """Which points have their marks, of curves of which each is by a factor above the last."""
+    x = np.geomspace(1e-3, 1.0, points)
+    curves = [Curve(x=x, y=x**2 * apart**k, label=f"c{k}") for k in range(count)]
+    (axes,) = ladders([Panel(curves=curves, y="error", has_slopes=False)]).axes
+    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
+    dashed = [line.is_dashed() for line in lines]
+    # pieces of lines that coincide follow each other; others are as they look alone
+    assert dashed == [apart == 1.0 or k % 6 > 0 for k in range(count)]
+    offsets = {line._unscaled_dash_pattern[0] for line in lines}
+    assert (len(offsets) == count) == (apart == 1.0)
+    return [list(line.get_markevery()) for line in lines]
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+@pytest.mark.parametrize("points", [5, 8, 11])
+def test_marks_that_lie_upon_each_other_take_turns(count, points):
+    shown = marks(1.0, count, points)
+    # every point has one mark, every curve its share of them
+    assert sorted(point for own in shown for point in own) == list(range(points))
+    sizes = [len(own) for own in shown]
+    assert max(sizes) - min(sizes) <= 1
+    # the control: curves that are apart have all of theirs
+    assert marks(100.0, count, points) == [list(range(points))] * count
+
+
+@pytest.mark.parametrize("gap", [0.0, 5.0])
+def test_peaks_at_one_place_are_rings_round_each_other(gap):
+    t = np.linspace(0.0, 1.0, 50)
+    curves = [
+        Curve(x=t, y=k * gap - 9**k * (t - 0.5) ** 2, label=f"c{k}", peaks=[(0.5, k * gap)])
+        for k in range(3)
+    ]
+    (axes,) = over_time([Panel(curves=curves, y="x")], x="t").axes
+    sizes = [one.get_markersize() for one in axes.lines if "_peak" in one.get_label()]
+    assert len(set(sizes)) == (1 if gap else 3)
+    assert sizes == sorted(sizes)
+
+
+@pytest.mark.parametrize("zero", [0, 5, None])
+def test_gaps_of_a_logarithmic_curve_are_explained(zero):
+    t = np.linspace(0.0, 1.0, 9)
+    y = np.where(np.arange(9) == zero, 0.0, 1e-9 + t)
+    (axes,) = over_time([Panel(curves=[Curve(x=t, y=y)], y="error", is_log=True)], x="t").axes
+    assert axes.get_title(loc="right") == ("gaps: exactly 0" if zero else "")

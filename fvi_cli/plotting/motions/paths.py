@@ -170,8 +170,7 @@ def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: st
     position, time = best.trajectory.position, best.trajectory.time
     count = position.shape[1]
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
-    spacing = (count - 1) / max(drawn.size - 1, 1)
-    lift = _lift(position[:, drawn], spacing)
+    lift = _lift(position[:, drawn], np.diff(drawn).min(initial=count))
     for index in drawn[::-1]:
         _draw_lifted(axes, time, position[:, index] * lift, float(index + 1), f"{what} {index + 1}")
     axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
@@ -193,7 +192,7 @@ def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
     modes = np.sin(np.outer(np.arange(1, position.shape[1] + 1), np.pi * place / length))
     picked = np.unique(np.linspace(0, time.size - 1, _SHAPES).round().astype(int))
     shapes = position[picked] @ modes
-    lift = _lift(shapes.T, time[picked[1]] - time[picked[0]])
+    lift = _lift(shapes.T, np.diff(time[picked]).min())
     for index, shape in zip(picked[::-1], shapes[::-1], strict=True):
         at = float(time[index])
         _draw_lifted(axes, place, shape * lift, at, f"t = {at:.4g}")
