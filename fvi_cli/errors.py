@@ -5,6 +5,9 @@ Wrong arguments raise :class:`ValueError`; the others are raised for requests an
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields
+
 
 class ArgumentError(ValueError):
     """An argument, or a value of a configuration, that is not allowed.
@@ -36,6 +39,25 @@ class ArgumentError(ValueError):
 
     def __str__(self) -> str:
         return f"{self.key}: {self.message}" if self.key else self.message
+
+
+def missing_attribute(
+    owner: object, name: str, places: Sequence[tuple[str, type, str]]
+) -> AttributeError:
+    """The error of an attribute that is not there, with where it is and what that needs.
+
+    Parameters
+    ----------
+    places
+        Paths from the owner, the dataclass of what stands there, and what a run needs to have it.
+    """
+    found = [
+        f"; write {path}.{name}{needs}"
+        for path, kind, needs in places
+        if name in {one.name for one in fields(kind)}
+    ]
+    words = f"{type(owner).__name__} has no attribute {name!r}{''.join(found[:1])}"
+    return AttributeError(words, name=name, obj=owner)
 
 
 class FviError(Exception):

@@ -1,7 +1,9 @@
 """Whatever the command line does is one call away, and costs nothing until it is asked for."""
 
 import base64
+import dataclasses
 import doctest
+import pickle
 import re
 import subprocess
 import sys
@@ -284,3 +286,28 @@ def test_an_outcome_is_short_and_has_a_table_and_a_figure_for_notebooks():
     assert list(fvi.figures(outcome)) == list(fvi.figures([outcome])) == ["free-convergence"]
     assert fvi.as_text(outcome) == fvi.as_text([outcome])
     assert len(fvi.order_tables(outcome)) == 1
+
+
+def test_an_attribute_that_is_elsewhere_is_told_with_its_place():
+    more = {"quantities": {"way": "x"}, "store": {"diagnostics": ["energy-balance"]}}
+    (outcome,) = fvi.run({**CONFIG, **more})
+    first = outcome.finished[0]
+    for owner, parts in (
+        (outcome, (first, first.run, first.trajectory)),
+        (first.trajectory, (first.trajectory.observed, first.trajectory.diagnostics)),
+    ):
+        told: set[str] = set()
+        for part in parts:
+            for name in {one.name for one in dataclasses.fields(part)} - set(dir(owner)) - told:
+                with pytest.raises(AttributeError, match=f"no attribute '{name}'; write ") as error:
+                    getattr(owner, name)
+                place = str(error.value).partition("; write ")[2].partition(",")[0]
+                path, _, index = place.partition("[0]")
+                value = owner.finished[0] if index else owner
+                for step in (index or path).strip(".").split("."):
+                    value = getattr(value, step)
+                assert value is getattr(part, name)
+                told.add(name)
+    with pytest.raises(AttributeError, match=r"^Trajectory has no attribute 'hight'$"):
+        _ = first.trajectory.hight
+    assert pickle.loads(pickle.dumps(first.trajectory)).n_steps == first.trajectory.n_steps

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fvi_cli.errors import missing_attribute
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
 from fvi_cli.integrator.results.observed import Observed
@@ -19,6 +20,13 @@ from fvi_cli.mathematics.arrays import Array
 
 Status = Literal["ok", "diverged", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
+
+
+PLACES = (
+    ("observed", Observed, ", of a run with quantities: {drift: x2 - x1}, or events"),
+    ("diagnostics", Diagnostics, ", of a run with store: {diagnostics: [energy-balance]}"),
+)
+"""Where more of a trajectory is found, and what a run needs for it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,6 +129,11 @@ class Trajectory:
     assessment: Assessment | None = None
     observed: Observed | None = None
     coordinates: tuple[str, ...] = ()
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise missing_attribute(self, name, PLACES)
 
     @property
     def outcome(self) -> Outcome | None:

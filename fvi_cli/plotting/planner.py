@@ -13,7 +13,13 @@ from fvi_cli.plotting.ladders.convergence import (
     saturation_figure,
     sweep_convergence_figure,
 )
-from fvi_cli.plotting.motions.against import obstacle, response_spectrum_figure, settings_figure
+from fvi_cli.plotting.motions.against import (
+    OF_PERIOD,
+    obstacle,
+    period,
+    response_spectrum_figure,
+    settings_figure,
+)
 from fvi_cli.plotting.motions.paths import (
     WATERFALL_KINDS,
     path_figure,
@@ -178,12 +184,20 @@ def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Itera
             yield f"{start} the first of {methods} methods"
 
 
+_NO_MOMENTUM = "no method of the experiment has a momentum; write method: gauss3"
+_NEEDS_STORE = (
+    "it needs store: {{diagnostics: [{}]}} and a method that keeps its steps, such as gauss3"
+)
+_NEEDS_PERIODS = (
+    "it is drawn of a sweep over stiffness or mass; write "
+    "sweep: {problem.stiffness: {from: 1, to: 100, number: 30, spacing: log}}"
+)
 _NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
-    "energy": (has_momentum, "no method of the experiment has a momentum"),
-    "phase": (has_momentum, "no method of the experiment has a momentum"),
-    "balance": (has_balance, "it needs store: {diagnostics: [energy-balance]}"),
-    "momenta": (has_momenta, "it needs store: {diagnostics: [momentum-maps]}"),
-    "quantities": (has_quantities, "the experiment has no quantities"),
+    "energy": (has_momentum, _NO_MOMENTUM),
+    "phase": (has_momentum, _NO_MOMENTUM),
+    "balance": (has_balance, _NEEDS_STORE.format("energy-balance")),
+    "momenta": (has_momenta, _NEEDS_STORE.format("momentum-maps")),
+    "quantities": (has_quantities, "there are none; write quantities: {drift: x2 - x1}"),
     "hysteresis": (
         lambda item: has_quantities(item) and bool(forces_of(item.run.experiment)),
         "no quantity is the force of a damper; write quantities: {force: force_1}",
@@ -201,6 +215,17 @@ _NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
 """What some run must have that a kind of figure is drawn of, and the reason where none has."""
 
 
+def _spectrum_obstacle(experiment: Experiment) -> dict[str, str]:
+    if not set(OF_PERIOD).intersection(experiment.swept):
+        return {"spectrum": _NEEDS_PERIODS}
+    try:
+        for member in experiment.members:
+            period(member)
+    except ValueError as error:
+        return {"spectrum": str(error)}
+    return {}
+
+
 def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:
     """Why a kind of figure cannot be drawn, for those that cannot."""
     if not finished:
@@ -208,12 +233,10 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     obstacles: dict[str, str] = {}
     if experiment.members:
         *others, last = _OF_MEMBERS
-        reason = f"a sweep has {', '.join(others)} and {last}"
+        reason = f"a sweep has {', '.join(others)} and {last}; leave out sweep for one scene"
         obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
-        if experiment.members[0].dimension != 1:
-            obstacles["spectrum"] = "it is for oscillators of one degree of freedom"
-    else:
-        obstacles["spectrum"] = "it is drawn of a sweep over stiffness or mass"
+    if "spectrum" in experiment.figures:
+        obstacles |= _spectrum_obstacle(experiment)
     unknown = f"no error is known: the reference is {finished[0].reference}"
     is_compared = any(np.isfinite(item.error) for item in finished)
     if not is_compared and all(item.status == "ok" for item in finished):

@@ -13,18 +13,24 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fvi_cli.errors import RequestError
+from fvi_cli.errors import RequestError, missing_attribute
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import PLACES, Trajectory
 from fvi_cli.reports.naming import member_columns
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.figure_settings import EXTENTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DOTS_PER_INCH = 80
+_PLACES = (
+    ("finished[0]", FinishedRun, ""),
+    ("finished[0].run", Run, ""),
+    ("finished[0].trajectory", Trajectory, ""),
+    *((f"finished[0].trajectory.{path}", kind, needs) for path, kind, needs in PLACES),
+)
 _NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
 
 
@@ -34,6 +40,11 @@ class Outcome:
 
     experiment: Experiment  # what was asked for
     finished: tuple[FinishedRun, ...]  # in the order of the experiment's own list
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            raise missing_attribute(self, name, _PLACES)
 
     def __repr__(self) -> str:
         """A line for the experiment and one for each of its methods."""

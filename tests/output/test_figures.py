@@ -234,7 +234,8 @@ def test_a_figure_that_is_not_there_or_cannot_be_drawn_is_told_with_its_reason()
         for item in finished
     ]
     assert plotting.left_out([(one, still)]) == [
-        "made-up: no energy figure, since no method of the experiment has a momentum"
+        "made-up: no energy figure, since no method of the experiment has a momentum; "
+        "write method: gauss3"
     ]
 
 

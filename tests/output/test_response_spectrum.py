@@ -59,3 +59,49 @@ def test_of_one_oscillator_or_of_many_coordinates_there_is_none():
     (outcome,) = fvi.run(fvi.load(alone))
     (line,) = left_out([(outcome.experiment, outcome.finished)])
     assert "it is drawn of a sweep over stiffness or mass" in line
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sweep": {"problem.damping.0.coefficient": [0.1, 0.4]}}, "write sweep: {problem.stiff"),
+        ({"sweep": {"problem.stiffness": [8.0, -2.0]}}, "needs a positive stiffness"),
+        (
+            {
+                "sweep": {"problem.mass": [1.0, 2.0]},
+                "problem": {"kind": "duffing", "final_time": 1.0, "exact": "none"},
+            },
+            "must be a linear oscillator",
+        ),
+        ({"figures": ["balance"]}, "leave out sweep for one scene"),
+    ],
+)
+def test_what_a_sweep_lacks_for_a_figure_is_said_and_nothing_is_drawn(changes, words):
+    config = {**SWEEP, "ladder": {"steps": [20]}, **changes}
+    (outcome,) = fvi.run(fvi.load(config))
+    (line,) = left_out([(outcome.experiment, outcome.finished)])
+    assert words in line
+    assert fvi.figures(outcome) == {}
+
+
+@pytest.mark.parametrize("method", ["gauss3", {"baseline": "explicit-euler"}])
+@pytest.mark.parametrize(
+    ("kind", "stored"), [("balance", "energy-balance"), ("momenta", "momentum-maps")]
+)
+@pytest.mark.parametrize("is_stored", [True, False])
+def test_a_figure_of_what_was_not_stored_says_what_to_write(method, kind, stored, is_stored):
+    problem = {
+        "kind": "kepler",
+        "initial": {"position": [1.0, 0.0], "velocity": [0.0, 1.1]},
+        "final_time": 1.0,
+        "exact": "none",
+    }
+    config = {"name": "planet", "problem": problem, "method": method, "ladder": {"steps": [40]}}
+    config |= {"store": {"diagnostics": [stored]}} if is_stored else {}
+    (outcome,) = fvi.run(config)
+    if is_stored and method == "gauss3":
+        assert outcome.plot(kind).axes
+    else:
+        needed = rf"store: \{{diagnostics: \[{stored}\]\}} and a method .* such as gauss3"
+        with pytest.raises(fvi.RequestError, match=needed):
+            outcome.plot(kind)

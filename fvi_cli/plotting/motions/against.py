@@ -272,8 +272,8 @@ def period(member: Member) -> float:
     r"""The period :math:`2 \pi \sqrt{m / k}` of a member."""
     scene = build_scene(member.specification)
     if scene.dimension != 1 or not isinstance(scene.potential, QuadraticPotential):
-        raise ValueError("spectrum: every member must be an oscillator of one degree of freedom")
+        raise ValueError("every member must be a linear oscillator of one degree of freedom")
     square = float(scene.potential.stiffness[0, 0]) / float(scene.inertia.mass[0, 0])
     if not square > 0:
-        raise ValueError("spectrum: every member needs a positive stiffness")
+        raise ValueError("every member needs a positive stiffness")
     return 2.0 * math.pi / math.sqrt(square)
