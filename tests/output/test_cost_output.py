@@ -82,7 +82,7 @@ class TestFigure:
         axes = drawn().axes[0]
         curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
         broad = curves.pop()
-        assert broad.get_label() == "cheapest"
+        assert broad.get_label() == "quickest to its error"
         assert len({(line.get_marker(), line.get_linestyle()) for line in curves}) == 3
         found = [to_hex(line.get_color()) in BASELINE_COLOURS for line in curves]
         assert found == [False, True, True]
@@ -98,7 +98,7 @@ class TestFigure:
         for one in committed_tables(name):
             axes = cost_figure(one).axes[0]
             lines = {line.get_label(): np.array(line.get_data()) for line in axes.lines}
-            front = lines.pop("cheapest").T
+            front = lines.pop("quickest to its error").T
             runs = np.concatenate([line.T for line in lines.values()])
             assert {tuple(run) for run in front} <= {tuple(run) for run in runs}
             beaten = [((runs <= run).all(axis=1) & (runs < run).any(axis=1)).any() for run in front]
