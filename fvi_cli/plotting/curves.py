@@ -186,7 +186,8 @@ def join_labels(labels: Sequence[str]) -> str:
 
 def take_turns(axes: Axes) -> None:
     """Of marks that lie upon each other show one, each curve its share; of lines piece by piece."""
-    lines = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
+    named = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
+    lines = [one for one in named if np.size(one.get_xdata())]
     places = [axes.transData.transform(one.get_xydata()) / axes.figure.dpi * 72 for one in lines]
     points = [(*at, k, i) for k, own in enumerate(places) for i, at in enumerate(own.tolist())]
     left = sorted(one for one in points if math.isfinite(one[0] + one[1]))

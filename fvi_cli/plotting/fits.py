@@ -46,6 +46,7 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
     """Measured and fitted curves, and the residuals with twice their standard deviation."""
     first, units = models[0].series, result.units
     several = len({one.data for one in first}) > 1
+    best = f"_{result.best.model.name or 'fitted'}"
     panels = []
     for index, shown in enumerate(first[:MOST_PANELS]):
         series = shown.series
@@ -79,7 +80,7 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
                 is_log=amplitude is not None and amplitude.part == "magnitude",
             ),
             Panel(
-                curves=lower[::-1],  # the best model on top
+                curves=sorted(lower, key=lambda one: one.label == best),  # on top
                 y=residual,
                 x=with_unit(what, units, what),
                 height=1.0,

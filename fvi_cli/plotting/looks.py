@@ -27,7 +27,6 @@ _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
 }
 _STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
 _BASELINE_MARKERS = "x+dh<12"
-_BROAD = 4.0  # points
 # for methods that differ in more than convolution quadrature and degree
 _FURTHER_MARKERS = "<>8dHp"
 
@@ -43,11 +42,7 @@ class Look:
     is_filled: bool = True
     width: float | None = None
     size: float | None = None
-
-    @property
-    def is_broad(self) -> bool:
-        """Whether it is seen even where others lie upon it."""
-        return (self.width or 0.0) >= _BROAD
+    is_broad: bool = False  # whether it is seen even where others lie upon it
 
     def properties(self) -> dict[str, Any]:
         """Keyword arguments of a line of this look."""
@@ -66,8 +61,8 @@ class Look:
         }
 
 
-EXACT = Look(colour="#bdbdbd", width=_BROAD)
-CHEAPEST = Look(colour="#f6d27c", marker="o", width=6.0, size=6.0)
+EXACT = Look(colour="#bdbdbd", width=4.0, is_broad=True)
+CHEAPEST = Look(colour="#f6d27c", marker="o", width=6.0, size=6.0, is_broad=True)
 
 
 @dataclass(frozen=True, kw_only=True)

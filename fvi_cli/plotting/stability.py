@@ -101,13 +101,9 @@ def step_figure(table: StabilityTable) -> Figure:
     figure.align_ylabels([growth])
     final_time = table.rows[0].run.experiment.problem.final_time
     time = f"$T = {final_time:g}$ {experiment.units.get('time', '')}".rstrip()
-    fillings = {
-        STABLE_COLOUR: "stable",
-        SLOW_COLOUR: f"unstable, not visible by {time}",
-        UNSTABLE_COLOUR: f"unstable, visible by {time}",
-    }
-    if any(row.verdict == "unknown" for row in table.rows):
-        fillings[UNKNOWN_COLOUR] = "not predicted"
+    is_whole = any(row.verdict == "unknown" for row in table.rows)
+    kinds = list(_COLOURS.items())[: None if is_whole else -1]
+    fillings = {colour: kind.replace("the final time", time) for kind, colour in kinds}
     marks = [
         Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
         Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
