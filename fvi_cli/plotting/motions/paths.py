@@ -38,7 +38,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 _MOST_LINES = 24
 _SHAPES = 17
 _POINTS = 201
-_SHARE = 0.95  # of the distance of two lines: what they fill of it
+_SHARE = 0.85  # of the distance of two lines: what they fill of it
 WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
 
