@@ -34,11 +34,14 @@ def finished(stiffness: float, coefficient: float, order: float, steps: int, fol
 @pytest.mark.parametrize("place", range(4))
 def test_events_alone_are_held_against_a_closed_form(place, tmp_path):
     chance = random.Random(f"{os.environ[SEED]} events {place}")
-    stiffness = 10 ** chance.uniform(4.5, 6.5)
-    coefficient = stiffness * 10 ** chance.uniform(-2.8, -1.8)
-    one = finished(stiffness, coefficient, chance.uniform(0.93, 0.99), 10, str(tmp_path))
-    found = one.trajectory.observed.events["zero"]
-    assert found.time.size
+    # motions of much damping do not pass 0
+    while True:
+        stiffness = 10 ** chance.uniform(4.5, 6.5)
+        coefficient = stiffness * 10 ** chance.uniform(-2.8, -1.8)
+        one = finished(stiffness, coefficient, chance.uniform(0.93, 0.99), 10, str(tmp_path))
+        found = one.trajectory.observed.events["zero"]
+        if found.time.size:
+            break
     # where an event is told, x is 0 but for the error of the motion
     exact = one.run.problem.exact(found.time)
     gap = float(np.abs(exact - found.position).max())
