@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.special import roots_legendre
 
 from benchmarks.fit_data import (
     BENCH_DEVIATION,
@@ -21,6 +23,7 @@ from fvi_cli.api import load
 from fvi_cli.scenes.records.data_files import samples_as_text
 
 
+@cache
 def bench() -> Kind:
     """The shipped damper on the bench, with its exact forces."""
     (experiment,) = load("damper-bench").experiments
@@ -53,7 +56,7 @@ def force_of_waves(times: Array, waves: Waves = WAVES) -> Array:
     :math:`\pm i \omega` and the integral along the branch cut, by Gauss's rule in
     :math:`\log x`.
     """
-    points, weights = np.polynomial.legendre.leggauss(4000)
+    points, weights = roots_legendre(4000)
     # outside of these rates the cut adds less than 1e-11 of the force
     log_rate = math.log(1e9) * points
     rate = np.exp(log_rate)

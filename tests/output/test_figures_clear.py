@@ -12,6 +12,7 @@ from cost_tables import COUNTS, GAUSS, row, table
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.plotting.curves import Curve, Panel
@@ -162,8 +163,7 @@ def test_numbers_beside_an_axis_have_one_form(figures):
             assert len(forms(axis)) <= 1, (name, axis.get_label_text(), numbers(axis))
 
 
-@pytest.mark.parametrize("low", [3e-7, 0.004, 0.3, 1.1, 30.0, 4e5])
-@pytest.mark.parametrize("share", [1.7, 6.0, 30.0, 150.0, 1e5])
+@spread(low=[3e-7, 0.004, 0.3, 1.1, 30.0, 4e5], share=[1.7, 6.0, 30.0, 150.0, 1e5])
 def test_logarithmic_axes_of_any_range_have_numbers_of_one_form(low, share):
     x = np.geomspace(low, low * share, 5)
     for figure in (
