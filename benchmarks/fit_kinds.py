@@ -248,5 +248,5 @@ KINDS: Mapping[str, Callable[[], Kind]] = {
 @cache
 def kind_named(name: str) -> Kind:
     """The data of a kind, made once."""
-    makers = {**KINDS, BENCH: bench}
+    makers: dict[str, Callable[[], Kind]] = {**KINDS, BENCH: bench}
     return replace(makers[name](), name=name)

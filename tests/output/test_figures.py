@@ -163,7 +163,7 @@ def test_saturation_says_what_it_is_about_and_every_panel_has_its_own_range():
     ranges = [axes.get_ylim() for axes in saturated().axes[::2]]
     assert ranges[0] != ranges[1]
     heading = saturated().legends[0].get_title().get_text()
-    assert r"$t^{\,b-1} \sin t$" in heading
+    assert r"$f(t) = t^{\,b-1} \sin t$" in heading
     assert "order 1/2" in heading
 
 
@@ -251,7 +251,8 @@ def lines(figure: Figure) -> list[Line2D]:
 def guides(figure: Figure) -> dict[str, Line2D]:
     """Triangles of slopes by what they say."""
     found = {str(line.get_label())[1:]: line for axes in figure.axes for line in axes.lines}
-    return {name: line for name, line in found.items() if name.startswith(("order", "claimed order"))}
+    slopes = ("order", "claimed order")
+    return {name: line for name, line in found.items() if name.startswith(slopes)}
 
 
 def height(line: Line2D) -> float:

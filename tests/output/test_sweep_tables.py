@@ -180,7 +180,7 @@ def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, 
     assert list(figures) == ["many-convergence", "many-trajectory"]
     assert left_out([(experiment, finished)]) == [
         "many: no energy figure, since a sweep has convergence, trajectory, quantities, "
-        "section, hysteresis and spectrum"
+        "section, hysteresis and spectrum; leave out sweep for one scene"
     ]
     drawn = drawn_data(figures["many-convergence"])
     assert len(drawn["legend"]) == labels
