@@ -145,7 +145,8 @@ def observe_members(
             method,
             [steps[k] for k in members],
             keeper_of_run(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
-            _chosen([requests[k] for k in members], [steps[k] for k in members]),
+            # the motion is looked at where it meets a surface, too
+            None if impacts else _chosen(requests, steps, members),
         )
         observer = Observer(motion, [requests[k] for k in members])
         runs = [trajectories[k] for k in members]
@@ -153,10 +154,12 @@ def observe_members(
     return [found[index] for index in range(len(trajectories))]
 
 
-def _chosen(requests: Sequence[Observations], runs: Sequence[RunSteps]) -> list[Places] | None:
-    """The steps of every run in which times of output lie; None: others are looked at as well."""
+def _chosen(
+    requests: Sequence[Observations], runs: Sequence[RunSteps], members: Sequence[int]
+) -> list[Places] | None:
+    """The steps of some runs in which times of output lie; None: others are looked at as well."""
     found = []
-    for request, run in zip(requests, runs, strict=True):
+    for request, run in ((requests[member], runs[member]) for member in members):
         if request.times is None or request.quantities or request.events:
             return None
         times = request.times[request.times <= float(run.time[-1]) * (1.0 + 1e-12)]

@@ -164,3 +164,25 @@ def test_a_step_without_a_solution_leaves_its_run_to_a_second_one(monkeypatch):
     assert np.array_equal(first.position, second.position)
     assert not np.array_equal(first.position, good[0][1].position)
     assert np.array_equal(other.position, good[1][1].position)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_impacts_are_found_where_no_time_of_output_lies(seed):
+    rng = np.random.default_rng([26, 9, seed])
+    scene = fvi.lagrangian_scene(
+        coordinates=["x"],
+        lagrangian=f"vx**2/2 - {rng.uniform(1.0, 10.0)}*x",
+        initial_position=[rng.uniform(0.5, 2.0)],
+        initial_velocity=[rng.uniform(-1.0, 1.0)],
+        damping=[FractionalDamping(order=rng.uniform(0.1, 1.9), coefficient=0.1)],
+        final_time=4.0,
+    )
+    impacts = {"floor": {"when": "x", "restitution": rng.uniform(0.4, 0.9)}}
+    degree = f"gauss{rng.integers(2, 7)}"
+    times = np.linspace(0.0, 3.9, 5)
+    plain = fvi.integrate(scene, degree, 150, impacts=impacts)
+    asked = fvi.integrate(scene, degree, 150, impacts=impacts, output=times)
+    found, same = (one.observed.events["floor"].time for one in (plain, asked))
+    assert found.size
+    assert np.array_equal(found, same)
+    assert asked.time.size == times[times <= plain.time[-1]].size
