@@ -45,14 +45,14 @@ def typeset_sum(words: str) -> str:
 
 
 def quantity_in_words(experiment: Experiment, name: str) -> str:
-    """``base shear`` for ``base_shear``; of a damper ``force of wall 3``, ``energy lost in it``."""
+    """``base shear`` for ``base_shear``; of a damper ``force of wall 3``, ``work on it``."""
     scene = experiment.problem.scene
     kind, _, rest = name.partition("_")
     words = rest.replace("_", " ")
     # a quantity of one's own may begin alike, as force_max
     if not words or scene is None or name not in damper_values(scene):
         return name.replace("_", " ")
-    what = "energy lost in" if kind == "work" else f"{kind} of"
+    what = "work on" if kind == "work" else f"{kind} of"
     return f"{what} {'damper ' if words[0].isdecimal() else ''}{words}"
 
 

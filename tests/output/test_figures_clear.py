@@ -231,7 +231,7 @@ def test_a_quantity_is_the_force_of_a_damper_only_if_it_is():
     )
     (figure,) = fvi.figures(fvi.run(read(text))).values()
     words = [axes.get_ylabel().replace("\n", " ") for axes in figure.axes]
-    assert words == ["force of damper 1 1", "force max", "energy lost in damper 1"]
+    assert words == ["force of damper 1 1", "force max", "work on damper 1"]
 
 
 @pytest.mark.parametrize("kind", ["caputo", "riemann-liouville"])
