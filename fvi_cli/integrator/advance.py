@@ -20,7 +20,7 @@ _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 
 @contextlib.contextmanager
-def on_progress(watcher: Watcher, *, seconds_between: float = SECONDS_BETWEEN) -> Iterator[None]:
+def on_progress(watcher: Watcher, *, seconds_between: float | None = None) -> Iterator[None]:
     """Tell `watcher` now and then how far the integrations inside the block have come.
 
     Loops report it of their own accord, block by block; they need not be handed the watcher through
@@ -32,7 +32,7 @@ def on_progress(watcher: Watcher, *, seconds_between: float = SECONDS_BETWEEN) -
         nonlocal due
         now = time.monotonic()
         if now >= due:
-            due = now + seconds_between
+            due = now + (SECONDS_BETWEEN if seconds_between is None else seconds_between)
             watcher(done, n_steps)
 
     token = _watcher.set(seldom)

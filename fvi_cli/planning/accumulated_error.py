@@ -111,10 +111,10 @@ def accumulated_error(
             return np.zeros((1, rate.size), dtype=np.complex128)
         return rate_errors(method, orders, rate * (mean / (finer * trajectory.every)))
 
-    total, alone, shifted = np.zeros(shapes.shape[1:]), 0.0, shifts(1.0)
+    total, made_by_steps, shifted = np.zeros(shapes.shape[1:]), 0.0, shifts(1.0)
     errors: list[Array] = [np.zeros(1)]
     for states in windows:
-        local = local_errors(states, method, rate, shifted)
+        local = errors_of_steps(states, method, rate, shifted)
         place = _carried(states, local, rate)[:, :, : shapes.shape[2]]
         if len(starts) == 1:
             errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
@@ -124,7 +124,7 @@ def accumulated_error(
             total *= np.exp(-gap * _losses(states, rate).mean(axis=0))[:, None]
             total += lasting * np.abs(place[-max(length // 4, 1) :]).max(axis=0)
             errors.append(np.einsum("dbk,bk->d", np.abs(shapes), total).max(keepdims=True))
-        alone += lasting * _sum(states, local, shapes, rate)
+        made_by_steps += lasting * _sum(states, local, shapes, rate)
     error = np.concatenate(errors) / size
     if not np.isfinite(error).all():
         return None
@@ -133,10 +133,10 @@ def accumulated_error(
         finer, tried = finer * ratio, tried + 1
         shifted = shifts(finer)
         left = sum(
-            _sum(one, local_errors(one, method, rate, shifted, finer), shapes, rate)
+            _sum(one, errors_of_steps(one, method, rate, shifted, finer), shapes, rate)
             for one in windows
         )
-        before, largest = largest, float(error.max()) * lasting * left / alone
+        before, largest = largest, float(error.max()) * lasting * left / made_by_steps
         # by the order that is seen
         order = math.log(max(before / largest, 1.0 + 1e-9)) / math.log(ratio) if largest else 1.0
         ratio = min(max((largest / wanted) ** (1.0 / max(order, 0.5)), FINER), LARGEST_RATIO)
@@ -144,7 +144,7 @@ def accumulated_error(
     return AccumulatedError(
         time=trajectory.time[ends],
         error=error,
-        amplification=float(error.max()) * size / alone if alone > 0.0 else 1.0,
+        amplification=float(error.max()) * size / made_by_steps if made_by_steps > 0.0 else 1.0,
         refinement=finer if largest <= wanted else None,
     )
 
@@ -262,7 +262,7 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
     return found, rate
 
 
-def local_errors(
+def errors_of_steps(
     states: _States, method: AnyMethod, rate: Array, shifts: ComplexArray, finer: float = 1.0
 ) -> Array:
     """What steps from states add to the error, those so many times shorter, (n - 1, b, 2 k)."""

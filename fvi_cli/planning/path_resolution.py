@@ -44,7 +44,7 @@ SHARE = 0.03
 makes less over the run and, of the turn of the fastest mode, in one step. Of 155 runs that were off
 by more than a tenth this silences three, a tenth in its place twelve."""
 AMPLIFIED = 10.0
-"""So many times larger than all steps made them, it is said that errors grow (guessed)."""
+"""So many times larger than all steps made them, errors are remarked to grow (guessed)."""
 NO_STEPS = "round-off alone is too large for that: take a shorter run"
 UNBOUNDED, FAR = 3.0, 100.0
 """So many times farther than before a run moves without bound, one that ends early, and one that

@@ -25,7 +25,7 @@ from fvi_cli.runner.executors.jobs import (
 )
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.parts.shard import shard_named
-from fvi_cli.runner.plan import check_memory
+from fvi_cli.runner.plan import check_memory_together
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.request import Source, gather, requested
 from fvi_cli.runner.settings import Settings
@@ -105,7 +105,7 @@ def run(
         shard=shard_named(shard),
     )
     request = requested(source, allow_unstable=allow_unstable)
-    check_memory(request, settings)
+    check_memory_together(request, settings)
     is_kept = settings.keep and request.stored is None
     with stored_runs(request, settings, writes=is_kept) as (store, why):
         listed = settings.runs_of(request)

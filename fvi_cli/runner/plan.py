@@ -84,7 +84,7 @@ def plan(
     """What :func:`run` would do with every run, why, and what is predicted; writes no file."""
     settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
     request = requested(source, allow_unstable=allow_unstable)
-    check_memory(request, settings)
+    check_memory_together(request, settings)
     checkpoints = None if settings.fresh else settings.checkpoints(request)
     plans = []
     with stored_runs(request, settings) as (store, why):
@@ -231,7 +231,7 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing:
     )
 
 
-def check_memory(request: Request, settings: Settings) -> None:
+def check_memory_together(request: Request, settings: Settings) -> None:
     """The longest runs must have room at the same time; one alone was looked at before."""
     if settings.workers == 1 or request.stored is not None:
         return
