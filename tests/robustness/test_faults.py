@@ -259,7 +259,7 @@ def test_in_a_folder_of_somebody_else_it_says_so(folder):
     assert "cannot be written: Permission denied" in done.stderr
 
 
-@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full"])
+@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "-v 2>&-", "-v 2>/dev/full"])
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
 def test_where_nobody_can_be_told_the_runs_are_computed(folder, redirection):
     command = f"{sys.executable} -m fvi_cli run quick.yaml {redirection}"
