@@ -71,7 +71,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             if not verbose:
                 _say("fvi: this is a mistake of the program; -v shows where it happened")
             code = RUN_FAILED
-        _drop_what_nobody_takes()
+        _drop_refused_words()
         raise typer.Exit(code)
 
     return wrapped
@@ -82,7 +82,7 @@ def _keeps_runs(options: Mapping[str, object]) -> bool:
     return "fresh" in options and not options.get("check") and not options.get("dry_run")
 
 
-def _drop_what_nobody_takes() -> None:
+def _drop_refused_words() -> None:
     """Words that standard error refused; the interpreter would end with a code of its own."""
     if sys.stderr is not None:
         try:
