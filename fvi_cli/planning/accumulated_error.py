@@ -63,9 +63,11 @@ class _States:
     damping: tuple[tuple[float, Array], ...]  # orders and coefficients, (b, k, k)
     gain: Array | None  # of energy since the first state, (n,), where it should be 0
 
+    is_regular: bool  # of a linear scene in equal steps: all have one map
+
     @property
     def acceleration(self) -> Array:
-        return np.asarray(np.linalg.solve(self.mass, self.force[..., None])[..., 0])
+        return _solved(self.mass, self.force)
 
     def flow(self, rate: Array, *, with_damping: bool) -> Array:
         """The matrices A, with losses of the damping at given rates, (n, b, 2 k, 2 k)."""
@@ -77,6 +79,13 @@ class _States:
             loss = form * (math.sin(0.5 * math.pi * order) * rate ** (order - 1.0))[:, None, None]
             lower = [lower[0] + loss @ slope, lower[1] - loss @ inverse]
         return np.block([[-slope, inverse], lower])
+
+
+def _solved(matrix: Array, vector: Array) -> Array:
+    """Solutions (n, b, k); many equations in one unknown take LAPACK long."""
+    if vector.shape[-1] == 1:
+        return np.asarray(vector / matrix[..., 0])
+    return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
 
 
 def accumulated_error(
@@ -215,6 +224,7 @@ def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, las
         ] = 0
     return _States(
         step=step,
+        is_regular=scene.is_linear and float(np.ptp(step)) <= 1e-9 * float(step.max()),
         every=trajectory.every,
         damping=tuple(
             (one.order, np.einsum("abk,ac,cbl->bkl", shapes, dense(one.form), shapes))
@@ -240,16 +250,21 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
     rest = (1e-6 / time) ** 2
     square = np.where(np.isfinite(square) & (square > rest), square, rest)
     rate = np.sqrt(square)
+    inverse, known = np.linalg.inv(mass), []
+    for order, form in windows[0].damping:
+        size = math.cos(0.5 * math.pi * order) * form
+        share = np.einsum("bkl,blk->b", inverse, size) / mass.shape[-1]
+        known.append((int(order > 1.0), order, size, share))
     for _ in range(ITERATIONS):
-        added = [np.zeros_like(mass), np.zeros_like(mass)]
-        for order, form in windows[0].damping:
-            size = form * (math.cos(0.5 * math.pi * order) * rate**order)[:, None, None]
+        shares = [np.zeros_like(rate), np.zeros_like(rate)]
+        for kind, order, _, share in known:
             # above 1 it pulls as a mass does, outwards
-            added[int(order > 1.0)] += -size / (rate**2)[:, None, None] if order > 1.0 else size
-        shares = [
-            np.trace(np.linalg.solve(mass, one), axis1=1, axis2=2) / mass.shape[-1] for one in added
-        ]
+            shares[kind] = shares[kind] + (1 - 2 * kind) * share * rate ** (order - 2.0 * kind)
+        used = rate
         rate = np.sqrt((square + np.maximum(shares[0], 0.0)) / (1.0 + np.maximum(shares[1], 0.0)))
+    added = [np.zeros_like(mass), np.zeros_like(mass)]
+    for kind, order, size, _ in known:
+        added[kind] += (1 - 2 * kind) * size * (used ** (order - 2.0 * kind))[:, None, None]
     found = [
         replace(
             one,
@@ -266,6 +281,21 @@ def errors_of_steps(
     states: _States, method: AnyMethod, rate: Array, shifts: ComplexArray, finer: float = 1.0
 ) -> Array:
     """What steps from states add to the error, those so many times shorter, (n - 1, b, 2 k)."""
+    if states.is_regular and len(states.step) > 2:
+        units = np.eye(3, 2)[:, :, None, None] * np.ones_like(states.velocity[0])
+        fast, mass = units[:, 0], states.mass[:3]
+        alone = replace(
+            states,
+            step=states.step[:2],
+            velocity=fast,
+            force=units[:, 1],
+            momentum=(mass @ fast[..., None])[..., 0],
+            mass=mass,
+            mixed=states.mixed[:3],
+            stiffness=states.stiffness[:3],
+        )
+        by_velocity, by_force = errors_of_steps(alone, method, rate, shifts, finer)
+        return np.asarray(states.velocity[:-1] * by_velocity + states.force[:-1] * by_force)
     h, k = states.step / finer, states.velocity.shape[2]
     velocity, acceleration, mass = states.velocity[:-1], states.acceleration[:-1], states.mass[:-1]
     rate_by, long = rate[:, None], h[:, None]
@@ -308,9 +338,11 @@ def _losses(states: _States, rate: Array) -> Array:
 
 def _carried(states: _States, local: Array, rate: Array) -> Array:
     """Errors behind all steps, (n - 1, b, 2 k)."""
-    flow = states.flow(rate, with_damping=True)
-    h = (states.step * states.every)[:, None, None, None]
+    flow = states.flow(rate, with_damping=True)[: 2 if states.is_regular else None]
+    h = (states.step * states.every)[: len(flow) - 1, None, None, None]
     maps, errors = exponentials(0.5 * h * (flow[:-1] + flow[1:])), local[..., None].copy()
+    if states.is_regular:
+        return _repeated(maps[0], local)
     if states.gain is not None:
         # in place of the energy that they have by the maps, that which is known
         slope = np.concatenate([-states.force, states.velocity], axis=-1)[1:]
@@ -330,9 +362,18 @@ def _carried(states: _States, local: Array, rate: Array) -> Array:
     return np.asarray(errors[..., 0])
 
 
+def _repeated(carrying: Array, local: Array) -> Array:
+    """Errors behind all steps where one map carries them all."""
+    errors, shift = np.ascontiguousarray(np.moveaxis(local, 0, -1)), 1
+    while shift < len(local):
+        errors[..., shift:] += carrying @ errors[..., :-shift]
+        carrying, shift = carrying @ carrying, 2 * shift
+    return np.moveaxis(errors, -1, 0)
+
+
 def _sum(states: _States, local: Array, shapes: Array, rate: Array) -> float:
     """The sum of the sizes of local errors, as positions at the rates of the motion."""
     k = shapes.shape[2]
-    speed = np.linalg.solve(states.mass[:-1], local[..., k:, None])[..., 0]
+    speed = _solved(states.mass[:-1], local[..., k:])
     place = (np.abs(local[..., :k]) + np.abs(speed) / rate[:, None]).sum(axis=0)
     return float(np.einsum("dbk,bk->d", np.abs(shapes), place).max())

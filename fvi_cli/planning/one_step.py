@@ -11,7 +11,7 @@ from fvi_cli.integrator.stability.patterns import DAMPING, MASS, STIFFNESS, step
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
-PADE = 8
+PADE = 6
 """Degree of the rational functions of which exponentials are made."""
 DIFFERENCE = 1e-4
 """Damping by which slopes of step determinants are found."""
