@@ -63,7 +63,7 @@ class _States:
     damping: tuple[tuple[float, Array], ...]  # orders and coefficients, (b, k, k)
     gain: Array | None  # of energy since the first state, (n,), where it should be 0
 
-    is_regular: bool  # of a linear scene in equal steps: all have one map
+    is_regular: bool  # of a linear scene, by equal steps: all have one map
 
     @property
     def acceleration(self) -> Array:
@@ -74,11 +74,12 @@ class _States:
         inverse = np.linalg.inv(self.mass)
         turned = self.mixed.swapaxes(-1, -2)
         slope = inverse @ self.mixed
-        lower = [self.stiffness - turned @ slope, turned @ inverse]
+        below, right = self.stiffness - turned @ slope, turned @ inverse
         for order, form in self.damping if with_damping else ():
             loss = form * (math.sin(0.5 * math.pi * order) * rate ** (order - 1.0))[:, None, None]
-            lower = [lower[0] + loss @ slope, lower[1] - loss @ inverse]
-        return np.block([[-slope, inverse], lower])
+            below, right = below + loss @ slope, right - loss @ inverse
+        upper = np.concatenate([-slope, inverse], axis=-1)
+        return np.concatenate([upper, np.concatenate([below, right], axis=-1)], axis=-2)
 
 
 def _solved(matrix: Array, vector: Array) -> Array:
@@ -120,10 +121,17 @@ def accumulated_error(
             return np.zeros((1, rate.size), dtype=np.complex128)
         return rate_errors(method, orders, rate * (mean / (finer * trajectory.every)))
 
-    total, made_by_steps, shifted = np.zeros(shapes.shape[1:]), 0.0, shifts(1.0)
+    def made(finer: float) -> list[Array]:
+        """The errors of the steps of each window."""
+        shifted = shifts(finer)
+        if not windows[0].is_regular:
+            return [errors_of_steps(one, method, rate, shifted, finer) for one in windows]
+        alone = errors_of_steps(_units(windows[0]), method, rate, shifted, finer)
+        return [one.velocity[:-1] * alone[0] + one.force[:-1] * alone[1] for one in windows]
+
+    total, made_by_steps = np.zeros(shapes.shape[1:]), 0.0
     errors: list[Array] = [np.zeros(1)]
-    for states in windows:
-        local = errors_of_steps(states, method, rate, shifted)
+    for states, local in zip(windows, made(1.0), strict=True):
         place = _carried(states, local, rate)[:, :, : shapes.shape[2]]
         if len(starts) == 1:
             errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
@@ -140,10 +148,8 @@ def accumulated_error(
     largest, finer, tried, ratio = float(error.max()), 1.0, 0, FINER
     while largest > wanted and tried < MOST_REFINEMENTS:
         finer, tried = finer * ratio, tried + 1
-        shifted = shifts(finer)
         left = sum(
-            _sum(one, errors_of_steps(one, method, rate, shifted, finer), shapes, rate)
-            for one in windows
+            _sum(one, local, shapes, rate) for one, local in zip(windows, made(finer), strict=True)
         )
         before, largest = largest, float(error.max()) * lasting * left / made_by_steps
         # by the order that is seen
@@ -224,7 +230,7 @@ def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, las
         ] = 0
     return _States(
         step=step,
-        is_regular=scene.is_linear and float(np.ptp(step)) <= 1e-9 * float(step.max()),
+        is_regular=scene.is_linear,
         every=trajectory.every,
         damping=tuple(
             (one.order, np.einsum("abk,ac,cbl->bkl", shapes, dense(one.form), shapes))
@@ -244,10 +250,11 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
         sum((one**2).sum(axis=(0, 2)) for one in parts)
         for parts in zip(*((w.acceleration, w.velocity) for w in windows), strict=True)
     ]
-    time, mass = sum(float(one.step.sum()) for one in windows), windows[0].mass[0]
+    steps, mass = np.concatenate([one.step for one in windows]), windows[0].mass[0]
+    is_regular = windows[0].is_regular and float(np.ptp(steps)) <= 1e-6 * float(steps.max())
     with np.errstate(all="ignore"):
         square = squares[0] / squares[1]
-    rest = (1e-6 / time) ** 2
+    rest = (1e-6 / float(steps.sum())) ** 2
     square = np.where(np.isfinite(square) & (square > rest), square, rest)
     rate = np.sqrt(square)
     inverse, known = np.linalg.inv(mass), []
@@ -255,7 +262,7 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
         size = math.cos(0.5 * math.pi * order) * form
         share = np.einsum("bkl,blk->b", inverse, size) / mass.shape[-1]
         known.append((int(order > 1.0), order, size, share))
-    for _ in range(ITERATIONS):
+    for _ in range(ITERATIONS if known else 0):
         shares = [np.zeros_like(rate), np.zeros_like(rate)]
         for kind, order, _, share in known:
             # above 1 it pulls as a mass does, outwards
@@ -268,6 +275,7 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
     found = [
         replace(
             one,
+            is_regular=is_regular,
             stiffness=one.stiffness - added[0],
             mass=one.mass + added[1],
             momentum=one.momentum + (added[1] @ one.velocity[..., None])[..., 0],
@@ -277,25 +285,26 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
     return found, rate
 
 
+def _units(states: _States) -> _States:
+    """A unit of the velocity, and one of the force, each by itself: what one step makes of them."""
+    units = np.eye(3, 2)[:, :, None, None] * np.ones_like(states.velocity[0])
+    mass = states.mass[:3]
+    return replace(
+        states,
+        step=states.step[:2],
+        velocity=units[:, 0],
+        force=units[:, 1],
+        momentum=(mass @ units[:, 0, :, None])[..., 0],
+        mass=mass,
+        mixed=states.mixed[:3],
+        stiffness=states.stiffness[:3],
+    )
+
+
 def errors_of_steps(
     states: _States, method: AnyMethod, rate: Array, shifts: ComplexArray, finer: float = 1.0
 ) -> Array:
     """What steps from states add to the error, those so many times shorter, (n - 1, b, 2 k)."""
-    if states.is_regular and len(states.step) > 2:
-        units = np.eye(3, 2)[:, :, None, None] * np.ones_like(states.velocity[0])
-        fast, mass = units[:, 0], states.mass[:3]
-        alone = replace(
-            states,
-            step=states.step[:2],
-            velocity=fast,
-            force=units[:, 1],
-            momentum=(mass @ fast[..., None])[..., 0],
-            mass=mass,
-            mixed=states.mixed[:3],
-            stiffness=states.stiffness[:3],
-        )
-        by_velocity, by_force = errors_of_steps(alone, method, rate, shifts, finer)
-        return np.asarray(states.velocity[:-1] * by_velocity + states.force[:-1] * by_force)
     h, k = states.step / finer, states.velocity.shape[2]
     velocity, acceleration, mass = states.velocity[:-1], states.acceleration[:-1], states.mass[:-1]
     rate_by, long = rate[:, None], h[:, None]

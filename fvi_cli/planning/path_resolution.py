@@ -107,13 +107,14 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
     if scene.prescribed is not None or scene.is_sparse or scene.dimension > MOST_MODES:
         return ()
     with np.errstate(all="ignore"):
-        finite = np.isfinite(trajectory.position).all(axis=1)
-        time, path = trajectory.time[finite], trajectory.position[finite]
+        time, path = _finite(trajectory)
         if time.size < 3:
             return ()
+        far = np.abs(path[-1] - path[0]).max() / (FAR if trajectory.status == "ok" else UNBOUNDED)
+        if not far > np.abs(path[0]).max():
+            return ()
         distance = np.abs(path - path[0]).max(axis=1)
-        size = max(float(np.abs(path[0]).max()), float(np.median(distance)))
-        if not distance[-1] > (FAR if trajectory.status == "ok" else UNBOUNDED) * size:
+        if not far > np.median(distance):
             return ()
         at = scene.derivatives(path[-1:], np.zeros_like(path[-1:]), time[-1:])
 
@@ -211,17 +212,18 @@ def _unexplained(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
 
 def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
     """Modes at states of a run, of a linear scene at one; None where it has too few points."""
-    finite = np.isfinite(trajectory.position).all(axis=1)
-    time, path = trajectory.time[finite], trajectory.position[finite]
+    time, path = _finite(trajectory)
     size = 0.5 * float(np.ptp(path, axis=0).max(initial=0.0))
     if time.size < 3 or not size > 0.0:
         return None
-    velocity = _rates(time, path)
-    step = np.append(np.diff(time), time[-1] - time[-2]) / trajectory.every
     d = scene.dimension
+    each = math.ceil(time.size * max(d / MOST_VALUES, 0.1 / MOST_SUDDEN)) if scene.is_linear else 1
+    first, last = np.arange(0, time.size, each), time.size - 1
+    before, behind = np.maximum(first - 1, 0), np.minimum(first + 1, last)
+    velocity = (path[behind] - path[before]) / (time[behind] - time[before])[:, None]
+    step = (time[behind] - time[np.minimum(first, last - 1)]) / trajectory.every
     if scene.is_linear:
-        some = slice(None, None, math.ceil(time.size * max(d / MOST_VALUES, 0.1 / MOST_SUDDEN)))
-        time, path, velocity, step = time[some], path[some], velocity[some], step[some]
+        time, path = time[first], path[first]
         mass, stiffness, force = _linear_derivatives(scene)
     else:
         time, path, velocity, step = _between(time, path, velocity, step)
@@ -264,12 +266,11 @@ def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
     )
 
 
-def _rates(time: Array, path: Array) -> Array:
-    """Velocities at the points of a run by differences."""
-    h = np.diff(time)[:, None]
-    chord = np.diff(path, axis=0)
-    middle = (chord[1:] + chord[:-1]) / (h[1:] + h[:-1])
-    return np.concatenate([chord[:1] / h[:1], middle, chord[-1:] / h[-1:]])
+def _finite(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Times and positions as far as these are finite."""
+    known = np.isfinite(trajectory.position)
+    rows = slice(None) if known.all() else known.all(axis=1)
+    return trajectory.time[rows], trajectory.position[rows]
 
 
 def _linear_derivatives(scene: Scene) -> tuple[Array, Array, Array]:
