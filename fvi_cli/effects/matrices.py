@@ -16,6 +16,7 @@ from fvi_cli.mathematics.definite import singular_words
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
+    from scipy.sparse.linalg import SuperLU
 
 SYMMETRY_TOLERANCE = 1e-12
 """Largest difference of an entry and its mirror image, relative to the largest entry."""
@@ -221,13 +222,31 @@ def solver(matrix: Form) -> Solve:
         if not np.all(along != 0):
             raise np.linalg.LinAlgError("Singular matrix")
         return lambda right: np.asarray((right.T / along).T)
+    factors = factors_of(as_csc(matrix))
+    return lambda right: np.asarray(factors.solve(np.ascontiguousarray(right)))
+
+
+def factors_of(matrix: csc_array[Any], least_pivot: float = 0.1) -> SuperLU:
+    """Factors of a matrix with a symmetric pattern.
+
+    A pivot stays on the diagonal unless it is less than this part of its column's largest entry.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is singular.
+    """
     from scipy.sparse.linalg import splu
 
     try:
-        factors = splu(as_csc(matrix))
+        return splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=least_pivot,
+            options={"SymmetricMode": True},
+        )
     except RuntimeError as error:
         raise np.linalg.LinAlgError(str(error)) from error
-    return lambda right: np.asarray(factors.solve(np.ascontiguousarray(right)))
 
 
 def negative_pivots(matrix: SparseMatrix) -> int:
@@ -236,18 +255,11 @@ def negative_pivots(matrix: SparseMatrix) -> int:
     By Sylvester's law of inertia this is the number of eigenvalues of a sparse symmetric matrix
     that are not positive; all of them count where the elimination breaks down.
     """
-    from scipy.sparse.linalg import splu
-
     if is_diagonal(matrix):
         return int(np.count_nonzero(~(matrix.diagonal() > 0)))
     try:
-        factors = splu(
-            as_csc(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError:
+        factors = factors_of(as_csc(matrix), least_pivot=0.0)
+    except np.linalg.LinAlgError:
         return int(matrix.shape[0])
     if not np.array_equal(factors.perm_r, factors.perm_c):
         return int(matrix.shape[0])

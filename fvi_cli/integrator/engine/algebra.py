@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, Solve, as_csr, times, touched
+from fvi_cli.effects.matrices import Form, Solve, as_csr, factors_of, times, touched
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_INVERSE = 200
@@ -52,16 +52,12 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
     if modal is not None:
         return modal
     from scipy.sparse import csc_array, csr_array, kron
-    from scipy.sparse.linalg import splu
 
     # the components of a step next to each other: the band of the large matrices stays narrow
     whole = csc_array((size, size))
     for small, large in parts:
         whole = whole + kron(cast("csr_array", large), small, format="csc")
-    try:
-        factorised = splu(csc_array(whole), permc_spec="MMD_AT_PLUS_A")
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(str(error)) from error
+    factorised = factors_of(csc_array(whole))
     s = parts[0][0].shape[0]
 
     def solve(right: Array) -> Array:
@@ -79,7 +75,6 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
     conjugates of the others.
     """
     from scipy.sparse import csc_array
-    from scipy.sparse.linalg import splu
 
     first = np.linalg.inv(parts[0][0])
     quotients = [first @ small for small, _ in parts]
@@ -99,10 +94,7 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
         whole = csc_array((d, d), dtype=complex)
         for one, (_, large) in zip(along, parts, strict=True):
             whole = whole + csc_array(as_csr(large), dtype=complex) * complex(one[k, k])
-        try:
-            factors.append(splu(csc_array(whole), permc_spec="MMD_AT_PLUS_A"))
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from error
+        factors.append(factors_of(csc_array(whole)))
 
     whole_ones, few = [], []
     for small, large in parts:
