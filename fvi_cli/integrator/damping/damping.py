@@ -198,12 +198,11 @@ class Damping:
 
         Of all directions together, or of one; for many blocks with a leading axis.
         """
-        chosen = range(len(self.directions)) if direction is None else [direction]
-        combinations = [self.combinations[index] for index in chosen]
-        own = self._acted_on(states, column)
-        force = tables.kernels.past([own[index] for index in chosen], combinations, count)
-        for index, one in zip(chosen, combinations, strict=True):
-            offset = tables.offsets[index]
+        chosen = slice(None) if direction is None else slice(direction, direction + 1)
+        combinations = self.combinations[chosen]
+        own = self._acted_on(states, column)[chosen]
+        force = tables.kernels.past(own, combinations, count)
+        for offset, one in zip(tables.offsets[chosen], combinations, strict=True):
             if offset is not None:
                 start = along(self._velocity, one.matrix)
                 force = force + offset[:, : force.shape[-2], None] * start

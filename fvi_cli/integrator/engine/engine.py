@@ -64,6 +64,8 @@ class Engine:
         self.x0 = self._members(lambda one: one.initial_position)
         self.v0 = self._members(lambda one: one.initial_velocity)
         self.q, self.e = self.x0.shape
+        # members that make a scene
+        self.width = 1 if self.modes is None else self.modes[0].batch
         self.p0 = self.law.momentum(self.x0, self.v0, 0.0)
         self.damping = damping_of(
             scenes,
@@ -184,7 +186,7 @@ class Engine:
                 return self._linear(op, state, past, loads)
             known = self._known(op.frame, past, count, loads)
             u = op.solve(state, known).reshape(*known.shape[:2], -1, self.e)
-            failed = np.repeat(op.singular, self.q // len(op.singular))
+            failed = op.singular.repeat(self.q // len(op.singular))
             return self._taken(op.frame, state, known, u, self._pulled(op, state, u), failed)
         if most == 1:
             op, points, rest = self._operators.of_step(state, h, self.guess(state, h))
@@ -242,7 +244,7 @@ class Engine:
         """Steps with these unknowns and, in each, this impulse of the forces of the law."""
         q, count = u.shape[:2]
         inputs = self._inputs(u)
-        change = -known.sum(axis=2)
+        change = -np.add.reduce(known, axis=2)
         z, damping = state.z, self.damping
         if damping is not None and frame.damping is not None:
             for impulses, one in zip(frame.impulses, damping.combinations, strict=True):
@@ -363,11 +365,6 @@ class Engine:
         return np.concatenate(
             [mode.forces(one) for mode, one in zip(self.modes, every, strict=True)]
         )
-
-    @property
-    def width(self) -> int:
-        """Number of members that make a scene."""
-        return 1 if self.modes is None else self.modes[0].batch
 
     def scene_positions(self, x: Array) -> Array:
         """Positions or velocities of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""

@@ -137,7 +137,7 @@ class Frame:
         # damping forces to load vectors of their step, (s + 1, m), and to its momentum, (m,); a
         # force of 1 to load vectors, (s + 1,)
         self.to_loads, self.test_sum = h * unit.tables.to_loads, h * unit.test_sum
-        self.weights = self.to_loads.sum(axis=0)
+        self.weights = np.add.reduce(self.to_loads)
         # U to displacements, a lag sequence (B, r, s), and by the stiffness within a step
         self.displacement, self.stiff = h * unit.displacement, h * h * unit.stiff
         # tables of the memory, and for every direction U to the equations, (q or 1, s, s)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,10 +93,10 @@ class Steps:
     rest: Array | None = None  # remainders at the points, (q, B r, w); None for linear scenes
     attempts: tuple[Attempt, ...] = ()  # how the iterations went that solved them
 
-    @cached_property
+    @property
     def has_failed(self) -> bool:
         """Whether any member has no solution."""
-        return bool(self.failed.any())
+        return bool(np.count_nonzero(self.failed))
 
     def _members(self) -> dict[str, Array]:
         every = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -108,7 +107,6 @@ class Steps:
         mine, new = self._members(), other._members()
         for name in mine.keys() & new.keys():
             mine[name][places] = new[name]
-        vars(self).pop("has_failed", None)
         self.attempts += tuple(one.among(places) for one in other.attempts)
 
     def among(self, places: Places, members: int) -> Steps:

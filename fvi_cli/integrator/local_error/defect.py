@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,8 +72,7 @@ ON_KINK = 1e-11
 """Of its largest size in the step; with less a kink lies at the end."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StepPath:
+class StepPath(NamedTuple):
     """The polynomial of one solved step."""
 
     begin: float  # t and h

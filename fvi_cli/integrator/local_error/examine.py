@@ -13,7 +13,7 @@ force and have their full order.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -129,8 +129,7 @@ MOST_CUTS = 12
 """Times that a step is cut to end at a kink."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StepFinding:
+class StepFinding(NamedTuple):
     """What was found out about a step."""
 
     error: float  # its local error, a length

@@ -114,8 +114,8 @@ class Recorder:
         """The next steps."""
         if self._n_reported is not None:
             report_progress(self.reported + self._inside_chunk, self._n_reported)
+            self._inside_chunk += solved.n_reported
         self._waiting.append(solved)
-        self._inside_chunk += solved.n_reported
         self._count += solved.n_steps
 
     def stop(self, failure: Failure) -> None:
