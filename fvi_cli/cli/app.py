@@ -6,7 +6,9 @@ The rest of the project is imported inside the commands, so that ``--help`` is q
 from __future__ import annotations
 
 import _thread
+import contextlib
 import inspect
+import io
 import itertools
 import os
 import signal
@@ -15,7 +17,7 @@ import textwrap
 import threading
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -25,6 +27,9 @@ from fvi_cli.cli import compute, configurations, files, report
 from fvi_cli.cli.command import Command
 from fvi_cli.cli.exits import DONE
 from fvi_cli.cli.options import CLUSTERS
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Compute": (compute.run, compute.cost, compute.stability, compute.fit, compute.hard_cases),
@@ -119,12 +124,32 @@ def command_line() -> Callable[[], object]:
 
 
 def _open_standard_streams() -> None:
-    """Discard output where a standard stream is closed, so that it reaches no file."""
+    """Discard output where a standard stream is closed, so that it reaches no file.
+
+    Words that standard error refuses are dropped too: Python holds them, and tries them once more
+    before it begins a process (which fails then) and where it ends (with a code of its own).
+    """
     while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(handle)
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
+    if os.name == "posix":
+        sys.stderr = io.TextIOWrapper(
+            io.BufferedWriter(_Unheard(2, "w", closefd=False)),
+            encoding=sys.stderr.encoding,
+            errors="backslashreplace",
+            line_buffering=True,
+        )
+
+
+class _Unheard(io.FileIO):
+    """A file that takes what its device refuses."""
+
+    def write(self, words: ReadableBuffer, /) -> int:
+        with contextlib.suppress(OSError):
+            return super().write(words)
+        return memoryview(words).nbytes
 
 
 def _not_ignored(unraisable: sys.UnraisableHookArgs) -> None:

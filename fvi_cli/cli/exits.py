@@ -71,7 +71,6 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             if not verbose:
                 _say("fvi: this is a mistake of the program; -v shows where it happened")
             code = RUN_FAILED
-        _drop_refused_words()
         raise typer.Exit(code)
 
     return wrapped
@@ -80,15 +79,6 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 def _keeps_runs(options: Mapping[str, object]) -> bool:
     """Whether the command stores runs: then it has the option to ignore those (``--fresh``)."""
     return "fresh" in options and not options.get("check") and not options.get("dry_run")
-
-
-def _drop_refused_words() -> None:
-    """Words that standard error refused; the interpreter would end with a code of its own."""
-    if sys.stderr is not None:
-        try:
-            sys.stderr.flush()
-        except OSError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def _say(*lines: str) -> None:

@@ -24,7 +24,8 @@ def environment() -> dict[str, str]:
     """Variables for a process that runs the package which is tested here."""
     package = str(Path(fvi_cli.__file__).parents[1])
     search = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
-    return {**os.environ, "PYTHONPATH": search}
+    # buffered as users have it: what a stream refuses stays in the buffer
+    return {**os.environ, "PYTHONPATH": search, "PYTHONUNBUFFERED": ""}
 
 
 def fvi(folder: Path, *arguments: object, **options: object) -> subprocess.CompletedProcess[str]:

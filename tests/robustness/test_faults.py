@@ -259,13 +259,17 @@ def test_in_a_folder_of_somebody_else_it_says_so(folder):
     assert "cannot be written: Permission denied" in done.stderr
 
 
-@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "-v 2>&-", "-v 2>/dev/full"])
+@pytest.mark.parametrize("arguments", ["quick.yaml -v -j 2", "--no-such"])
+@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full"])
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
-def test_where_nobody_can_be_told_the_runs_are_computed(folder, redirection):
-    command = f"{sys.executable} -m fvi_cli run quick.yaml {redirection}"
+def test_where_nobody_can_be_told_commands_end_as_elsewhere(folder, arguments, redirection):
+    command = f"{sys.executable} -m fvi_cli run {arguments} {redirection}"
     done = subprocess.run(
         ["sh", "-c", command], cwd=folder, env=environment(), capture_output=True, check=False
     )
+    if arguments == "--no-such":
+        assert done.returncode == 2
+        return
     assert done.returncode == 0
     assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS
     assert len(done.stdout.splitlines()) == N_RUNS + 2
