@@ -5,7 +5,7 @@ import functools
 import io
 import re
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -46,6 +46,7 @@ NAMES = {
     "refuse_what_has_no_price": "check_measurable",
 }
 """Parts of names, with what to write."""
+ANY_NAME = re.compile(f"_(?:{'|'.join(NAMES)})_")
 
 OF_LIBRARIES = {("storage/stream.py", "tell"), ("scenes/structures/archives.py", "tell")}
 """Names that a protocol of Python gives."""
@@ -74,15 +75,22 @@ PHRASES = (
 ANY_PHRASE = re.compile("|".join(PHRASES))
 
 
+Nodes = Sequence[ast.AST]
+
+
 @functools.cache
 def parts(name: str) -> str:
     """The words of a name, each between underscores."""
     return f"_{re.sub(r'(?<=[a-z])(?=[A-Z])', '_', name).lower().strip('_')}_"
 
 
-def names(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def nodes_of(source: str) -> Nodes:
+    return list(ast.walk(ast.parse(source)))
+
+
+def names(nodes: Nodes) -> Iterator[tuple[int, str]]:
     """Names that are given in a module: of functions, classes, arguments, values and attributes."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node.lineno, node.name
         elif isinstance(node, ast.arg):
@@ -93,24 +101,26 @@ def names(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.attr
 
 
-def texts(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Texts of a module that are no docstrings."""
-    docstrings = {
-        id(node.value)
-        for node in ast.walk(tree)
+def docstrings(nodes: Nodes) -> list[ast.Constant]:
+    return [
+        node.value
+        for node in nodes
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    }
-    for node in ast.walk(tree):
-        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
-        if is_text and id(node) not in docstrings:
+    ]
+
+
+def texts(nodes: Nodes) -> Iterator[tuple[int, str]]:
+    """Texts of a module that are no docstrings."""
+    own = {id(one) for one in docstrings(nodes)}
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in own:
             yield node.lineno, node.value
 
 
-def comments(source: str) -> Iterator[tuple[int, str]]:
+def comments(source: str, nodes: Nodes) -> Iterator[tuple[int, str]]:
     """Docstrings and comments of a module, each in one line; comments over several lines joined."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            yield node.lineno, " ".join(str(node.value.value).split())
+    for one in docstrings(nodes):
+        yield one.lineno, " ".join(str(one.value).split())
     joined: list[tuple[int, str]] = []
     last = 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
@@ -124,12 +134,13 @@ def comments(source: str) -> Iterator[tuple[int, str]]:
     yield from joined
 
 
-def wrong_names(source: str, place: str) -> list[str]:
+def wrong_names(nodes: Nodes, place: str) -> list[str]:
     return [
-        f"{place}:{line}: {name}: write {instead}"
-        for line, name in dict.fromkeys(names(ast.parse(source)))
-        for word, instead in NAMES.items()
-        if f"_{word}_" in parts(name) and (place, name) not in OF_LIBRARIES
+        f"{place}:{line}: {name}: write {NAMES[word]}"
+        for line, name in dict.fromkeys(names(nodes))
+        if ANY_NAME.search(parts(name)) and (place, name) not in OF_LIBRARIES
+        for word in NAMES
+        if f"_{word}_" in parts(name)
     ]
 
 
@@ -143,29 +154,31 @@ def wrong_phrases(lines: Iterator[tuple[int, str]], place: str) -> list[str]:
     ]
 
 
-def test_names_are_plain():
-    found = []
+FRONT_DOORS = {
+    "compare", "hard_cases", "integrate", "run", "show", "write",
+}  # fmt: skip
+"""Public functions of the package that check what users give, and call one of the same name."""
+
+
+def test_names_messages_and_comments_are_plain_and_no_two_things_have_one_name():
+    found: list[str] = []
+    homes: dict[str, list[str]] = {}
     for path in SOURCES:
         place = path.relative_to(ROOT / "fvi_cli").as_posix()
-        found += wrong_names(path.read_text(encoding="utf-8"), place)
+        source = path.read_text(encoding="utf-8")
+        tree, *inner = nodes = nodes_of(source)
+        found += wrong_names(nodes, place)
+        found += wrong_phrases(texts(nodes), place)
+        found += wrong_phrases(comments(source, nodes), place)
+        # commands are called like the functions that they call
+        named = [n for n in tree.body if isinstance(n, ast.FunctionDef) and place[:4] != "cli/"]
+        for node in [*named, *(n for n in inner if isinstance(n, ast.ClassDef))]:
+            if not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(f"{place}:{node.lineno}")
     assert found == []
-
-
-def test_messages_and_help_are_plain():
-    found = []
-    for path in SOURCES:
-        place = path.relative_to(ROOT / "fvi_cli").as_posix()
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        found += wrong_phrases(texts(tree), place)
-    assert found == []
-
-
-def test_docstrings_and_comments_are_plain():
-    found = []
-    for path in SOURCES:
-        place = path.relative_to(ROOT / "fvi_cli").as_posix()
-        found += wrong_phrases(comments(path.read_text(encoding="utf-8")), place)
-    assert found == []
+    several = {name: places for name, places in homes.items() if len(places) > 1}
+    assert {name: places for name, places in several.items() if name not in FRONT_DOORS} == {}
+    assert set(several) >= FRONT_DOORS
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
@@ -179,32 +192,13 @@ def test_pages_are_plain(path):
 
 def test_the_lists_find_what_they_are_for():
     source = "def was_told(beside, theWay):\n    self.asked = 'nobody can tell it'\n"
-    assert [one.split(": ")[1] for one in wrong_names(source, "m.py")] == [
+    nodes = nodes_of(source)
+    assert [one.split(": ")[1] for one in wrong_names(nodes, "m.py")] == [
         "was_told", "beside", "theWay", "asked"
     ]  # fmt: skip
-    assert len(wrong_phrases(texts(ast.parse(source)), "m.py")) == 2
+    assert len(wrong_phrases(texts(nodes), "m.py")) == 2
     source = '"""What is\n    told."""\n# in\n# vain\n'
-    assert [line for line, _ in comments(source)] == [1, 3]
-    assert len(wrong_phrases(comments(source), "m.py")) == 2
-    assert wrong_names("def always(anyway, tellurium): ...", "m.py") == []
-
-
-FRONT_DOORS = {
-    "compare", "hard_cases", "integrate", "run", "show", "write",
-}  # fmt: skip
-"""Public functions of the package that check what users give, and call one of the same name."""
-
-
-def test_no_class_or_function_has_the_name_of_another():
-    homes: dict[str, list[str]] = {}
-    for path in SOURCES:
-        place = path.relative_to(ROOT / "fvi_cli").as_posix()
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        # commands are called like the functions that they call
-        named = [n for n in tree.body if isinstance(n, ast.FunctionDef) and place[:4] != "cli/"]
-        for node in [*named, *(n for n in ast.walk(tree) if isinstance(n, ast.ClassDef))]:
-            if not node.name.startswith("_"):
-                homes.setdefault(node.name, []).append(f"{place}:{node.lineno}")
-    several = {name: places for name, places in homes.items() if len(places) > 1}
-    assert {name: places for name, places in several.items() if name not in FRONT_DOORS} == {}
-    assert set(several) >= FRONT_DOORS
+    lines = list(comments(source, nodes_of(source)))
+    assert [line for line, _ in lines] == [1, 3]
+    assert len(wrong_phrases(iter(lines), "m.py")) == 2
+    assert wrong_names(nodes_of("def always(anyway, tellurium): ..."), "m.py") == []
