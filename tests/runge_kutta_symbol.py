@@ -1,21 +1,51 @@
-"""Convolution quadrature symbol of a Runge-Kutta method."""
+"""Tableaux of the Runge-Kutta methods, and their convolution quadrature symbols."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import fractional_matrix_power
 
-from fvi_cli.mathematics.arrays import ComplexArray
-from fvi_cli.mathematics.runge_kutta import ButcherTableau
+from fvi_cli.integrator.memory.stages import stage_operator
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 # Eigenvectors worse conditioned than this lose digits in a matrix power.
 _LARGEST_CONDITION = 1e4
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ButcherTableau:
+    """A method with m stages; orders p of the weights and q of the stages, as the books have them.
+
+    They fulfil B(p), ``sum_i b_i c_i^(k-1) = 1/k`` for k = 1..p, and C(q), ``sum_j a_ij c_j^(k-1) =
+    c_i^k / k`` for k = 1..q (Hairer, Wanner, *Solving Ordinary Differential Equations II*, section
+    IV.5).
+    """
+
+    A: Array
+    b: Array
+    c: Array
+    order: int
+    stage_order: int
+
+
+def tableau(name: str, m: int) -> ButcherTableau:
+    """The method by which the package remembers; of its own matrix between coefficients."""
+    own = stage_operator(name, m)
+    return ButcherTableau(
+        A=own.to_values @ own.matrix @ own.to_coefficients,
+        b=own.rule.weights,
+        c=own.rule.nodes,
+        order={"gauss": 2 * m, "radau-iia": 2 * m - 1, "lobatto-iiic": 2 * m - 2}[name],
+        stage_order=m - (name == "lobatto-iiic"),
+    )
+
+
 def at_infinity(tableau: ButcherTableau) -> float:
     """Stability function at infinity, ``R = 1 - b^T A^{-1} 1``; -1, 0 and 1 are exact."""
-    value = 1.0 - float(tableau.b @ np.linalg.solve(tableau.A, np.ones(tableau.n_stages)))
+    value = 1.0 - float(tableau.b @ np.linalg.solve(tableau.A, np.ones(tableau.b.size)))
     nearest = float(round(value)) + 0.0
     return nearest if abs(value - nearest) < 1e-10 else value
 

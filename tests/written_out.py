@@ -14,14 +14,13 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from runge_kutta_symbol import symbol_power
+from runge_kutta_symbol import ButcherTableau, symbol_power, tableau
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.mathematics.runge_kutta import ButcherTableau, tableau
 
 Array = np.ndarray
 

@@ -9,10 +9,8 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
-from runge_kutta_symbol import at_infinity, symbol, symbol_power
+from runge_kutta_symbol import at_infinity, symbol, symbol_power, tableau
 from written_out import power_weights
-
-from fvi_cli.mathematics.runge_kutta import tableau
 
 FAMILIES = ("gauss", "radau-iia", "lobatto-iiic")
 METHODS = [

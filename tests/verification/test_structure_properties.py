@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
+from runge_kutta_symbol import tableau
 from written_out import left_operator_rk
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -20,7 +21,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.runge_kutta import tableau
 
 Array = np.ndarray
 

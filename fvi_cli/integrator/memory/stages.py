@@ -20,8 +20,15 @@ from numpy.polynomial import legendre
 
 from fvi_cli.integrator.memory.kernel import Slope, Term
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.runge_kutta import ButcherTableau, matrix_power, tableau
+from fvi_cli.mathematics.quadrature import (
+    QuadratureRule,
+    gauss_rule,
+    lobatto_rule,
+    radau_right_rule,
+)
+from fvi_cli.mathematics.runge_kutta import matrix_power
 
+_RULES = {"gauss": gauss_rule, "radau-iia": radau_right_rule, "lobatto-iiic": lobatto_rule}
 # exp(-800) is zero in double precision, and 0 * -800 is 0 where 0 * -inf would be NaN
 _LOG_OF_ZERO = -800.0
 
@@ -58,30 +65,40 @@ class StageExponentials:
 class StageOperator:
     """Functions of integration by one Runge-Kutta method over one step."""
 
-    tableau: ButcherTableau  # gauss, Radau IIA or Lobatto IIIC, m stages
+    name: str  # gauss, radau-iia or lobatto-iiic
+    rule: QuadratureRule  # its nodes and weights, m stages
 
     @cached_property
     def _entries(self) -> tuple[Array, float]:
-        return _matrix_entries(self.tableau)
+        """Entries xi_k below the diagonal of X, ``(m - 1,)``, and what the last one has more."""
+        m = self.n_stages
+        off = 0.5 / np.sqrt(4.0 * np.arange(1, m) ** 2 - 1.0)
+        if self.name == "gauss":
+            return off, 0.0
+        if self.name == "radau-iia":
+            return off, 1.0 / (4 * m - 2)
+        # of Lobatto IIIC: the rule is not exact for the square of the last polynomial
+        off[-1] *= math.sqrt((2 * m - 1) / (m - 1))
+        return off, 1.0 / (2 * m - 2)
 
     @property
     def n_stages(self) -> int:
         """Number m of stages."""
-        return self.tableau.n_stages
+        return self.rule.n_points
 
     @cached_property
     def to_values(self) -> Array:
         """Values at the stages of the orthonormal polynomials, shape ``(m, m)``; first column 1."""
-        c, m = self.tableau.c, self.n_stages
+        c, m = self.rule.nodes, self.n_stages
         values = legendre.legvander(2.0 * c - 1.0, m - 1) * np.sqrt(2.0 * np.arange(m) + 1.0)
-        if self.tableau.name == "lobatto-iiic":
+        if self.name == "lobatto-iiic":
             values[:, -1] *= math.sqrt((m - 1) / (2 * m - 1))
         return np.asarray(values)
 
     @cached_property
     def to_coefficients(self) -> Array:
         """Inverse of `to_values`: its transpose times the quadrature weights, ``(m, m)``."""
-        return np.asarray(self.to_values.T * self.tableau.b)
+        return np.asarray(self.to_values.T * self.rule.weights)
 
     @cached_property
     def matrix(self) -> Array:
@@ -100,7 +117,7 @@ class StageOperator:
 
         for a power, its derivative by the exponent, and a law. The power 0 is the identity.
         """
-        name, m = self.tableau.name, self.n_stages
+        name, m = self.name, self.n_stages
 
         def of_sizes(function: Callable[[float], float]) -> Array:
             # number by number: a size has the same bits whatever stands beside it
@@ -154,23 +171,10 @@ class StageOperator:
         return columns, np.where(q > 1, -1.0, 1.0), np.maximum(log_magnitudes, _LOG_OF_ZERO)
 
 
-def _matrix_entries(method: ButcherTableau) -> tuple[Array, float]:
-    """Entries xi_k below the diagonal of X, shape ``(m - 1,)``, and what the last one has more."""
-    m = method.n_stages
-    off = 0.5 / np.sqrt(4.0 * np.arange(1, m) ** 2 - 1.0)
-    if method.name == "gauss":
-        return off, 0.0
-    if method.name == "radau-iia":
-        return off, 1.0 / (4 * m - 2)
-    # of Lobatto IIIC: the rule is not exact for the square of the last polynomial
-    off[-1] *= math.sqrt((2 * m - 1) / (m - 1))
-    return off, 1.0 / (2 * m - 2)
-
-
 @cache
 def stage_operator(name: str, n_stages: int) -> StageOperator:
     """That of a method, the same one every time."""
-    return StageOperator(tableau=tableau(name, n_stages))
+    return StageOperator(name=name, rule=_RULES[name](n_stages))
 
 
 def _in_values(name: str, n_stages: int, coefficients: Array) -> Array:

@@ -31,13 +31,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fvi_cli.integrator.memory.stages import StageOperator
+from fvi_cli.integrator.memory.stages import StageOperator, stage_operator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
-from fvi_cli.mathematics.runge_kutta import tableau
 
 Patterns = Callable[[ComplexArray], ComplexArray]
 Forces = Callable[[ComplexArray], list[ComplexArray]]
@@ -86,7 +85,7 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     tables = step_tables(method)
     force_weights = tables.sample_test_weights
     if method.is_runge_kutta:
-        stages = StageOperator(tableau=tableau(method.cq, method.stages))
+        stages = stage_operator(method.cq, method.stages)
         force_weights = force_weights @ stages.to_values
         forces = _staged_forces(stages, tables, orders)
     else:

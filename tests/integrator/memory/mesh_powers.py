@@ -7,8 +7,7 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.memory.stages import StageOperator
-from fvi_cli.mathematics.runge_kutta import tableau
+from fvi_cli.integrator.memory.stages import StageOperator, stage_operator
 
 Array = NDArray[np.float64]
 
@@ -153,4 +152,4 @@ def meshes(n: int) -> dict[str, Array]:
 
 def gauss_operator(n_stages: int) -> StageOperator:
     """The Gauss method with so many stages."""
-    return StageOperator(tableau=tableau("gauss", n_stages))
+    return stage_operator("gauss", n_stages)

@@ -5,14 +5,14 @@ import itertools
 import numpy as np
 import pytest
 from mesh_powers import Array, gauss_operator, local_power, mesh_power, meshes
+from runge_kutta_symbol import tableau
 from spread import spread
 
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.kernel import Slope, power_kernel
-from fvi_cli.integrator.memory.stages import StageOperator
+from fvi_cli.integrator.memory.stages import stage_operator
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.runge_kutta import tableau
 
 KINDS = ("uniform", "random", "alternating", "geometric")
 
@@ -142,10 +142,10 @@ def test_the_slope_is_the_derivative_by_the_exponent(kind, m, theta):
 
 @spread(kind=KINDS, m=[1, 2, 5, 8])
 def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
-    steps, operator = meshes(24)[kind], gauss_operator(m)
+    steps, method = meshes(24)[kind], tableau("gauss", m)
     random = np.random.default_rng(2)
     u, v = random.standard_normal((2, 24, m, 1))
-    weights = steps[:, None, None] * operator.tableau.b[:, None]
+    weights = steps[:, None, None] * method.b[:, None]
     memory = memory_for((-0.6, 0.4), steps, m)
     forward = apply(memory, steps, v)
     backward = apply(memory, steps[::-1], u[::-1, ::-1])[:, ::-1, ::-1]
@@ -156,11 +156,11 @@ def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
 
 @pytest.mark.parametrize("name", ["gauss", "radau-iia", "lobatto-iiic"])
 def test_all_families_agree_with_dense_resolvents(name):
-    operator = StageOperator(tableau=tableau(name, 5))
+    operator = stage_operator(name, 5)
     assert np.allclose(operator.to_values @ operator.to_coefficients, np.eye(5), atol=1e-14)
     rates = power_kernel((-0.3, 0.6), shortest_step=0.01, final_time=10.0, stages=5).rates
     step = operator.exponentials(0.1 * rates)
-    method = operator.tableau
+    method = tableau(name, 5)
     for j in range(0, rates.size, 7):
         z = 0.1 * rates[j]
         resolvent = np.linalg.inv(np.eye(5) + z * method.A)
@@ -199,7 +199,7 @@ def test_blocks_and_parts_of_them_are_their_steps(count, members):
 @spread(theta=[-0.9, -0.5, 0.5, 0.9], kind=KINDS)
 def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
     steps, m = meshes(20)[kind], 4
-    operator = gauss_operator(m)
+    method = tableau("gauss", m)
     memory = memory_for((theta,), steps, m)
     kernel = memory.kernel
     values = np.random.default_rng(5).standard_normal((20, m, 1))
@@ -208,18 +208,18 @@ def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
     states = np.zeros((kernel.n_states, 1))
     for n, h in enumerate(steps):
         z = h * kernel.rates
-        resolvents = np.linalg.inv(np.eye(m) + z[:, None, None] * operator.tableau.A)
+        resolvents = np.linalg.inv(np.eye(m) + z[:, None, None] * method.A)
         moving = np.einsum("jik,jk->ji", resolvents, (values[n] - states.T).T)
         resting = np.einsum(
             "jik,jk->ji",
             resolvents,
-            states + h * kernel.rates[:, None] * (operator.tableau.A @ values[n])[:, 0],
+            states + h * kernel.rates[:, None] * (method.A @ values[n])[:, 0],
         )
         following = memory.kernels(float(h), 1).push(states[None], values[None, n], 1)[0]
         lost = resting if theta > 0 else moving
-        dissipated = h * size @ (lost**2 @ operator.tableau.b)
+        dissipated = h * size @ (lost**2 @ method.b)
         stored = 0.5 * energy_weights @ (following**2 - states**2)[:, 0]
-        work = h * operator.tableau.b @ (values[n] * force[n])[:, 0]
+        work = h * method.b @ (values[n] * force[n])[:, 0]
         assert dissipated >= 0
         assert work == pytest.approx(
             stored + dissipated, rel=0, abs=1e-11 * (dissipated + abs(work))
