@@ -40,15 +40,6 @@ class Decoupling:
         """Whether the systems are modes, and no components as they stand."""
         return self.modes is not None and self.modes.ndim == 2
 
-    @property
-    def extents(self) -> Array:
-        """How large a coordinate of each system can be where no position exceeds 1, ``(q,)``."""
-        if self.modes is None:
-            return np.ones(1)
-        if self.modes.ndim == 1:
-            return np.asarray(1.0 / np.abs(self.modes))
-        return np.asarray(np.abs(self.mass @ self.modes).sum(axis=0))
-
     def matrices(self, matrix: Array) -> Array:
         """A form of the scene (M, K or D) in the coordinates of the batch, ``(q, e, e)``."""
         if self.modes is None:

@@ -11,16 +11,10 @@ Reason = Literal[
 
 
 class StepFailedError(Exception):
-    """A step whose equations could not be solved.
+    """A step whose equations could not be solved, and what that is for the program."""
 
-    With the sizes of the residuals of Newton's iteration, first to last, and what it is for the
-    program.
-    """
-
-    def __init__(
-        self, message: str, residuals: tuple[float, ...] = (), reason: Reason = "step failed"
-    ) -> None:
-        self.residuals, self.reason = residuals, reason
+    def __init__(self, message: str, reason: Reason = "step failed") -> None:
+        self.reason = reason
         super().__init__(message)
 
 

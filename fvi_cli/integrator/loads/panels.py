@@ -15,32 +15,20 @@ GRADING_LEVELS = 200
 FINE_POINTS = 24
 
 
-def graded_edges() -> Array:
-    """Edges of panels on [0, 1] that shrink geometrically towards 0.
-
-    The first ends where t**0.1 is below 1e-16: powers from t**-0.9 on are integrated to round-off.
-    """
-    return np.concatenate([[0.0], GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0)])
-
-
 @cache
 def tested_rule(degree: int, *, is_graded: bool) -> tuple[Array, Array]:
     """Points r of one of these rules on [0, 1], and weights for the tests of a step.
 
-    On panels that shrink towards 0, or the fine rule on one: points ``(r,)``, and weights times the
-    values of the basis there, ``(s + 1, r)``.
+    On panels that shrink towards 0, or on one, which takes smooth forces to round-off: points
+    ``(r,)``, and weights times the values of the basis there, ``(s + 1, r)``. The first panel ends
+    where t**0.1 is below 1e-16, so that powers from t**-0.9 on are integrated to round-off.
     """
-    points, weights = graded_rule(graded_edges()) if is_graded else fine_rule()
+    ends = GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0) if is_graded else [1.0]
+    points, weights = graded_rule(np.array([0.0, *ends]))
     tested = lobatto_basis(degree).values(points) * weights
     for one in (points, tested):
         one.setflags(write=False)
     return points, tested
-
-
-def fine_rule() -> tuple[Array, Array]:
-    """Points and weights of the rule that takes smooth forces to round-off."""
-    rule = gauss_rule(FINE_POINTS)
-    return rule.nodes, rule.weights
 
 
 def graded_rule(edges: Array) -> tuple[Array, Array]:

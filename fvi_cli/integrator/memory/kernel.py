@@ -66,18 +66,12 @@ class Kernel:
     If all s and all V grow by the same constant, a derivative (theta < 0) does not change.
     """
 
-    terms: tuple[Term, ...]  # exponents, integrals where positive, derivatives where negative, ...
     rates: Array  # x_j > 0, ascending, 1/time, shape (J,)
     weights: Array  # shape (n_terms, J)
 
     def __post_init__(self) -> None:
         self.rates.setflags(write=False)
         self.weights.setflags(write=False)
-
-    @property
-    def n_states(self) -> int:
-        """Number J of rates."""
-        return int(self.rates.size)
 
     @property
     def energy_weights(self) -> Array:
@@ -168,7 +162,7 @@ def _kernel(
     rates, place = np.unique(np.concatenate([one for one, _ in found]), return_inverse=True)
     weights = np.zeros((len(terms), rates.size))
     np.add.at(weights.T, place, np.concatenate([columns for _, columns in found], axis=1).T)
-    return Kernel(terms=terms, rates=rates, weights=weights)
+    return Kernel(rates=rates, weights=weights)
 
 
 def _is_law(term: Term) -> TypeGuard[RelaxationKernel]:

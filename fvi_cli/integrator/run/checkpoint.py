@@ -79,16 +79,6 @@ class Checkpoint:
     kept: Arrays = field(default_factory=dict)
     seconds: float = 0.0
 
-    @property
-    def case(self) -> str:
-        """The method."""
-        return self.run[0]
-
-    @property
-    def n_steps(self) -> int:
-        """Number of reported steps."""
-        return self.run[1]
-
     def write(self, stream: IO[bytes], label: str) -> None:
         """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.
 

@@ -66,10 +66,10 @@ def integrate_part(
     step_size = scene.final_time / n_steps
     run_key = (chosen.case, n_steps, step_size, fingerprint(scene, chosen, mesh))
     if checkpoint is not None and checkpoint.run != run_key:
-        own = f"{checkpoint.case} N={checkpoint.n_steps}"
+        case, number, *_ = checkpoint.run
         raise ValueError(
-            f"checkpoint: it belongs to a run {own} of another scene, method or mesh, not to "
-            f"{chosen.case} N={n_steps}"
+            f"checkpoint: it belongs to a run {case} N={number} of another scene, method or mesh, "
+            f"not to {chosen.case} N={n_steps}"
         )
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:

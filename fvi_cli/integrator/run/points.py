@@ -204,7 +204,7 @@ def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFail
             f"Newton's iteration did not converge in {len(changes)} iterations (changes "
             f"{changes[0]:.1e} .. {changes[-1]:.1e}) near q = {near}; take a smaller step"
         )
-    return attempt.first, StepFailedError(words, changes)
+    return attempt.first, StepFailedError(words)
 
 
 def why_unsolved(steps: Steps, state: State) -> StepFailedError:

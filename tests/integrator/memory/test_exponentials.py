@@ -205,7 +205,7 @@ def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
     values = np.random.default_rng(5).standard_normal((20, m, 1))
     force = apply(memory, steps, values)[0]
     energy_weights, size = kernel.energy_weights[0], np.abs(kernel.weights[0])
-    states = np.zeros((kernel.n_states, 1))
+    states = np.zeros((kernel.rates.size, 1))
     for n, h in enumerate(steps):
         z = h * kernel.rates
         resolvents = np.linalg.inv(np.eye(m) + z[:, None, None] * method.A)
@@ -241,7 +241,7 @@ def test_few_rates_are_enough(ratio, steps, accuracy, most):
         kernel = power_kernel(
             (theta,), shortest_step=1.0, final_time=ratio, stages=8, steps=steps, accuracy=accuracy
         )
-        assert kernel.n_states <= most
+        assert kernel.rates.size <= most
 
 
 def test_kernels_are_shared():

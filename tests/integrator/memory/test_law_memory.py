@@ -177,7 +177,7 @@ def test_laws_have_full_order_in_every_kind_of_scene(name):
 
 def test_springpots_and_laws_share_their_rates_and_point_masses_are_their_own():
     def states(*terms: float | RelaxationKernel) -> int:
-        return power_kernel(terms, shortest_step=1e-3, final_time=10.0, stages=3).n_states
+        return power_kernel(terms, shortest_step=1e-3, final_time=10.0, stages=3).rates.size
 
     cole = ColeCole(order=0.4, time=0.3)
     alone = states(0.5)
