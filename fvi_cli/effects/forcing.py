@@ -23,6 +23,11 @@ from fvi_cli.mathematics.intervals.singularities import pole_inside
 ForceComponent = Expression | SampledForce | FunctionForce
 
 
+def formula_of(component: ForceComponent) -> Expression | None:
+    """The formula that a component is, or that is added to samples or a function."""
+    return component if isinstance(component, Expression) else component.formula
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForcingPiece:
     """One piece of a force: d components in ``t``, valid up to and including `until`.
@@ -139,6 +144,16 @@ class Forcing:
     def break_points(self) -> tuple[float, ...]:
         """Times at which one piece ends and the next begins."""
         return tuple(piece.until for piece in self.pieces[:-1])
+
+    @property
+    def components(self) -> tuple[ForceComponent, ...]:
+        """What acts, of every piece once."""
+        return tuple(one for piece in self.pieces for one, _ in piece.distinct)
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether a component is a function, of which nothing is known."""
+        return any(isinstance(one, FunctionForce) for one in self.components)
 
     @property
     def samples(self) -> tuple[SampledForce, ...]:

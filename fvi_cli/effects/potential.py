@@ -281,13 +281,7 @@ def _places_near(position: Array) -> list[Array]:
 def _check_derivatives(
     found: SuppliedPotential, name: str, place: Array, where: str, tolerated: float
 ) -> None:
-    """Refuse functions that are not the derivatives of each other at a place.
-
-    Raises
-    ------
-    ValueError
-        If differences over two distances agree with each other, and not with the derivative.
-    """
+    """Refuse a derivative where differences agree over two distances, and not with it."""
     spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(place))
     for value, derivative in ((found.energy, found.gradient), (found.gradient, found.hessian)):
         near, far = (_differences(value, place, size * spacing) for size in (1.0, 2.0))

@@ -108,16 +108,6 @@ class GrowthBound:
             return np.asarray(self.size * np.exp(self.rate * time))
 
 
-def bound_at_end(scene: Scene, n_steps: int) -> GrowthBound:
-    """The bound at the end of a run that starts from the scene's own data, for any method."""
-    h = scene.final_time / n_steps
-    force = 0.0
-    if scene.forcing is not None:
-        force = float(np.abs(scene.forcing(h * np.arange(n_steps + 1, dtype=float))).max())
-    bound = _bound(scene, force)
-    return replace(bound, size=float(bound.at(np.asarray(scene.final_time))), rate=0.0)
-
-
 def beyond(
     position: Array, velocity: Array, bound: GrowthBound, n_done: int, step_size: float
 ) -> Failure | None:
@@ -160,7 +150,15 @@ def growth_limit(scene: Scene) -> float:
     return largest_root(np.append(orders[~is_high], 1.0), np.append(negative[~is_high], high))
 
 
-def _bound(scene: Scene, force: float) -> GrowthBound:
+def scene_bound(scene: Scene) -> GrowthBound:
+    """The bound of a run of `scene`, from its own data."""
+    force = 0.0
+    if scene.forcing is not None:
+        ends = np.array([0.0, *scene.break_points, scene.final_time])
+        inside = (ends[:-1, None] + np.diff(ends)[:, None] * PROBED_FRACTIONS).ravel()
+        with np.errstate(all="ignore"):
+            values = np.abs(scene.forcing(inside))
+        force = float(values[np.isfinite(values)].max(initial=0.0))
     least, per_force = least_bound(scene)
     size, rate = least + per_force * force, 0.0
     if scene.is_sparse or (scene.is_linear and scene.active_laws):
@@ -210,18 +208,6 @@ def first_outside(
         f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do"
     )
     return index, Failure(words, "diverged", step, time)
-
-
-def scene_bound(scene: Scene) -> GrowthBound:
-    """The bound of a run of `scene`, from its own data."""
-    force = 0.0
-    if scene.forcing is not None:
-        ends = np.array([0.0, *scene.break_points, scene.final_time])
-        inside = (ends[:-1, None] + np.diff(ends)[:, None] * PROBED_FRACTIONS).ravel()
-        with np.errstate(all="ignore"):
-            values = np.abs(scene.forcing(inside))
-        force = float(values[np.isfinite(values)].max(initial=0.0))
-    return _bound(scene, force)
 
 
 def least_bound(scene: Scene) -> tuple[float, float]:

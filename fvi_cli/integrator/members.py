@@ -92,7 +92,7 @@ def integrate_batch(
     One whose numbers cease to be finite is integrated individually, where overflow in blocks is
     distinguished from a run that left its bound before.
     """
-    mesh, block = _mesh(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
+    mesh, block = mesh_for(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
     together = max(1, MOST_TOGETHER // _width(scenes[0]))
     for first in range(0, len(scenes), together):
@@ -101,7 +101,9 @@ def integrate_batch(
         own = checkpoints if len(scenes) <= together else keeper_of_run(checkpoints, str(first))
         runs = integrate_part(part, method, mesh, most=block, checkpoints=own)
         found += [
-            integrate_part([scene], method, mesh)[0] if _overflows(one) else one
+            integrate_part([scene], method, mesh)[0]
+            if one.failure is not None and one.failure.reason == "not finite"
+            else one
             for scene, one in zip(part, runs, strict=True)
         ]
     return found
@@ -111,11 +113,6 @@ def block_in_batch(scene: Scene, method: Method) -> int:
     """Steps of the longest block of a scene in a batch, whatever others are in it."""
     inputs = len(step_tables(method).to_inputs) * scene.dimension // _width(scene)
     return longest_in_batch(inputs, is_linear=scene.is_linear)
-
-
-def _overflows(trajectory: Trajectory) -> bool:
-    """Whether a look step by step may show that it left its bound before."""
-    return trajectory.failure is not None and trajectory.failure.reason == "not finite"
 
 
 def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[int]:
@@ -138,10 +135,6 @@ def fewest(scene: Scene, n_steps: int) -> int:
         return FEWEST_LINEAR
     least, most = FEWEST_NONLINEAR
     return max(least, min(most, n_steps // STEPS_FOR_ONE_MORE))
-
-
-def _mesh(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
-    return n_steps if isinstance(n_steps, Mesh) else mesh_for(scene, method, n_steps)
 
 
 def _count(n_steps: int | Mesh) -> int:
@@ -176,7 +169,7 @@ def batch_kind(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | 
             return None
         memory = tuple(term.order for term in scene.active_damping)
     elif scene.active_laws:
-        memory = _rates_of(scene, method, _mesh(scene, method, n_steps))
+        memory = _rates_of(scene, method, mesh_for(scene, method, n_steps))
     width = _width(scene)
     if method.degree * (scene.dimension // width) > LARGEST_STEP:
         return None

@@ -188,7 +188,7 @@ class Method:
             raise ArgumentError("quadrature", "'radau' is not one of gauss, lobatto")
         if self.start_exponents and self.start != "weights":
             raise ArgumentError("start_exponents", "only start: weights has exponents")
-        if self.rule.build().exactness < 2 * self.degree - 2:
+        if self.rule.build().order < 2 * self.degree - 1:
             # the mass matrix of the step would be singular
             raise ArgumentError(
                 "quadrature",

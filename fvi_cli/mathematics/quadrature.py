@@ -44,11 +44,6 @@ class QuadratureRule:
         """Order of the rule: 2n for Gauss, 2n - 1 for Radau, 2n - 2 for Lobatto."""
         return 2 * self.n_points - _ORDER_DEFICIT[self.name]
 
-    @property
-    def exactness(self) -> int:
-        """Largest degree of polynomials that are integrated exactly: the order minus one."""
-        return self.order - 1
-
 
 @cache
 def gauss_rule(n_points: int) -> QuadratureRule:

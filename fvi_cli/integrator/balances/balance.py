@@ -68,7 +68,9 @@ def diagnose_run(
     forcing = loads_along(loads.of_forcing, steps, fresh)
     dissipated = worked = defect = maps = defects = None
     if request.energy_balance:
-        rates = np.einsum("vj,nvd->njd", _slopes(steps), steps.unknowns)
+        basis = lobatto_basis(steps.tables.degree)
+        slopes = basis.derivatives(basis.control_points)[1:]
+        rates = np.einsum("vj,nvd->njd", slopes, steps.unknowns)
         dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
         linear = scene.linear_potential
         if linear is not None and scene.forcing is not None:
@@ -104,11 +106,6 @@ def diagnose_run(
         momentum_map_defect=defects,
         map_names=tuple(one.name for one in request.symmetries),
     )
-
-
-def _slopes(steps: RunSteps) -> Array:
-    basis = lobatto_basis(steps.tables.degree)
-    return np.asarray(basis.derivatives(basis.control_points)[1:])
 
 
 def _work_of_kicks(scene: Scene, steps: RunSteps, kicks: Array) -> Array:

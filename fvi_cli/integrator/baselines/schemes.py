@@ -15,7 +15,7 @@ from fvi_cli.integrator.advance import STRIDE, report_progress
 from fvi_cli.integrator.baselines.past import Past, caputo_offset, solve_implicit
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.growth_bound import beyond, bound_at_end
+from fvi_cli.integrator.growth_bound import beyond, scene_bound
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -232,7 +232,7 @@ SCHEMES: dict[str, Scheme] = {
 def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     """The trajectory of a baseline of :data:`SCHEMES`."""
     began = time.perf_counter()
-    steps, bound = EqualSteps(scene, n_steps), bound_at_end(scene, n_steps)
+    steps, bound = EqualSteps(scene, n_steps), scene_bound(scene)
     scheme, h = SCHEMES[method.name](steps), steps.h
     points = [next(scheme)]
     ready = time.perf_counter()

@@ -18,7 +18,6 @@ J states.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.damping_along import PIECE, DampingAlong
+from fvi_cli.integrator.balances.damping_along import PIECE, DampingAlong, pieces_of_equal_steps
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling
@@ -75,13 +74,8 @@ class Tangent:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Cotangent:
-    """What one number changes by for unit disturbances, the parts of :class:`Disturbance`."""
-
-    loads: Array
-    position: Array
-    momentum: Array
-    damping: Array
+class Cotangent(Disturbance):
+    """What one number changes by for unit disturbances of each kind, without the axis of p."""
 
     def along(self, change: Disturbance) -> Array:
         """The derivatives of that number, shape ``(p,)``."""
@@ -383,8 +377,7 @@ def _block_of(n_steps: int, longest: int) -> int:
 
 def _equal_steps(sizes: Array, longest: int) -> Iterator[BlockSequence]:
     """Blocks of equal steps, in sequences."""
-    ends = [0, *(1 + np.flatnonzero(np.diff(sizes))).tolist(), sizes.size]
-    for begin, end in itertools.pairwise(ends):
+    for begin, end in pieces_of_equal_steps(sizes, sizes.size):
         done, count = begin, _block_of(end - begin, longest)
         while done < end:
             count = min(count, end - done)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece, formula_of
 from fvi_cli.effects.matrices import dense, times
 from fvi_cli.effects.potential import (
     ExpressionPotential,
@@ -104,8 +104,7 @@ def _matrices(scene: Scene) -> list[Array]:
 
 
 def _formula(component: ForceComponent) -> NumberedFormula | None:
-    own = component if isinstance(component, Expression) else component.formula
-    if own is None:
+    if (own := formula_of(component)) is None:
         return None
     return NumberedFormula(system=own.system, parameters=dict(own.constants))
 

@@ -34,18 +34,12 @@ MARGIN = 1e-12
 """Of the final time: so close to a given break point nothing is looked for."""
 
 
-def has_functions(scene: Scene) -> bool:
-    """Whether a force is a function, of which nothing is known."""
-    pieces = () if scene.forcing is None else scene.forcing.pieces
-    return any(isinstance(one, FunctionForce) for piece in pieces for one, _ in piece.distinct)
-
-
 def jump_remarks(scene: Scene, times: Array) -> tuple[str, ...]:
     """What to write where a force from functions jumps between given break points.
 
     `times` are those of the mesh.
     """
-    if scene.forcing is None or not has_functions(scene):
+    if scene.forcing is None or not scene.forcing.has_functions:
         return ()
     margin = MARGIN * scene.final_time
     middles = 0.5 * (times[:-1] + times[1:])

@@ -10,9 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, ForcingPiece
+from fvi_cli.effects.forcing import ForcingPiece, formula_of
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
-from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.algebra.arithmetic import KINKED
 from fvi_cli.mathematics.algebra.dependence import arguments_of
@@ -66,10 +65,10 @@ class SceneForces:
         self.is_of_time = all(one is None for one in moving)
         systems = list(_systems(scene))
         called = frozenset[str]().union(*(one.called for one in systems))
-        # what a program does is unknown
-        is_program = any(isinstance(one, FunctionForce) for one in _components(scene))
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = any(map(may_hide, systems))
+        # what a program does is unknown
+        is_program = scene.forcing is not None and scene.forcing.has_functions
         self.is_steep = is_program or bool(called & STEEP_FUNCTIONS)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
@@ -142,8 +141,7 @@ class SceneForces:
             system = self._kinks_of_motion
             found += [*self._lagrangian.evaluate(system, position, velocity, time).T]
         for component, _ in () if piece is None else piece.distinct:
-            formula = component if isinstance(component, Expression) else component.formula
-            if formula is not None:
+            if (formula := formula_of(component)) is not None:
                 found += arguments_of(formula.system).evaluate(
                     {**dict(formula.constants), "t": time}
                 )
@@ -229,16 +227,9 @@ def _systems(scene: Scene) -> Iterator[FormulaSystem]:
         yield scene.potential.gradient_system
     if scene.lagrangian is not None:
         yield scene.lagrangian.first
-    for component in _components(scene):
-        formula = component if isinstance(component, Expression) else component.formula
-        if formula is not None:
+    for component in () if scene.forcing is None else scene.forcing.components:
+        if (formula := formula_of(component)) is not None:
             yield formula.system
-
-
-def _components(scene: Scene) -> Iterator[ForceComponent]:
-    for piece in () if scene.forcing is None else scene.forcing.pieces:
-        for component, _ in piece.distinct:
-            yield component
 
 
 def may_hide(system: FormulaSystem) -> bool:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing, ForcingPiece, formula_of
 from fvi_cli.effects.lagrangian import TIME, Lagrangian
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
@@ -172,7 +172,7 @@ def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -
         if begin >= end:
             break
         for component, _ in piece.distinct:
-            formula = _formula_of(component)
+            formula = None if isinstance(component, SampledForce) else formula_of(component)
             if formula is not None and may_hide(formula.system):
                 found = _Search(formula, begin, end, negligible).result()
                 points.update(found.points)
@@ -182,12 +182,6 @@ def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -
     ends = np.array(sorted(points))
     kept = ends[np.diff(ends, prepend=-math.inf) > 8 * np.spacing(final_time)]
     return Pulses(points=tuple(kept.tolist()), unresolved_at=min(unresolved, default=None))
-
-
-def _formula_of(component: ForceComponent) -> Expression | None:
-    if isinstance(component, Expression):
-        return component
-    return None if isinstance(component, SampledForce) else component.formula
 
 
 @functools.cache

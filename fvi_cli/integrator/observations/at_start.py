@@ -38,14 +38,10 @@ def _infinite_at_start(scene: Scene) -> list[Array]:
     """Coefficients of the powers with which damping forces begin infinite, the steepest last."""
     if scene.derivative == "caputo":
         return []
-    found = [
-        (term.order, -np.asarray(times(scene.initial_position, term.form), dtype=float))
-        if term.order < 1
-        else (term.order - 1.0, -np.asarray(times(scene.initial_velocity, term.form), dtype=float))
-        for term in scene.active_damping
-        if not term.is_integer_order
-    ]
-    return [lead for _, lead in sorted(found, key=lambda pair: pair[0])]
+    starts = (scene.initial_position, scene.initial_velocity)
+    terms = [term for term in scene.active_damping if not term.is_integer_order]
+    terms.sort(key=lambda term: term.order % 1.0)
+    return [-times(starts[int(term.order)], term.form) for term in terms]
 
 
 def with_infinite_start(scene: Scene, found: Array, time: Array) -> Array:

@@ -35,7 +35,7 @@ def plan_on_mesh(
     scene: Scene, method: Method, steps: int | Mesh, *, most: int | None = None
 ) -> MeshPlan:
     """How :func:`fvi_cli.integrator.run.on_mesh.integrate_scenes` will do the steps of a scene."""
-    mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
+    mesh = mesh_for(scene, method, steps)
     engine = engine_for([scene], method, mesh, most=most)
     single = largest = 0
     for one in mesh.stretches:

@@ -31,8 +31,10 @@ from fvi_cli.mathematics.arrays import Array
 AnySteps = int | Mesh | AdaptiveSteps
 
 
-def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
+def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
     """The mesh of N reported steps that a method takes: equal, or finer behind singular points."""
+    if isinstance(n_steps, Mesh):
+        return n_steps
     if method.start == "graded":
         return graded_start_mesh(
             scene.final_time,

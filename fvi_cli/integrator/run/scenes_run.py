@@ -13,7 +13,7 @@ from fvi_cli.integrator.balances.balance import diagnose_run
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
-from fvi_cli.integrator.loads.jumps import has_functions, jump_remarks
+from fvi_cli.integrator.loads.jumps import jump_remarks
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.momenta import smooth_momenta
@@ -197,7 +197,7 @@ def trajectory_of(
     if failure is None:
         force = this.engine.loads_of[index].largest_force
         remarks += energy_remarks(scene, position, energy, force)
-        if has_functions(scene):
+        if scene.forcing is not None and scene.forcing.has_functions:
             # all points of a mesh take memory
             remarks += jump_remarks(scene, time if this.mesh is None else this.mesh.times)
     found_steps = this.source if isinstance(this.source, AdaptiveSource) else None

@@ -128,14 +128,7 @@ class _Motion:
             self._push(exponents[later], rows[later])
 
     def completed(self, cutoff: float) -> Expansion:
-        """The terms below `cutoff`, after each has driven others.
-
-        Raises
-        ------
-        SeriesError
-            If there are more than 128, if they come too close to each other, or if a force is not
-            integrable at 0.
-        """
+        """The terms below `cutoff`, after each has driven others."""
         # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
         with np.errstate(over="ignore", invalid="ignore"):
             while (first := self._waiting_exponents.min(initial=math.inf)) < cutoff - SAME_EXPONENT:

@@ -158,7 +158,7 @@ def corrected_start(
         return None, (f"starting weights left out: condition unknown, {error}",)
     if not exponents:
         return None, ("starting weights left out: the start has no power to correct",)
-    if n_steps < len(exponents) + _is_on_nodes(method):
+    if n_steps < len(exponents) + (method.sampling == "nodes"):
         return None, (f"starting weights left out: {n_steps} steps are too few",)
     powers, worst = ", ".join(f"t^{e:g}" for e in exponents), _condition(method, tables, exponents)
     if worst > CONDITION_LIMIT:
@@ -173,11 +173,6 @@ def corrected_start(
     return correction.solved(first_samples), (remark,)
 
 
-def _is_on_nodes(method: Method) -> bool:
-    """Whether the first sample is the start, where every power vanishes."""
-    return method.sampling == "nodes"
-
-
 class _Correction:
     """The force of starting weights by the first samples, and these by that force."""
 
@@ -190,7 +185,8 @@ class _Correction:
         exponents: tuple[float, ...],
     ) -> None:
         self._scene, self._tables, self._n_steps = scene, tables, n_steps
-        self._on_nodes, offsets = _is_on_nodes(method), _offsets(method, tables)
+        # the first sample is the start, where every power vanishes
+        self._on_nodes, offsets = method.sampling == "nodes", _offsets(method, tables)
         self._h = h = scene.final_time / n_steps
         self._first = 1 if self._on_nodes else 0
         self._shape = (len(exponents), len(offsets), scene.dimension)

@@ -141,13 +141,7 @@ class _Replay(MeshSource):
 
 
 def _engine(scene: Scene, method: Method) -> Engine:
-    """Single steps of any size.
-
-    Raises
-    ------
-    ValueError
-        If the method is no Runge-Kutta one.
-    """
+    """Single steps of any size, by a Runge-Kutta method."""
     if not method.is_runge_kutta:
         raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
     shortest = SHORTEST_STEP * scene.final_time
