@@ -26,11 +26,6 @@ _REASONS: Final[Mapping[object, str]] = {
 }
 
 
-def _names(used: Sequence[str], coordinates: Sequence[str]) -> tuple[str, ...]:
-    """Names that a text may hold: those that it does, and as many as a complaint can list."""
-    return tuple(dict.fromkeys([*used, *coordinates[:_MOST_SHOWN]]))
-
-
 def linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
     """The constant of a formula, and its factors of the names; what is not linear is refused."""
     units = dict(zip(names, np.eye(1 + len(names))[1:], strict=True))
@@ -93,7 +88,9 @@ class Directions:
             # forms on the coordinates that occur: a structure has thousands
             used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
             try:
-                parsed = Expression.parse(text, variables=_names(used, coordinates))
+                # more names than a complaint can list are not needed
+                known = tuple(dict.fromkeys([*used, *coordinates[:_MOST_SHOWN]]))
+                parsed = Expression.parse(text, variables=known)
                 constant, *factors = linear_form(parsed.system, used)
             except ExpressionError as error:
                 raise ArgumentError(f"acts_on.{index}", str(error)) from None

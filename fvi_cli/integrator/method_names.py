@@ -8,8 +8,6 @@ from typing import TypeGuard
 
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
 
-_RULES: Mapping[str, str] = {"gauss": "Gauss", "lobatto": "Lobatto", "radau": "Radau"}
-
 _FORCINGS: Mapping[str, str] = {
     "galerkin": "forcing by the rule of the action",
     "exact": "forcing by exact moments",
@@ -84,7 +82,7 @@ def describe_method(method: AnyMethod) -> list[str]:
         words.append(f"{method.stages} stages" if method.stages > 1 else "1 stage")
     else:
         points = "point" if method.rule.points == 1 else "points"
-        words.append(f"{method.rule.points} {_RULES[method.rule.rule]} {points}")
+        words.append(f"{method.rule.points} {method.rule.rule.capitalize()} {points}")
         where = "nodes" if method.sampling == "nodes" else "quadrature points"
         words.append(f"damping sampled at the {where}")
     starts = {
@@ -110,7 +108,7 @@ def _degree(method: AnyMethod) -> str:
 
 
 def _rule(method: AnyMethod) -> str:
-    return f"{method.rule.points} {_RULES[method.rule.rule]}" if _is_bdf(method) else ""
+    return f"{method.rule.points} {method.rule.rule.capitalize()}" if _is_bdf(method) else ""
 
 
 def _start(method: AnyMethod) -> str:
@@ -137,20 +135,14 @@ _FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing, _history)
 
 def _is_needed(feature: _Feature, methods: Sequence[AnyMethod]) -> bool:
     """Whether two methods of one family differ in `feature`, and in no earlier one alone."""
-    if feature is _rule:
-        # the rule follows from the degree unless it is given: ask only beside equal degrees
-        return _differs(feature, methods, also=_degree)
-    return _differs(feature, methods)
-
-
-def _differs(feature: _Feature, methods: Sequence[AnyMethod], also: _Feature | None = None) -> bool:
     seen: dict[tuple[str, ...], str] = {}
     for method in methods:
         key: tuple[str, ...] = (method.label,)
         if isinstance(method, Method):
             key += (method.sampling,)
-        if also is not None:
-            key += (also(method),)
+        if feature is _rule:
+            # the rule follows from the degree unless it is given: ask only beside equal degrees
+            key += (_degree(method),)
         if seen.setdefault(key, feature(method)) != feature(method):
             return True
     return False

@@ -165,11 +165,9 @@ def _corrected_powers(scene: Scene, method: Method) -> tuple[float, ...]:
     if method.start != "weights" or not scene.active_damping:
         return ()
     # most methods have none, and they bring SciPy's special functions
-    from fvi_cli.integrator.starts.starting_weights import default_exponents, omits_weights
+    from fvi_cli.integrator.starts.starting_weights import corrected_powers
 
-    if omits_weights(scene, method):
-        return ()
-    return method.start_exponents or default_exponents(scene, method)
+    return corrected_powers(scene, method)[0]
 
 
 def _corrected_order(

@@ -3,6 +3,7 @@ r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of g
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +19,10 @@ from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 PANEL_RATIO = 4.0
 """A step that ends later than at so many times its beginning is integrated in panels of this ratio,
 since forces may be powers of t."""
+
+
+Force = Callable[[Array, float, Array], Array]
+"""As :meth:`fvi_cli.effects.forcing.Forcing.on_steps`."""
 
 
 class StepLoads:
@@ -144,24 +149,20 @@ class StepLoads:
         With :math:`l(\tau) = l(0) + \tau r(\tau)` the singular part is
         :math:`h^{1-\gamma} l(0) / \Gamma(2 - \gamma)`, a push of its own for orders near 1.
         """
+        from scipy.special import rgamma, roots_jacobi
+
         at_zero = self._basis.values(np.zeros(1))
         total = np.zeros((at_zero.shape[0], self._jump[0][1].size))
         for order, direction in self._jump:
-            from scipy.special import roots_jacobi
-
             nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 - order)
             tau = 0.5 * (nodes + 1.0)
             weights = weights * 0.5 ** (2.0 - order)
             rest = ((self._basis.values(tau) - at_zero) / tau) @ weights
-            from scipy.special import rgamma
-
             own = rgamma(2.0 - order) * at_zero[:, 0] + rgamma(1.0 - order) * rest
             total += step_size ** (1.0 - order) * np.outer(own, direction)
         return total
 
-    def _exact(self, force: object, start: Array, step_size: float, *, is_fresh: bool) -> Array:
-        if not callable(force):  # pragma: no cover - for the type checker
-            raise TypeError("force: not a function")
+    def _exact(self, force: Force, start: Array, step_size: float, *, is_fresh: bool) -> Array:
         total = np.empty((start.size, self._basis.degree + 1, self._dimension))
         degree, first = self._basis.degree, 0
         edges = _panels(float(start[0]), step_size)

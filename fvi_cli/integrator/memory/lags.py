@@ -140,7 +140,7 @@ class LagKernels(Kernels):
         found[:, :kept] = states[:, last - kept : last]
         found[:, kept:last] = inputs[:, own - (last - kept) :]
         if len(self.decay):
-            decay = self._decay(count)
+            decay = self.decay[:, self.count - count :]
             sums = states[:, last:].reshape(q, -1, s * e)
             fresh = np.matmul(decay, inputs.reshape(q, count, s * e))
             found[:, last:] = (decay[:, :1] * sums + fresh).reshape(q, -1, e)
@@ -154,10 +154,6 @@ class LagKernels(Kernels):
         last = self.n_lags * s
         matrix[last:, last:] = np.diag(np.repeat(np.expm1(-count * self.rates), s))
         return np.asarray(matrix)
-
-    def _decay(self, count: int) -> Array:
-        """``exp(-n y)`` for n = count .. 1."""
-        return np.asarray(self.decay[:, self.count - count :])
 
 
 class Lags:
@@ -182,13 +178,13 @@ class Lags:
         writes_out: bool = False,
     ) -> None:
         tables = step_tables(method)
-        exponents = [term for term in terms if isinstance(term, float)]
-        if len(exponents) < len(terms):
+        self._exponents = [term for term in terms if isinstance(term, float)]
+        if len(self._exponents) < len(terms):
             raise ValueError("terms: backward differences take powers only")
         self.terms = tuple(terms)
         self.n_steps, self.h = n_steps, final_time / n_steps
         self.column: Array | None = -tables.control_points[1:]
-        orders = [1.0 - term for term in exponents]
+        orders = [1.0 - term for term in self._exponents]
         tail = lag_exponentials(method.bdf_order, orders, n_steps, writes_out=writes_out)
         self.n_lags, self._rates = tail.near, tail.rates
         self.n_inputs, self.bdf_order = tables.degree, method.bdf_order
@@ -204,12 +200,11 @@ class Lags:
         Made when they are first asked for: plans need counts alone.
         """
         tail, tables = self._tail, self._tables
-        exponents = [float(term) for term in self.terms if isinstance(term, float)]
-        units = np.array([self.h**exponent for exponent in exponents])
+        units = np.array([self.h**exponent for exponent in self._exponents])
         weights = np.array(
             [
                 unit * difference_weights(self.bdf_order, 1.0 - exponent, tail.near + 1)
-                for unit, exponent in zip(units, exponents, strict=True)
+                for unit, exponent in zip(units, self._exponents, strict=True)
             ]
         )
         sample = tables.sample_basis[1:].T

@@ -112,23 +112,30 @@ def default_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     return tuple(e for e in found if least < e < cutoff)
 
 
-def omits_weights(scene: Scene, method: Method) -> bool:
-    """Whether the weights of a run would keep too few digits, so that it goes without them."""
+def corrected_powers(scene: Scene, method: Method) -> tuple[tuple[float, ...], str]:
+    """Powers that the starting weights of a run correct, and what to write of them.
+
+    None where their weights would keep too few digits, so that it goes without them.
+    """
     try:
         exponents = method.start_exponents or default_exponents(scene, method)
-    except SeriesError:
-        return True
-    return _condition(method, step_tables(method), exponents) > CONDITION_LIMIT
-
-
-def _condition(method: Method, tables: StepTables, exponents: tuple[float, ...]) -> float:
-    """Largest condition number of the systems for starting weights on such powers."""
+    except SeriesError as error:
+        return (), f"starting weights left out: condition unknown, {error}"
     if not exponents:
-        return 1.0
-    if len(exponents) > MOST_POWERS:
-        return math.inf
-    offsets = _offsets(method, tables)
-    return max(_inverse_vandermonde(float(chi), exponents)[1] for chi in offsets)
+        return (), "starting weights left out: the start has no power to correct"
+    powers, worst = ", ".join(f"t^{e:g}" for e in exponents), math.inf
+    if len(exponents) <= MOST_POWERS:
+        offsets = _offsets(method, step_tables(method))
+        worst = max(_inverse_vandermonde(float(chi), exponents)[1] for chi in offsets)
+    if worst > CONDITION_LIMIT:
+        return (), (
+            f"starting weights left out: condition {worst:.2g} on {powers} leaves too few digits; "
+            "take rk: gauss with start: graded, or fewer powers"
+        )
+    remark = f"starting weights on {powers}: condition {worst:.2g}"
+    if worst > CONDITION_WARNING:
+        remark += " (ill conditioned: expect to lose that many digits)"
+    return exponents, remark
 
 
 def _offsets(method: Method, tables: StepTables) -> Array:
@@ -152,24 +159,12 @@ def corrected_start(
     `first_samples` says what a run with such load vectors gives. Load vectors ``(N, s + 1, d)``,
     None where nothing is corrected; and remarks.
     """
-    try:
-        exponents = method.start_exponents or default_exponents(scene, method)
-    except SeriesError as error:
-        return None, (f"starting weights left out: condition unknown, {error}",)
+    exponents, remark = corrected_powers(scene, method)
+    if exponents and n_steps < len(exponents) + (method.sampling == "nodes"):
+        exponents, remark = (), f"starting weights left out: {n_steps} steps are too few"
     if not exponents:
-        return None, ("starting weights left out: the start has no power to correct",)
-    if n_steps < len(exponents) + (method.sampling == "nodes"):
-        return None, (f"starting weights left out: {n_steps} steps are too few",)
-    powers, worst = ", ".join(f"t^{e:g}" for e in exponents), _condition(method, tables, exponents)
-    if worst > CONDITION_LIMIT:
-        return None, (
-            f"starting weights left out: condition {worst:.2g} on {powers} leaves too few digits; "
-            "take rk: gauss with start: graded, or fewer powers",
-        )
+        return None, (remark,)
     correction = _Correction(scene, method, tables, n_steps, exponents)
-    remark = f"starting weights on {powers}: condition {worst:.2g}"
-    if worst > CONDITION_WARNING:
-        remark += " (ill conditioned: expect to lose that many digits)"
     return correction.solved(first_samples), (remark,)
 
 
