@@ -12,18 +12,18 @@ SEED = "FVI_TEST_SEED"
 """The variable of the environment with the seed; ``conftest.py`` sets it to the day's."""
 
 
-def spread(**values: Sequence[Any]) -> pytest.MarkDecorator:
+def spread(few: int | None = None, **values: Sequence[Any]) -> pytest.MarkDecorator:
     """Parametrize by all combinations of `values`; all but a diagonal of them are ``slow``.
 
     The diagonal has every value of every name at least once; which values meet is drawn by the
-    seed of the day. Names that belong together, such as ``**{"a, b": pairs}``, have tuples as
-    values.
+    seed of the day. Where each takes long, only so `few` of the diagonal are taken. Names that
+    belong together, such as ``**{"a, b": pairs}``, have tuples as values.
     """
     lists = [list(enumerate(one)) for one in values.values()]
     chance = random.Random(f"{os.environ[SEED]} {' '.join(values)}")
     orders = [chance.sample(range(len(one)), len(one)) for one in lists]
     longest = max(map(len, lists))
-    kept = {tuple(order[k % len(order)] for order in orders) for k in range(longest)}
+    kept = {tuple(order[k % len(order)] for order in orders) for k in range(few or longest)}
     together = [name.split(", ") for name in values]
     entries = []
     for combination in itertools.product(*lists):

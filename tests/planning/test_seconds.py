@@ -5,6 +5,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from letters import spring, swing
+from spread import spread
 
 from benchmarks.forecasts import FACTOR, OBSERVED, drawn_config
 from fvi_cli.integrator.advance import report_progress
@@ -92,8 +93,7 @@ class Work:
         return action
 
 
-@pytest.mark.parametrize("observed", OBSERVED)
-@pytest.mark.parametrize("seed", [1, 2])
+@spread(observed=OBSERVED, seed=[1, 2])
 def test_forecasts_of_observed_members_are_right_within_a_factor(observed, seed, monkeypatch):
     rng = np.random.default_rng([seed, OBSERVED.index(observed)])
     # impacts are dear

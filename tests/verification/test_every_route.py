@@ -14,6 +14,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from drawn_scenes import GENERAL, KINDS, LAWS, LINEAR, STRUCTURES, scene_of, shape_of, sparse
+from spread import spread
 from written_out import integrate_written_out
 
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
@@ -266,23 +267,22 @@ ROUTES: dict[str, Callable[[Case], None]] = {
 }
 FOUND = [("few dampers", 1009), ("few dampers", 1003), ("double pendulum", 1001)]
 """On which routes once disagreed, or ended."""
-CASES = [
-    *FOUND,
-    *((kind, seed) for kind in KINDS for seed in range(3 if kind in SLOWER else 5)),
-    *(
-        pytest.param(kind, seed, marks=pytest.mark.slow)
-        for kind in KINDS
-        for seed in range(1000, 1060)
-        if (kind, seed) not in FOUND
-    ),
-]
 
 
-@pytest.mark.parametrize(("kind", "seed"), CASES)
-def test_all_routes_agree(kind, seed):
+def check_all(kind: str, seed: int) -> None:
     case = draw(kind, seed)
     for check in ROUTES.values():
         check(case)
+
+
+@pytest.mark.parametrize(("kind", "seed"), FOUND)
+def test_routes_that_once_disagreed_agree(kind, seed):
+    check_all(kind, seed)
+
+
+@spread(few=2 * len(KINDS), kind=list(KINDS), seed=range(1000, 1060))
+def test_all_routes_agree(kind, seed):
+    check_all(kind, seed)
 
 
 def test_a_single_step_behind_a_checkpoint():

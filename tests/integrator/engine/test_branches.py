@@ -48,7 +48,7 @@ def motion(scene: Scene) -> Array:
     return exact.position(scene.final_time / COARSE * np.arange(COARSE + 1))[:, 0]
 
 
-@spread(order=[0.3, 0.5, 1.0, 1.5, 1.8], group=range(10))
+@spread(few=4, order=[0.3, 0.5, 1.0, 1.5, 1.8], group=range(10))
 def test_kinetic_energies_of_fourth_powers(order, group):
     """On few steps every iteration has an end, which is the solution: finer steps come near."""
     rng = np.random.default_rng([20, group])
@@ -109,7 +109,7 @@ def infinite(rng: np.random.Generator, order: float) -> tuple[Scene, Method, int
     return scene, method, int(10 ** rng.uniform(1, 3.3)), float(free.t[-1])
 
 
-@spread(group=range(6), order=[0.5, 1.0, 1.5])
+@spread(few=3, group=range(6), order=[0.5, 1.0, 1.5])
 def test_no_step_leads_over_an_infinite_motion(group, order):
     rng = np.random.default_rng([21, group])
     for _ in range(5):
@@ -130,11 +130,11 @@ def test_an_iteration_that_only_converges_does_so(monkeypatch):
         initial_position=0.5,
         forcing=Forcing.from_text("sin(t)"),
     )
-    runs = [integrate(scene, GAUSS4, n_steps).status for n_steps in range(20, 40)]
+    runs = [integrate(scene, GAUSS4, n_steps).status for n_steps in range(20, 40, 3)]
     assert "ok" not in runs
     monkeypatch.setattr(branch, "LONGEST_PART", 1.0)
     monkeypatch.setattr(branch, "SLOW", np.inf)
-    runs = [integrate(scene, GAUSS4, n_steps).status for n_steps in range(20, 40)]
+    runs = [integrate(scene, GAUSS4, n_steps).status for n_steps in range(20, 40, 3)]
     assert "ok" in runs
 
 
@@ -156,12 +156,12 @@ def scaled(rng: np.random.Generator, scale: float, repelled: float = 0.0) -> Sce
 def test_bits_do_not_depend_on_companions(most):
     """Members that are followed, of wild scales, and such as become infinite."""
     rng = np.random.default_rng(22)
-    scenes = [scaled(rng, scale) for scale in np.repeat([1.0, 1e-9, 1e9, 1e-3], 5)]
+    scenes = [scaled(rng, scale) for scale in np.repeat([1.0, 1e-9, 1e9, 1e-3], 3)]
     scenes += [scaled(rng, 1.0, repelled=1e6) for _ in range(3)]
     mesh = mesh_for(scenes[0], GAUSS4, COARSE)
     together = integrate_scenes(scenes, GAUSS4, mesh, most=most)
-    assert [one.status for one in together] == 20 * ["ok"] + 3 * ["failed"]
-    for group in ([0], [19], [22], [3, 7, 20], list(range(5, 15))):
+    assert [one.status for one in together] == 12 * ["ok"] + 3 * ["failed"]
+    for group in ([0], [11], [14], [3, 7, 12], list(range(5, 10))):
         own = integrate_scenes([scenes[place] for place in group], GAUSS4, mesh, most=most)
         for one, place in zip(own, group, strict=True):
             assert np.array_equal(one.position, together[place].position)

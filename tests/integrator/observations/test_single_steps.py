@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from letters import spring, swing
 from numpy.typing import NDArray
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
@@ -66,7 +67,7 @@ def largest(found: Trajectory, exact: Trajectory) -> Array:
     return np.array([np.abs(a - b).max() + 1e-12 * np.abs(b).max() for a, b in pairs])
 
 
-@pytest.mark.parametrize("seed", range(12))
+@spread(few=4, seed=range(12))
 def test_they_are_as_good_as_a_second_run_and_the_steps_of_the_run_are_not(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     scene, start = drawn(rng), str(rng.choice(["none", "graded"]))
@@ -166,7 +167,7 @@ def test_a_step_without_a_solution_leaves_its_run_to_a_second_one(monkeypatch):
     assert np.array_equal(other.position, good[1][1].position)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@spread(few=2, seed=range(6))
 def test_impacts_are_found_where_no_time_of_output_lies(seed):
     rng = np.random.default_rng([26, 9, seed])
     scene = fvi.lagrangian_scene(
