@@ -80,6 +80,7 @@ def parse_config(
     base: Path | None = None,
     overrides: Sequence[str] = (),
     checks_member: ChecksMember = every_member,
+    is_json: bool = False,
 ) -> LoadedConfig:
     """Check the text of a configuration and build its experiments, as :func:`load_config` does.
 
@@ -88,7 +89,7 @@ def parse_config(
     """
     complaints = Complaints(folder=base, checks_member=checks_member)
     start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
-    root = read_document(text, start, complaints)
+    root = read_document(text, start, complaints, is_json=is_json)
     return _loaded(root, text, source_name, start, complaints, overrides)
 
 

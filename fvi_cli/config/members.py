@@ -20,6 +20,7 @@ from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.keys.complaints import Complaints, excerpt, no_member, not_known
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, Node, NowhereError, with_node, without_node
+from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
@@ -188,18 +189,19 @@ def _check_members(
     if len(members) >= MANY:
         _logger.info("checking %d members of a sweep", len(members))
     trial = replace(at, complaints=at.complaints.separate())
+    keys, swept = problem_keys(template), {key.split(".")[1] for key in sweep.values}
     for member, combination in zip(members, sweep.combinations, strict=True):
         if not at.complaints.checks_member(member.number):
             continue
-        specification = with_values(template, member.values)
+        own_keys = keys.with_values(with_values(template, member.values), swept)
         # the places are those of the first member; they matter only where something is wrong
-        _check_member(specification, first, trial, check)
+        _check_member(own_keys, first, trial, check)
         if not len(trial.complaints):
             continue
         trial = replace(at, complaints=at.complaints.separate())
         own = at.complaints.separate()
         tree = tree_of(sweep, at.node, combination)
-        _check_member(specification, first, replace(at, node=tree, complaints=own), check)
+        _check_member(own_keys, first, replace(at, node=tree, complaints=own), check)
         at.complaints.adopt(own, f" (member {member.number}: {excerpt(member.label, 200)})")
         n_reported += 1
         if n_reported == MOST_REPORTED:
@@ -210,10 +212,8 @@ def _check_members(
             return
 
 
-def _check_member(
-    specification: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
-) -> None:
-    problem = make_problem(problem_keys(specification), at.under(PROBLEM), search=False)
+def _check_member(keys: Kind, first: AnyProblem, at: Cursor, check: CheckMember) -> None:
+    problem = make_problem(keys, at.under(PROBLEM), search=False)
     if problem is None:
         return
     if problem.dimension == first.dimension:

@@ -118,7 +118,7 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
     if isinstance(matrix, np.ndarray):
         matrix.setflags(write=False)
         # as nearly all are: sweeps make many
-        if (matrix == matrix.T).all() and np.isfinite(matrix).all():
+        if (matrix.size == 1 or (matrix == matrix.T).all()) and np.isfinite(matrix).all():
             return cast(Form, matrix)
     i, j, is_odd = _largest(matrix, lambda kept: ~np.isfinite(kept))
     if is_odd:

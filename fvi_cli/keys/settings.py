@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 import types
 import typing
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
@@ -118,8 +118,14 @@ class Setting(Built):
         made._fill(values)
         return made
 
-    def _fill(self, values: Mapping[str, Any]) -> None:
-        for one in self.keys.values():
+    def with_values(self, values: Mapping[str, Any], names: Iterable[str]) -> Self:
+        """The same value, in which keys of these names are built anew of plain ones."""
+        made = self.replaced()
+        made._fill(values, [self.keys[name] for name in names])
+        return made
+
+    def _fill(self, values: Mapping[str, Any], keys: Iterable[Key] | None = None) -> None:
+        for one in self.keys.values() if keys is None else keys:
             value = values.get(one.name, one.default)
             if value is REQUIRED:
                 raise ArgumentError(one.name, f"missing; it must be {one.shape.expected}")

@@ -245,7 +245,8 @@ def load(
     if isinstance(source, Mapping):
         # JSON is YAML: the same checks, the same words
         text = json.dumps(source, indent=1, default=_plain)
-        return parse_config(text, str(source.get("name", "mapping")), overrides=overrides)
+        name = str(source.get("name", "mapping"))
+        return parse_config(text, name, overrides=overrides, is_json=True)
     return load_config(find_config(str(source)), overrides=overrides)
 
 

@@ -317,6 +317,8 @@ def build_forcing(
     names: Sequence[str] = (),
 ) -> Forcing | None:
     """A force from what stands under its key; None when it is 0."""
+    if value == "0":
+        return None
     pieces = []
     if isinstance(value, Mapping) and "pieces" in value:
         for index, piece in enumerate(value["pieces"]):

@@ -7,6 +7,8 @@ because the text may come from strangers.
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 from collections.abc import Iterator
 from typing import Any, NoReturn
 
@@ -21,7 +23,12 @@ MOST_NODES = 50_000
 
 
 def read_document(
-    text: str, origin: SourcePosition, complaints: Complaints, path: KeyPath = ()
+    text: str,
+    origin: SourcePosition,
+    complaints: Complaints,
+    path: KeyPath = (),
+    *,
+    is_json: bool = False,
 ) -> Node | None:
     """The tree of the single document in `text`; None, with a complaint, when there is none.
 
@@ -30,7 +37,7 @@ def read_document(
     that are too large, too deep or grow too large by their anchors.
     """
     try:
-        return _Reader(text, origin, complaints, path).document()
+        return _Reader(text, origin, complaints, path, is_json=is_json).document()
     except _GivenUpError:
         return None
 
@@ -43,9 +50,15 @@ class _Reader:
     """Reads a document; `prefix` is where it stands in a configuration."""
 
     def __init__(
-        self, text: str, origin: SourcePosition, complaints: Complaints, prefix: KeyPath
+        self,
+        text: str,
+        origin: SourcePosition,
+        complaints: Complaints,
+        prefix: KeyPath,
+        *,
+        is_json: bool,
     ) -> None:
-        self.text, self.origin = text, origin
+        self.text, self.origin, self.is_json = text, origin, is_json
         self.complaints, self.prefix = complaints, prefix
         self.events = self.parsed()
         # what anchors name, with its number of nodes; None: its end has not been read
@@ -69,6 +82,13 @@ class _Reader:
         return root
 
     def parsed(self) -> Iterator[Any]:
+        if self.is_json:
+            # the parser in C is fast; it has other words for what is wrong
+            events = yaml.parse(self.text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            with contextlib.suppress(yaml.YAMLError):
+                # at most two of each node
+                yield from list(itertools.islice(events, 3 * MOST_NODES))
+                return
         loader: yaml.SafeLoader | None = None
         try:
             loader = yaml.SafeLoader(self.text)

@@ -15,6 +15,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.singular_start import LEAST_POWER, fractional_power
 from fvi_cli.keys.complaints import KeyPath
+from fvi_cli.keys.cursor import PLAIN
 from fvi_cli.keys.settings import Positive, Setting
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -230,4 +231,4 @@ def _size(entry: object) -> int:
     """Number of coordinates that an entry speaks of; 1 where it does not say."""
     if isinstance(entry, list | tuple):
         return int(np.size(entry, 0))
-    return matrix_size(entry) or 1
+    return 1 if type(entry) in PLAIN else matrix_size(entry) or 1

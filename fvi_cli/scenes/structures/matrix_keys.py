@@ -22,7 +22,7 @@ from fvi_cli.effects.matrices import (
     sparse_unit,
 )
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.cursor import INVALID, Cursor
+from fvi_cli.keys.cursor import INVALID, PLAIN, Cursor
 from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import PlainSetting, key, record_of
 from fvi_cli.scenes.records.data_files import (
@@ -186,7 +186,8 @@ MASS_FILE: Final = record_of(MassFile)
 
 def file_form(value: object) -> Form | None:
     """The matrix of a mapping that was read by `MATRIX_FILE`; None for anything else."""
-    if not isinstance(value, Mapping) or "file" not in value:
+    # whether something is a mapping takes long to ask, and sweeps are large
+    if type(value) in PLAIN or not isinstance(value, Mapping) or "file" not in value:
         return None
     if "content" not in value:
         raise ArgumentError("content", f"missing; what {value['file']} holds is needed as well")
