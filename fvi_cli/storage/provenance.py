@@ -18,6 +18,7 @@ UNKNOWN = "unknown"
 
 _PACKAGES = (*LIBRARIES, "h5py", "PyYAML", "matplotlib")
 _GIT_SECONDS = 10.0
+_PACKAGE = Path(fvi_cli.__file__).resolve().parent
 _GENERATED = ":(top,exclude)results"
 
 
@@ -79,7 +80,7 @@ def _git(folder: Path, *arguments: str) -> str | None:
 
 def origin() -> dict[str, str]:
     """Time in UTC, version and commit of what is computed now, as attributes of a file or run."""
-    commit, dirty = checkout(Path(fvi_cli.__file__).resolve().parent)
+    commit, dirty = checkout(_PACKAGE)
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "fvi_version": fvi_cli.__version__,

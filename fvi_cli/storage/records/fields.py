@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from operator import attrgetter
 from typing import Any, Final, Literal
 
 from numpy.typing import NDArray
@@ -34,6 +35,11 @@ class Field:
     axes: tuple[str, ...] = ()  # of an array; empty: it is an attribute
     form: Form = "plain"  # how an attribute is written, and what is made of it again
     decode: Callable[[Any], Any] = lambda value: value
+
+    @functools.cached_property
+    def given(self) -> Callable[[FinishedRun], Any]:
+        """What takes it from a finished run; of several, all that are named."""
+        return self.at if callable(self.at) else attrgetter(self.at.partition(".*")[0])
 
 
 def _extents(finished: FinishedRun) -> dict[str, Any] | None:

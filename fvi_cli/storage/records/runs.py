@@ -107,19 +107,18 @@ def record_for(
 
 def _values(one: Field, finished: FinishedRun) -> Iterator[tuple[str, Any]]:
     """Name and value of a field as often as there is one."""
-    if callable(one.at):
-        found = one.at(finished)
-    else:
-        before, star, after = one.at.partition(".*")
-        try:
-            found = attrgetter(before)(finished)
-        except AttributeError:  # something on the way is None
-            return
-        if star:
-            for name, inner in found.items():
-                value = attrgetter(after[1:])(inner) if after else inner
-                yield one.name.replace("*", name), value
-            return
+    try:
+        found = one.given(finished)
+    except AttributeError:
+        if callable(one.at):
+            raise
+        return  # something on the way is None
+    if not callable(one.at) and "*" in one.at:
+        after = one.at.partition(".*")[2]
+        for name, inner in found.items():
+            value = attrgetter(after[1:])(inner) if after else inner
+            yield one.name.replace("*", name), value
+        return
     if found is not None:
         yield one.name, found
 
@@ -147,7 +146,7 @@ def _times_on_grid(run: Run, time: NDArray[Any]) -> NDArray[Any]:
 
 
 def _grid(times: NDArray[Any], every: int) -> NDArray[Any]:
-    return times[kept_points(times.size, every)]
+    return times if every == 1 else times[kept_points(times.size, every)]
 
 
 def kept_points(points: int, every: int) -> NDArray[np.intp]:
