@@ -10,8 +10,11 @@ before all blocks are computed first, and then the outputs of all blocks in one 
 
 Letters in shapes: B steps of a block, s unknowns of a step for every component, e components, J
 states of the memory of every component, i inputs of the memory of a step for every component, m
-points of a step where the damping force is taken, D = J e + 2 e numbers of w, L = B (s + 1) e
-numbers of the load vectors of a block.
+points of a step where the damping force is taken, K <= J e numbers of z, D = K + 2 e numbers of w,
+L = B (s + 1) e numbers of the load vectors of a block.
+
+Lags that a block leaves behind act on the next one alone, and most of them alike: z has what the
+force sees of them, orthonormal, in their place.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from fvi_cli.integrator.engine.law import Linear
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import on_steps
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.convergence import UNIT
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.engine.engine import Engine
@@ -66,19 +70,20 @@ class Recurrence:
         self.engine, self.h, self.count = engine, h, count
         self._operator = engine.operator(h, count)
         self.frame = self._operator.frame
-        # numbers of w that are states of the memory
-        self._memory_size = memory_size = engine.n_states * engine.e
         (by_force,), motion_size = self._operator.outputs, 2 * engine.e
-        outputs = np.empty((len(by_force), memory_size + motion_size))
-        outputs[:, memory_size:] = by_force[:, :motion_size]
-        if memory_size:
-            outputs[:, :memory_size] = by_force[:, motion_size:] @ self._memory_force()
+        # from states of the memory to z, (K, J e)
+        self._seen = np.zeros((0, 0))
+        force = np.zeros((by_force.shape[1] - motion_size, 0))
+        if engine.n_states:
+            force = self._memory_force()
+            self._seen = self._seen_by(force)
+            force = force @ self._seen.T
+        self._memory_size = memory_size = len(self._seen)
+        outputs = np.hstack([by_force[:, motion_size:] @ force, by_force[:, :motion_size]])
         self._of_state = self._split(outputs)
         if self.frame.damping is not None:
-            without_inputs = self.frame.damping.kernels.change_of_all(count)
-            self._of_state.change[:memory_size, :memory_size] += np.kron(
-                without_inputs, np.eye(engine.e)
-            )
+            free = np.kron(self.frame.damping.kernels.change_of_all(count), np.eye(engine.e))
+            self._of_state.change[:memory_size, :memory_size] += self._seen @ free @ self._seen.T
 
     @staticmethod
     def is_quicker(engine: Engine, block: int, blocks: int, total: int) -> bool:
@@ -92,10 +97,24 @@ class Recurrence:
         engine, tables = self.engine, self.frame.damping
         if engine.damping is None or tables is None:
             raise ValueError("damping: the scene has no damping")
-        units = np.eye(self._memory_size).reshape(self._memory_size, engine.n_states, engine.e)
+        size = engine.n_states * engine.e
+        units = np.eye(size).reshape(size, engine.n_states, engine.e)
         zero = np.zeros((1, engine.n_states, 1))
         force = engine.damping.at_rest().past(tables, units, zero, self.count)
-        return force.reshape(self._memory_size, -1).T
+        return force.reshape(size, -1).T
+
+    def _seen_by(self, force: Array) -> Array:
+        """Orthonormal combinations of states that cause all the memory force, ``(K, J e)``."""
+        engine, found = self.engine, np.eye(force.shape[1])
+        memory = None if engine.damping is None else engine.damping.memory
+        if memory is None or not 0 < memory.n_lags <= self.count:
+            return found
+        lags = memory.n_lags * len(engine.tables.to_inputs) * engine.e
+        _, sizes, rows = np.linalg.svd(force[:, :lags], full_matrices=False)
+        rows = rows[sizes > UNIT * sizes[0]]
+        found = found[lags - len(rows) :]
+        found[: len(rows), :lags] = rows
+        return found
 
     def _split(self, outputs: Array) -> _Map:
         """Outputs of the operator, ``(B (i + 2) e, n)``: inputs, positions, momenta of all steps.
@@ -111,7 +130,7 @@ class Recurrence:
             zero = np.zeros((columns, engine.n_states, e))
             by_step = inputs.reshape(columns, -1, e)
             states = self.frame.damping.kernels.push(zero, by_step, self.count)
-            change[: self._memory_size] = states.reshape(columns, -1).T
+            change[: self._memory_size] = self._seen @ states.reshape(columns, -1).T
         change[self._memory_size :] = ends[:, -1].reshape(2 * e, columns)
         components_first = ends.transpose(3, 0, 2, 1).reshape(columns, -1)
         return _Map(np.ascontiguousarray(components_first), inputs, change)
@@ -179,7 +198,7 @@ class Recurrence:
         """
         e, memory_size = self.engine.e, self._memory_size
         load_vectors = self._load_vectors(state, blocks, loads)
-        w = np.concatenate([state.z.ravel(), state.x[0], state.p[0]])
+        w = np.concatenate([self._seen @ state.z.ravel(), state.x[0], state.p[0]])
         rounding = np.concatenate([np.zeros(memory_size), state.x_lost[0], state.p_lost[0]])
         load_changes = None if load_vectors is None else load_vectors @ self._of_loads.change
         if load_changes is not None and len(load_changes) < blocks:
@@ -200,8 +219,8 @@ class Recurrence:
                 inputs += load_vectors @ self._of_loads.inputs
         ends = ends.reshape(blocks, 2 * e, self.count)
         ends += before[:, memory_size:, None]
-        (state.x, state.p), z = _position_and_momentum(w, e), w[:memory_size]
-        state.z = z.reshape(state.z.shape)
+        state.x, state.p = _position_and_momentum(w, e)
+        state.z = (w[:memory_size] @ self._seen).reshape(state.z.shape)
         state.x_lost, state.p_lost = _position_and_momentum(rounding, e)
         state.unknowns, state.h = None, self.h
         x, p = (one.swapaxes(1, 2).reshape(1, -1, e) for one in (ends[:, :e], ends[:, e:]))
