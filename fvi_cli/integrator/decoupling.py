@@ -56,13 +56,13 @@ class Decoupling:
             return _split(values / self.modes)
         return _split(values @ (self.mass @ self.modes))
 
-    def forces(self, values: Array, part: slice = slice(None)) -> Array:
-        """Momenta and forces ``(..., d)`` as ``(q, ..., e)``, for some of the systems."""
+    def forces(self, values: Array) -> Array:
+        """Momenta and forces ``(..., d)`` as ``(q, ..., e)``."""
         if self.modes is None:
             return values[None]
         if self.modes.ndim == 1:
-            return _split(values[..., part] * self.modes[part])
-        return _split(values @ self.modes[:, part])
+            return _split(values * self.modes)
+        return _split(values @ self.modes)
 
     def scene_positions(self, values: Array) -> Array:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""

@@ -12,8 +12,7 @@ from fvi_cli.effects.matrices import is_semidefinite, is_sparse
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.convergence import Mask
+from fvi_cli.mathematics.arrays import Array, Mask
 from fvi_cli.mathematics.transforms.zeros import largest_root
 
 TOLERATED_FACTOR = 1e8

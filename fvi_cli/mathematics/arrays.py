@@ -11,6 +11,7 @@ Integers = NDArray[np.int64]
 LongArray = NDArray[np.longdouble]
 LongComplexArray = NDArray[np.clongdouble]
 Places = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 def set_arrays(owner: object, **values: ArrayLike) -> None:

@@ -13,11 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fvi_cli.mathematics.arrays import Array
-
-Mask = NDArray[np.bool_]
+from fvi_cli.mathematics.arrays import Array, Mask
 
 UNIT = 2.0**-53
 """Unit round-off."""

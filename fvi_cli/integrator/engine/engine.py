@@ -19,14 +19,14 @@ from fvi_cli.integrator.engine.frame import Frame, longest_block
 from fvi_cli.integrator.engine.law import StepLaw, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator, Operators
-from fvi_cli.integrator.engine.state import Mask, State, Steps, compensated
+from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.engine.structures import GROUP, StructureLaw, is_structure, solve_one_by_one
 from fvi_cli.integrator.engine.tables import on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 LONGEST_GUESS = 1.5

@@ -18,9 +18,9 @@ from fvi_cli.integrator.engine.branch import follow
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
-from fvi_cli.integrator.engine.state import Mask, State
+from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
-from fvi_cli.mathematics.arrays import Array, Integers, Places
+from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, SMALLEST, UNIT
 
 HALF_THE_DIGITS = UNIT**0.5

@@ -27,8 +27,7 @@ from fvi_cli.integrator.engine.tables import apply, by_columns, on_components, o
 from fvi_cli.integrator.memory.interface import toeplitz_matrix
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
-from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.convergence import Mask
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 
 
 class Operator:
@@ -225,9 +224,7 @@ class Operator:
             impulse = np.matmul(impulses, inputs).reshape(q, count, e, width)
             change -= np.matmul(matrix[:, None], impulse)
         loads = np.arange(c).reshape(count, -1, e)
-        for step in range(count):
-            for component in range(e):
-                change[:, step, component, 2 * e + loads[step, :, component]] -= 1.0
+        change[:, np.arange(count)[:, None, None], np.arange(e), 2 * e + loads] -= 1.0
         dp = np.cumsum(change, axis=1)
         parts = [one.reshape(q, -1, width) for one in (inputs.reshape(q, -1, e, width), dx, dp)]
         return np.concatenate(parts, axis=1)

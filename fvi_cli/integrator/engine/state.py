@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.newton_log import Attempt
-from fvi_cli.mathematics.arrays import Array, Integers, Places
-
-Mask = NDArray[np.bool_]
+from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 
 
 @dataclass(eq=False, kw_only=True)

@@ -24,7 +24,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces, may_hide
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Mask
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.traced import trace
 from fvi_cli.mathematics.lagrange import LagrangeBasis
@@ -40,8 +40,6 @@ NARROW = 0.25
 """Steps end at the ends of parts shorter than this share of the median, by time."""
 ROUND_OFF = 1e-14
 """Of the largest force times the length of the run; impulses below it are none."""
-
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +202,7 @@ class _Level:
     begin: Array
     values: Array
     children: NDArray[np.int_]
-    is_smooth: Flags
+    is_smooth: Mask
 
 
 class _Search:

@@ -19,11 +19,10 @@ import numpy as np
 from fvi_cli.integrator.observations.pieces import (
     POINTS,
     Along,
-    Mask,
     by_owner,
     coefficients_of,
 )
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval
 

@@ -21,7 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.series.chebyshev import (
     in_rows,
     products_of_series,
@@ -33,8 +33,6 @@ from fvi_cli.mathematics.series.chebyshev import (
 
 Along = Callable[[Places, Array], Array]
 """Values at places of steps, both ``(n,)``, or at k places in each, ``(n, 1)`` and ``(n, k)``."""
-
-Mask = NDArray[np.bool_]
 
 POINTS = 17
 """Chebyshev points of a piece."""

@@ -18,7 +18,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import PIECE
 from fvi_cli.integrator.damping.damping import Damping, DampingTables
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.engine.state import Mask
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
@@ -27,7 +26,7 @@ from fvi_cli.integrator.observations.pieces import AT_A_TIME
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import engine_for
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.lagrange import LagrangeBasis
 from fvi_cli.mathematics.series.chebyshev import in_rows
 

@@ -7,6 +7,7 @@ variational integrator itself, no interpolation of it.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -119,22 +120,16 @@ class RunSteps:
 
         At the breaks the motion may be singular.
         """
-        fresh = {0.0, *breaks}
-        stretches: list[Stretch] = []
-        times, sizes = self.time.tolist(), self.step_size.tolist()
-        first = 0
-        for index in range(1, len(sizes) + 1):
-            goes_on = index < len(sizes) and sizes[index] == sizes[first]
-            if goes_on and times[index] not in fresh:
-                continue
-            stretches.append(
-                Stretch(
-                    begin=times[first],
-                    end=times[index],
-                    n_steps=index - first,
-                    step_size=sizes[first],
-                    is_fresh=times[first] in fresh,
-                )
+        fresh = np.isin(self.time, [0.0, *breaks])
+        edges = 1 + np.flatnonzero((np.diff(self.step_size) != 0.0) | fresh[1:-1])
+        stretches = [
+            Stretch(
+                begin=float(self.time[first]),
+                end=float(self.time[last]),
+                n_steps=last - first,
+                step_size=float(self.step_size[first]),
+                is_fresh=bool(fresh[first]),
             )
-            first = index
+            for first, last in itertools.pairwise([0, *edges.tolist(), self.n_steps])
+        ]
         return Mesh(stretches=tuple(stretches))

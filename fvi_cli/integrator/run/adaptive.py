@@ -127,10 +127,6 @@ class AdaptiveSource:
         self._done += 1
         return controller.time
 
-    def accept(self, count: int) -> float:
-        """Every step is judged."""
-        raise ValueError("steps: adaptive steps are taken one by one")
-
     def _outside(self, position: Array, unknowns: Array, h: float) -> Array | None:
         """A place of a step at which the potential energy is not finite."""
         if self._potential is None:

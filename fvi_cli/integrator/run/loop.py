@@ -10,7 +10,7 @@ from fvi_cli.integrator.engine.blocks import advance, block_for
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.run.points import Proposal, Solved, Source
+from fvi_cli.integrator.run.points import MeshSource, Proposal, Solved, Source
 from fvi_cli.integrator.run.recorder import Recorder
 
 CHUNK = 4096
@@ -95,7 +95,8 @@ def _steps(
             at = proposal._replace(first=proposal.first + done)
         own = None if loads is None else loads[:, done:]
         blocks = 0 if overflows else ahead // block
-        if block > 1 and Recurrence.is_quicker(engine, block, blocks, proposal.total):
+        is_long = block > 1 and Recurrence.is_quicker(engine, block, blocks, proposal.total)
+        if is_long and isinstance(source, MeshSource):
             n, before = blocks * block, state.copy()
             key = (h, block)
             if key not in recurrences:

@@ -38,9 +38,6 @@ class Source(Protocol):
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The time at the end of solved steps that begin at `state`; None rejects them."""
 
-    def accept(self, count: int) -> float:
-        """The time at the end of so many steps that are not judged: many blocks at once."""
-
     def arrays(self) -> dict[str, Array]:
         """Where it is, for a checkpoint."""
 

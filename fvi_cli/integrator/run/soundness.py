@@ -46,8 +46,7 @@ class Soundness:
     def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
         """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
         n = points.times.size
-        if points.unknowns is not None:
-            self._check_domain(points, live, stops)
+        self._check_domain(points, live, stops)
         position = points.position
         largest = np.maximum(position.max(axis=(1, 2)), -position.min(axis=(1, 2)))
         forces = np.array([one.largest_force for one in self._loads])

@@ -17,14 +17,12 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
 
 LogFunction = Callable[[ComplexArray], ComplexArray]
 """Any branch of log f at points of shape ``(k,)``, minus infinity at a zero."""
 
-Mask = NDArray[np.bool_]
 Path = Callable[[Array], ComplexArray]
 
 UNDECIDED = -1

@@ -121,10 +121,6 @@ class Bouncing:
         exact = self._step * 2.0 ** round(math.log2(size / self._step))
         return exact if abs(exact - size) <= 4.0 * math.ulp(self._time + size) else size
 
-    def accept(self, count: int) -> float:
-        """Every step is judged."""
-        raise ValueError("steps: with impacts they are taken one by one")
-
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The end of a step that meets no surface, or ends on one; None: another one is needed."""
         if steps.has_failed:
