@@ -264,7 +264,7 @@ def legend_of(
             break
     # as few columns as fill the same rows
     columns = -(-len(labels) // rows)
-    head = wrap(title, width)
+    head = "\n".join(wrap(line, width) for line in title.split("\n"))
     lines = sum(max(label.count("\n") for label in row) + 1 for row in _columns(labels, rows))
     lines += len(head.splitlines())
     factor = mpl.rcParams["figure.figsize"][1] / HEIGHT
@@ -281,7 +281,7 @@ def legend_of(
     )
     legend.get_title().set_multialignment("center")
     if "\n" in head:
-        legend.get_title().set_linespacing(_LINES)
+        legend.get_title().set_linespacing(1.2 if "^" in head else _LINES)
 
 
 def _columns(widths: Sequence[Any], count: int) -> list[Sequence[Any]]:
