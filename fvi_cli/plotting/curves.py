@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.axes import Axes
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.looks import EXACT, Look
-from fvi_cli.plotting.style import COLOURS, LINE_STYLES, MARKERS
+from fvi_cli.plotting.looks import EXACT, Look, pale
+from fvi_cli.plotting.style import COLOURS, DECORATION, LINE_STYLES, MARKERS
 
 FEW_POINTS = 2001
 """Points of a line up to which all are drawn; of more as many as its form needs."""
 MOST_POINTS = 20_000
 """Points of a line up to which files hold them all; a longer one is a picture in them."""
 _VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
-_MARK, _PIECE = 2.5, 7.0  # points within which a mark hides another, and of a line in its turn
+_MARK = 1.5  # points within which a mark hides another
+_ON_IT, _LAYER = 1.1, 1.4  # points within which a line hides another, and by which that is broader
 _RING = 4.5  # points of a peak's mark
 PEAK: Mapping[str, Any] = {
     "marker": "o",
@@ -32,6 +32,8 @@ PEAK: Mapping[str, Any] = {
     "clip_on": False,
 }
 """Properties of the ring at a peak."""
+HIDDEN = "_hidden"
+"""Label of the part of a line upon which others lie."""
 _SAME = 0.02  # of a panel's height: less is one line to the eye
 
 
@@ -185,7 +187,7 @@ def join_labels(labels: Sequence[str]) -> str:
 
 
 def take_turns(axes: Axes) -> None:
-    """Of marks that lie upon each other show one, each curve its share; of lines piece by piece."""
+    """Of marks that lie upon each other show one, each curve its share."""
     named = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
     lines = [one for one in named if np.size(one.get_xdata())]
     places = [axes.transData.transform(one.get_xydata()) / axes.figure.dpi * 72 for one in lines]
@@ -199,9 +201,31 @@ def take_turns(axes: Axes) -> None:
         left = [one for one in left if one not in here]
     for line, own in zip(lines, shown, strict=True):
         line.set_markevery(sorted(own))
-    for group in in_groups(len(lines), lambda k, j: _is_one_line(places[k], places[j])):
-        for place, k in enumerate(group if len(group) > 1 else ()):
-            lines[k].set_linestyle((_PIECE * place, (_PIECE, _PIECE * (len(group) - 1))))
+
+
+def draw_hidden(axes: Axes, curves: Sequence[Curve], shown: Sequence[Look], height: float) -> None:
+    """Draw lines of a ladder broad and pale where later ones lie upon them.
+
+    `height` is that of the panel in points of type.
+    """
+    places, colours = [], []
+    for one, look in zip(curves, shown, strict=True):
+        if look.has_line and not look.is_broad:
+            rising = np.argsort(one.x)
+            places.append(np.log10([one.x, np.where(one.y > 0, one.y, np.nan)])[:, rising])
+            colours.append(pale(look.colour))
+    every = np.concatenate([y[np.isfinite(y)] for _, y in places] or [np.ones(1)])
+    near = _ON_IT / height * (np.ptp(every) if every.size else 0.0)
+    for k, ((x, y), colour) in enumerate(zip(places, colours, strict=True)):
+        upper = [np.interp(x, a, b, left=np.nan, right=np.nan) for a, b in places[k + 1 :]]
+        count = np.sum([np.abs(one - y) < near for one in upper], axis=0)
+        for layers in range(1, len(upper) + 1):
+            parts = (count[1:] >= layers) & (count[:-1] >= layers)
+            if parts.any():
+                ends = np.append(parts, False) | np.append(False, parts)
+                line = axes.plot(10**x, 10 ** np.where(ends, y, np.nan), **DECORATION)[0]
+                line.set(label=HIDDEN, color=colour, linewidth=_ON_IT + _LAYER * layers)
+                line.set(zorder=2.5 - 0.01 * layers, solid_capstyle="butt")
 
 
 def part_peaks(axes: Axes) -> None:
@@ -212,10 +236,3 @@ def part_peaks(axes: Axes) -> None:
         near = sum(math.dist(place, one) < _RING / 2 * axes.figure.dpi / 72 for one in seen)
         line.set_markersize(_RING * (1 + 0.6 * near))
         seen.append(place)
-
-
-def _is_one_line(one: Array, other: Array) -> bool:
-    """Whether three points of a line in four lie on another, all in points of type."""
-    (x, y), rising = one.T, other[np.argsort(other[:, 0])].T
-    gap = np.abs(np.interp(x, rising[0], rising[1], left=np.nan, right=np.nan) - y)
-    return bool(np.mean(gap < rcParams["lines.linewidth"]) >= 0.75)

@@ -16,10 +16,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fvi_cli.plotting.curves import (
+    HIDDEN,
     MOST_POINTS,
     PEAK,
     Curve,
     Panel,
+    draw_hidden,
     looks,
     merge_alike,
     part_peaks,
@@ -42,12 +44,14 @@ from fvi_cli.plotting.style import (
     wrap,
 )
 from fvi_cli.plotting.ticks import (
+    ROUND_OFF,
     clear_factor,
     few_numbers,
     limit_ladder,
     logarithmic_ticks,
     plain_numbers,
     three_numbers,
+    widen,
 )
 
 MOST_LINES = 6
@@ -55,8 +59,8 @@ MOST_LINES = 6
 MOST_COLOURED = 100
 """Members that have a line with a colour of a bar; of more there are bands."""
 _MARKS, _FEWEST_MARKS = 12, 4  # on one curve
-_ROUND_OFF = 1e-9  # of the largest value
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
+_OF_HIDDEN = "pale: lines that coincide with those upon them, marks in turn"
 _ALPHAS = (0.3, 0.15)
 """Of the bands of one curve, the inner one first."""
 
@@ -143,8 +147,9 @@ def plane(
 ) -> Figure:
     """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
     figure, used = _drawn(panels, columns=columns, bar=bar, title=title)
+    curves = [curve for panel in panels for curve in panel.curves]
     for axes in used:
-        _widen(axes, panels)
+        widen(axes, curves)
         if is_equal:
             axes.set_aspect("equal", adjustable="datalim")
         if most_ticks:
@@ -172,6 +177,8 @@ def _drawn(
     colours = colours_of(numbers) if bar else None
     for axes, panel in zip(used, panels, strict=True):
         _draw_curves(axes, panel, colours, nested=nested)
+    if any(line.get_label() == HIDDEN for axes in used for line in axes.lines):
+        title = f"{title}\n{_OF_HIDDEN}".strip()
     _name_axes(figure, grid, used, panels, x)
     entries = _legend_entries(panels, used)
     # an axis of the same numbers says which colour is which
@@ -198,16 +205,6 @@ def _draw_bar(figure: Figure, used: Sequence[Axes], colours: ScalarMappable, wor
     shown.ax.set_gid("decoration")
     if isinstance(colours.norm, LogNorm):
         plain_numbers(shown.ax.xaxis)
-
-
-def _widen(axes: Axes, panels: Sequence[Panel]) -> None:
-    """Keep round-off of what is constant from filling a panel."""
-    for axis in ("x", "y"):
-        values = np.concatenate([getattr(c, axis) for panel in panels for c in panel.curves])
-        largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
-        low, high = getattr(axes, f"get_{axis}lim")()
-        if high - low < _ROUND_OFF * largest:
-            getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
 
 
 def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool) -> None:
@@ -251,6 +248,8 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
                 label=f"_peak {curve.label}",
                 **PEAK,
             )
+    if nested and colours is None and panel.has_slopes:
+        draw_hidden(axes, curves, shown, 72 * panel.height)
     if panel.rounding > 0:
         hatch_rounding(axes, 1e-300, panel.rounding)
     for level in panel.levels:
@@ -384,7 +383,7 @@ def _limit_over_time(axes: Axes, panel: Panel) -> None:
     if len(ranges) > 1:
         sizes = [float(np.abs(values).max()) for values in ranges]
         # what rests, such as the damper that a design lacks, says nothing of the others
-        calmest = min(size for size in sizes if size >= _ROUND_OFF * max(sizes))
+        calmest = min(size for size in sizes if size >= ROUND_OFF * max(sizes))
         values = values[np.abs(values) <= 10 * calmest]
     low, high = float(values.min()), float(values.max())
     span = (high - low) or abs(high) or 1.0

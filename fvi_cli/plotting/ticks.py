@@ -23,6 +23,9 @@ from fvi_cli.plotting.style import label_axis, text_width
 
 _LEAST, _MOST = 1e-4, 1e6  # numbers between them are written in full
 
+ROUND_OFF = 1e-9
+"""Of the largest value: less is taken for round-off."""
+
 
 def few_numbers(axes: Axes, most: int) -> None:
     """At most so many ticks on the first axis, numbers from 1e-4 to 1e6 in full."""
@@ -87,6 +90,16 @@ class _OneForm(Formatter):
         return [
             rf"${float(mantissa):g} \times 10^{{{int(exponent)}}}$" for mantissa, exponent in parts
         ]
+
+
+def widen(axes: Axes, curves: Sequence[Curve]) -> None:
+    """Keep round-off of what is constant from filling a panel."""
+    for axis in ("x", "y"):
+        values = np.concatenate([getattr(one, axis) for one in curves])
+        largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+        low, high = getattr(axes, f"get_{axis}lim")()
+        if high - low < ROUND_OFF * largest:
+            getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
 
 
 def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from fvi_cli.plotting.curves import FEW_POINTS, MOST_POINTS, Curve, Panel
 from fvi_cli.plotting.drawn import save_figure
@@ -64,30 +66,56 @@ def test_files_of_long_lines_are_bounded(kind, tmp_path):
     assert max(sizes) < 1_500_000
 
 
-def marks(apart: float, count: int, points: int) -> list[list[int]]:
-    """Which points have their marks, of curves of which each is by a factor above the last."""
-    x = np.geomspace(1e-3, 1.0, points)
-    curves = [Curve(x=x, y=x**2 * apart**k, label=f"c{k}") for k in range(count)]
-    (axes,) = ladders([Panel(curves=curves, y="error", has_slopes=False)]).axes
-    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
-    dashed = [line.is_dashed() for line in lines]
-    # pieces of lines that coincide follow each other; others are as they look alone
-    assert dashed == [apart == 1.0 or k % 6 > 0 for k in range(count)]
-    offsets = {line._unscaled_dash_pattern[0] for line in lines}
-    assert (len(offsets) == count) == (apart == 1.0)
-    return [list(line.get_markevery()) for line in lines]
+def ladder_of(curves: list[Curve]) -> tuple[Figure, dict[str, list[Line2D]]]:
+    """A ladder of curves, and its lines by their names."""
+    figure = ladders([Panel(curves=curves, y="error")])
+    lines: dict[str, list[Line2D]] = {}
+    for line in figure.axes[0].lines:
+        lines.setdefault(line.get_label(), []).append(line)
+    return figure, lines
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 @pytest.mark.parametrize("points", [5, 8, 11])
 def test_marks_that_lie_upon_each_other_take_turns(count, points):
-    shown = marks(1.0, count, points)
+    def marks(apart: float) -> list[list[int]]:
+        x = np.geomspace(1e-3, 1.0, points)
+        curves = [Curve(x=x, y=x**2 * apart**k, label=f"c{k}") for k in range(count)]
+        _, lines = ladder_of(curves)
+        # lines are as the legend has them, whatever lies upon them
+        assert [lines[f"c{k}"][0].is_dashed() for k in range(count)] == [
+            k > 0 for k in range(count)
+        ]
+        return [list(lines[f"c{k}"][0].get_markevery()) for k in range(count)]
+
+    shown = marks(1.0)
     # every point has one mark, every curve its share of them
     assert sorted(point for own in shown for point in own) == list(range(points))
     sizes = [len(own) for own in shown]
     assert max(sizes) - min(sizes) <= 1
     # the control: curves that are apart have all of theirs
-    assert marks(100.0, count, points) == [list(range(points))] * count
+    assert marks(100.0) == [list(range(points))] * count
+
+
+@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("until", [0, 2, 6, 9])
+def test_where_lines_coincide_those_below_are_seen_and_it_is_said(count, until):
+    x = np.geomspace(1e-3, 1.0, 9)
+    # the first points are those of one line
+    curves = [
+        Curve(x=x, y=x**2 * np.where(np.arange(9) < until, 1.0, 30.0**k), label=f"c{k}")
+        for k in range(count)
+    ]
+    figure, lines = ladder_of(curves)
+    below = lines.get("_hidden", [])
+    # as many lines of growing width as lie upon each
+    assert len(below) == (count * (count - 1) // 2 if until else 0)
+    for line in below:
+        assert np.flatnonzero(np.isfinite(line.get_ydata())).tolist() == list(range(until))
+        assert line.get_zorder() < min(lines[one.label][0].get_zorder() for one in curves)
+    widest = sorted({line.get_linewidth() for line in below}, reverse=True)
+    assert len(widest) == (count - 1 if until else 0)
+    assert ("coincide" in figure.legends[0].get_title().get_text()) == bool(until)
 
 
 @pytest.mark.parametrize("gap", [0.0, 5.0])

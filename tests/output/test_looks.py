@@ -56,11 +56,14 @@ def test_a_method_looks_the_same_in_every_figure():
     assert len({(look.colour, look.is_filled) for look in together.values()}) == len(families)
 
 
-def test_labels_are_the_names_of_tables_with_powers_typeset():
+def test_labels_are_the_names_of_tables_with_powers_typeset_and_starts_in_words():
     mixed = [BDF2, Method(cq="bdf2", degree=2), Method(cq="gauss", degree=3), BDF1, EULER]
     told = {case: name.label for case, name in method_names(mixed).items()}
     assert method_labels(mixed) == told
     plain = Method(cq="bdf3", degree=2, sampling="nodes")
     corrected = dataclasses.replace(plain, start="weights", start_exponents=(2.5,))
     both = method_labels([corrected, plain])
-    assert list(both.values()) == ["BDF3, weights $t^{5/2}$", "BDF3, plain"]
+    assert list(both.values()) == [
+        "BDF3, start corrected for $t^{5/2}$",
+        "BDF3, no start correction",
+    ]

@@ -257,17 +257,22 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
     power = f"^{{{fraction_in_words(first.order)}}}"
     panels: list[Panel] = []
     for exponent in sorted(rows):
-        best = max(_largest_order(one) for one in rows[exponent])
+        orders = _orders(rows[exponent], names)
         for norm in _NORMS:
             limit = exponent - first.order if norm == "max" else exponent + 1
-            curves = _curves(rows[exponent], norm, names)
+            most = min(limit, max(orders.values()))
+            curves = [
+                # a triangle beside a curve of lower order would seem to speak of that
+                replace(one, order=most if orders[one.label] >= most else math.nan)
+                for one in _curves(rows[exponent], norm, names)
+            ]
             title = rf"$b = {exponent:g}$: order $\min(p, {fraction_in_words(limit)})$"
             panels.append(
                 Panel(
                     y=rf"error $|D_h{power} f - D{power} f|$",
                     title=title if len(panels) > 1 else f"{where[norm]}\n{title}",
                     height=1.25,
-                    curves=[replace(one, order=min(limit, best)) for one in curves],
+                    curves=curves,
                 )
             )
     x = _step_label([experiment for experiment, _ in studies])
@@ -290,9 +295,14 @@ def _derivative(study: Study) -> DerivativeProblem:
     return problem
 
 
-def _largest_order(study: Study) -> float:
-    orders = [getattr(item.run.method, "cq", "") for item in study[1]]
-    return float(max((int(cq[3:]) for cq in orders if cq.startswith("bdf")), default=math.inf))
+def _orders(studies: Sequence[Study], names: Mapping[str, MethodLook]) -> dict[str, float]:
+    """The p of BDFp by the label of the curve."""
+    methods = [item.run.method for _, finished in studies for item in finished]
+    quadratures = {names[one.case].label: getattr(one, "cq", "") for one in methods}
+    return {
+        label: float(cq[3:]) if cq.startswith("bdf") else math.inf
+        for label, cq in quadratures.items()
+    }
 
 
 def _curves(studies: Sequence[Study], norm: str, names: dict[str, MethodLook]) -> list[Curve]:
