@@ -6,7 +6,7 @@ from pathlib import Path
 
 import fvi_cli as fvi
 from fvi_cli.integrator.method import Method
-from fvi_cli.studies.cost import CostCase, CostRow, CostTable
+from fvi_cli.studies.cost import CostCase, CostRow, CostTable, ToleranceRow
 from fvi_cli.studies.order import damping_orders
 
 GAUSS = Method(cq="gauss", degree=2, start="graded")
@@ -52,11 +52,21 @@ MEASURED = (
 )
 
 
-def committed_tables(name: str) -> list[CostTable]:
-    """What the committed CSV file holds; floors and messages, which it does not, are left empty."""
-    path = Path(__file__).parents[1] / f"results/tables/{name}-cost.csv"
+def _lines(name: str) -> list[dict[str, str]]:
+    path = Path(__file__).parents[1] / f"results/tables/{name}.csv"
     with path.open(encoding="utf-8") as file:
-        lines = list(csv.DictReader(file))
+        return list(csv.DictReader(file))
+
+
+def committed_tables(name: str) -> list[CostTable]:
+    """What the committed CSV files hold; floors and messages, which they do not, are left empty."""
+    lines = _lines(f"{name}-cost")
+    by_tolerance: dict[str, list[ToleranceRow]] = {}
+    for line in _lines(f"{name}-cost-tolerances"):
+        numbers = {key: float(line[key]) for key in ("tolerance", "error", "estimate", "seconds")}
+        numbers |= {key: int(line[key]) for key in ("n_steps", "degree", "rounds")}
+        found = ToleranceRow(outcome=line["outcome"], **numbers)
+        by_tolerance.setdefault(line["experiment"], []).append(found)
     tables = []
     for experiment in fvi.load(name).experiments:
         cases: dict[str, list[CostRow]] = {method.case: [] for method in experiment.methods}
@@ -79,6 +89,8 @@ def committed_tables(name: str) -> list[CostTable]:
                     CostCase(method=method, rows=tuple(cases[method.case]))
                     for method in experiment.methods
                 ),
+                by_tolerance=tuple(by_tolerance[experiment.name]),
+                units=experiment.units,
             )
         )
     return tables

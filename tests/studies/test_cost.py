@@ -137,7 +137,7 @@ def test_what_a_tolerance_comes_to_is_measured_beside_the_ladder():
     lines = list(csv.DictReader(io.StringIO(sheet)))
     assert [float(line["tolerance"]) for line in lines] == [1e-4, 1e-9]
     figure = cost_figure(table)
-    (drawn,) = (line for line in figure.axes[0].lines if line.get_label() == "with a tolerance")
+    (drawn,) = (line for line in figure.axes[0].lines if line.get_label() == "for a tolerance")
     assert len(drawn.get_xdata()) == 2
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,9 +14,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from fvi_cli.effects.scene import Derivative
 from fvi_cli.integrator.method_names import method_names
-from fvi_cli.plotting.curves import Curve, Panel, take_turns
+from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.ladders.convergence import error_label
-from fvi_cli.plotting.looks import CHEAPEST, Look, MethodLook, method_looks
+from fvi_cli.plotting.looks import CHEAPEST, Look, method_looks
 from fvi_cli.plotting.panels import ladders
 from fvi_cli.plotting.style import INK, journal_style, label_size
 from fvi_cli.plotting.ticks import logarithmic_ticks
@@ -24,15 +24,16 @@ from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.studies.cost import CostRow, CostTable
-from fvi_cli.studies.cost_curves import CostCurve, cost_curves, pareto_front
+from fvi_cli.studies.cost_curves import cost_curves
 
-_COARSEST, _LEAST, _FINEST = 3.0, 1e-13, 2e-15
+_COARSEST, _LEAST, _FINEST = 1.0, 1e-13, 2e-15
 DERIVATIVE_NAMES: Mapping[Derivative, str] = {
     "caputo": "Caputo",
     "riemann-liouville": "Riemann–Liouville",
 }
 _LONGEST_EQUATION = 48
-_TOLERANCE = Look(colour=INK, marker="*", dashes=(0, (1, 1)), width=0.8, size=5.0)
+_THIN = 0.7  # points of the lines of what is never the quickest
+_TOLERANCE = Look(colour=INK, marker="*", has_line=False, size=5.0)
 
 
 def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
@@ -51,45 +52,51 @@ def cost_figure_names(name: str, tables: Sequence[CostTable]) -> list[str]:
 def cost_figure(table: CostTable) -> Figure:
     """Set-up plus stepping time, and history operations, against the error reached.
 
-    Accuracy grows to the right. Runs that no other beats in both error and time have a broad
-    line behind them. Baselines are grey. Stars are searches for a tolerance with all their runs.
-    Where no method sums over the past there is no panel of work. A method that has nothing but
-    round-off from the coarsest step on is exact by chance; it is named and not drawn.
+    Accuracy grows to the right. Of every method the runs are drawn that no other of its own beats;
+    a broad line is behind those that none of all beats. These have marks, and the finest of every
+    method. Methods that are never the quickest are thin. Baselines are grey. Stars are searches
+    for a tolerance with all their runs. Where no method sums over the past there is no panel of
+    work. A method that has nothing but round-off from the coarsest step on is exact by chance; it
+    is named and not drawn.
     """
     everything = cost_curves(table)
     curves = [curve for curve in everything if not curve.is_exact_by_chance]
     names = method_names([case.method for case in table.cases])
     chance = [curve_name(one, names) for one in everything if one.is_exact_by_chance]
     looks = method_looks([case.method for case in table.cases])
-    own = {
-        one.key: MethodLook(label=curve_name(one, names), look=looks[one.methods[0].case].look)
-        for one in curves
-    }
-    runs = [run for _, run in pareto_front(curves) if run.error < _COARSEST]
-    # less than that is round-off, which no run need beat
-    runs = runs[:1] + [fine for coarse, fine in pairwise(runs) if coarse.error > _LEAST]
-    front = [(_shown(run), run.seconds) for run in runs]
     met = [
         (max(row.error, _FINEST), row.seconds)
         for row in table.by_tolerance
         if row.outcome == "met" and row.error > 0
     ]
-    times = _panel("set-up and stepping time (s)", curves, own, lambda point: point.seconds)
-    more = (("quickest to its error", CHEAPEST, front), ("with a tolerance", _TOLERANCE, met))
-    added = [
-        Curve(x=np.array(xy)[:, 0], y=np.array(xy)[:, 1], label=label, look=look)
-        for label, look, xy in more
-        if xy
+    kinds: list[tuple[str, Callable[[CostRow], float], list[_Run]]] = [
+        ("set-up and stepping time (s)", lambda row: row.seconds, met)
     ]
-    panels = [replace(times, curves=[*times.curves, *added])]
     if table.has_memory:
-        label = "multiply-adds on the history"
-        panels.append(_panel(label, curves, own, lambda point: float(point.history_operations)))
-    words = f"exact here up to round-off, not drawn: {', '.join(chance)}" if chance else ""
+        kinds.append(("multiply-adds on the history", lambda row: row.history_operations, []))
+    panels: list[Panel] = []
+    marks: list[list[list[int]]] = []
+    slow: set[int] = set()
+    for label, value, more in kinds:
+        runs = [_unbeaten((_shown(p), value(p)) for p in curve.points) for curve in curves]
+        best = _unbeaten([*more, *chain(*runs)])
+        slow = slow if panels else {k for k, own in enumerate(runs) if not {*own} & {*best}}
+        found = []
+        for k, (curve, own) in enumerate(zip(curves, runs, strict=True)):
+            look = looks[curve.methods[0].case].look
+            look = replace(look, width=_THIN) if k in slow else look
+            found.append(_curve(own, curve_name(curve, names), look))
+        found += [_curve(best, "least of all", CHEAPEST)] if best else []
+        found += [_curve(more, "for a tolerance", _TOLERANCE)] if more else []
+        panels.append(Panel(curves=found, y=f"least {label}", has_slopes=False))
+        marks.append([[i for i, run in enumerate(own) if run in {*best, own[-1]}] for own in runs])
+    remarks = ["marks: the least of all, and the finest run; thin: never the quickest"]
+    remarks += ["stars: Gauss methods for a tolerance, time of the whole search"] if met else []
+    remarks += [f"exact here up to round-off, not drawn: {', '.join(chance)}"] if chance else []
     figure = ladders(
         panels,
         x=f"{error_label(table.norm, table.units)}, more accurate to the right",
-        title=words,
+        title="\n".join(remarks),
         above=False,
         shared=True,
     )
@@ -101,29 +108,32 @@ def cost_figure(table: CostTable) -> Figure:
         left, right = min(errors.max() * 10**wide, 2 * _COARSEST), errors.min() / 10**wide
         figure.axes[0].set_xlim(left, right)
         base = 1000 if left / right > 1e6 else 10
-        for axes in figure.axes[: len(panels)]:
+        for axes, own_marks in zip(figure.axes, marks, strict=True):
             axes.xaxis.set_major_locator(LogLocator(base=base, numticks=12))
             axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
             axes.xaxis.set_minor_formatter(NullFormatter())
             logarithmic_ticks(axes.yaxis, 8)
-            take_turns(axes)
+            for line, shown in zip(axes.lines, own_marks, strict=False):
+                line.set_markevery(shown)
     return figure
 
 
-def _panel(
-    label: str,
-    curves: Sequence[CostCurve],
-    looks: Mapping[str, MethodLook],
-    value: Callable[[CostRow], float],
-) -> Panel:
-    found = []
-    for curve in curves:
-        points = curve.unbeaten if curve.is_by_tolerance else curve.points
-        drawn = [p for p in points if value(p) > 0 and _shown(p) < _COARSEST]
-        own = looks[curve.key]
-        x, y = np.array([(_shown(p), value(p)) for p in drawn]).reshape(-1, 2).T
-        found.append(Curve(x=x, y=y, label=own.label, look=own.look))
-    return Panel(curves=found, y=label, has_slopes=False)
+_Run = tuple[float, float]  # error and cost
+
+
+def _unbeaten(runs: Iterable[_Run]) -> list[_Run]:
+    """The runs that no other is as accurate as for less, the coarsest first."""
+    found: list[_Run] = []
+    for error, cost in sorted(runs, key=lambda run: (run[1], run[0])):
+        # less than the least is round-off, which no run need beat
+        if cost > 0 and error < _COARSEST and (not found or error < found[-1][0] > _LEAST):
+            found.append((error, cost))
+    return found
+
+
+def _curve(runs: Sequence[_Run], label: str, look: Look) -> Curve:
+    x, y = np.array(runs).reshape(-1, 2).T
+    return Curve(x=x, y=y, label=label, look=look)
 
 
 def _shown(point: CostRow) -> float:
