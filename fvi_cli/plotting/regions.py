@@ -64,7 +64,8 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
         for k in range(0 if undecided else 1, len(_LEVEL_LABELS))
     ]
     order = fraction_in_words(maps[0].order)
-    title = rf"damping of order $\gamma = {order}$: growth per step, and share that is stable"
+    title = rf"damping of order $\gamma = {order}$; growth of the worst mode in one step"
+    title += "\nnumbers: share of the panel that is stable"
     legend_of(figure, handles, title=title)
     return figure
 
@@ -105,9 +106,6 @@ def _draw(axes: Axes, one: StabilityMap) -> None:
     cells = axes.pcolormesh(*plane, one.level, cmap=ListedColormap(_LEVEL_COLOURS), norm=norm)
     cells.set_rasterized(True)
     axes.set(xscale="log", yscale="log")
-    if 0 < one.share_stable < 1 and min(one.level.shape) > 1:
-        stable = (one.level == 0).astype(float)
-        axes.contour(*plane, stable, levels=[0.5], colors=[INK], linewidths=0.8)
     row, column = _calmest_corner(one.level)
     place = (0.95 if column else 0.05, 0.93 if row else 0.07)
     text = note(axes, *place, f"{100 * one.share_stable:.0f} %", paper={"alpha": 0.8, "pad": 1.0})

@@ -14,6 +14,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.looks import MethodLook, method_looks
@@ -84,11 +85,17 @@ def step_figure(table: StabilityTable) -> Figure:
     bars.tick_params(axis="y", length=0)
     bars.set_ylim(len(labels) - 0.4, -0.6)
     growth.set_yscale("log")
-    for place, (case, rows) in enumerate(by_case.items()):
-        if _growth_line(growth, styles[case], rows):
-            _mark_row(bars, place, styles[case])
-            bars.set_title("lines in the panel below", loc="right", fontsize=small(), pad=2.5)
-    growth.set_ylabel("growth per step $\\log(1/|z|)$")
+    growing = [
+        rows[0].run.method
+        for rows in by_case.values()
+        if any(row.prediction.growth_per_step > 0 for row in rows)
+    ]
+    # few methods need few shades
+    for case, style in method_looks(growing).items():
+        _draw_growth(growth, replace(style, label=styles[case].label), by_case[case])
+        _mark_row(bars, list(styles).index(case), style)
+        bars.set_title("in the panel below", loc="right", fontsize=small(), pad=2.5)
+    label_axis(growth.yaxis, "logarithm of the growth factor per step", 1.7)
     if not any(row.prediction.growth_per_step > 0 for row in table.rows):
         growth.set_ylim(1e-3, 1.0)
         growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
@@ -107,7 +114,8 @@ def step_figure(table: StabilityTable) -> Figure:
     marks = [
         Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
         Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
-        Line2D([], [], label="measured growth", **_GROWTH),
+        Line2D([], [], label="growth as predicted", color=GUIDE_COLOUR),
+        Line2D([], [], label="growth as measured", **_GROWTH),
     ]
     entries = [*_patches(fillings), *_observed_entries(table, marks)]
     legend_of(figure, entries, above=False)
@@ -148,10 +156,11 @@ def _mark(marker: str, colour: str, face: str, size: float, edge: float = 1.0) -
 
 _MARKS = {
     "stable": _mark("o", INK, "white", 4.5),
-    "unstable": _mark("x", INK, INK, 5.0),
+    "unstable": _mark("x", INK, INK, 5.0)
+    | {"path_effects": [withStroke(linewidth=2.5, foreground="white")]},
     "unknown": _mark("|", GUIDE_COLOUR, "none", 4.0),
 }
-_GROWTH = _mark("x", INK, INK, 2.5)
+_GROWTH = _mark("o", GUIDE_COLOUR, GUIDE_COLOUR, 4.0)
 _DIFFERENCE = _mark("s", COLOURS[1], "none", 9.0, 1.4)
 _SMALL_DIFFERENCE = _mark("s", COLOURS[1], "none", 5.0, 1.4)
 
@@ -164,19 +173,23 @@ def _differs(row: StabilityRow) -> bool:
     return row.observation is not None and row.observation.agrees is False
 
 
-def _growth_line(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> bool:
-    """Predicted growth as a line, what was measured as crosses; whether there is any growth."""
+def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> None:
+    """Predicted growth as a line, what was measured as marks; without it these are predicted."""
     grown = sorted(
         (row for row in rows if row.prediction.growth_per_step > 0),
         key=lambda row: row.run.step_size,
     )
-    x = np.array([row.run.step_size for row in grown])
-    y = np.array([row.prediction.growth_per_step for row in grown])
-    axes.plot(x, y, label=style.label, **replace(style.look, size=6.0).properties())
+    predicted = [(row.run.step_size, row.prediction.growth_per_step) for row in grown]
     seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
+    properties = replace(style.look, size=6.0).properties()
+    if not style.look.is_filled:
+        # what is full is seen through what is hollow
+        properties |= {"markerfacecolor": "none", "zorder": 5}
+    marker = "_" if len(grown) == 1 else ""
+    line = {**properties, "marker": marker, "markersize": 12.0} if seen else properties
+    axes.plot(*np.array(predicted).T, label=style.label, **line)
     points = np.array(seen).reshape(-1, 2).T
-    axes.plot(*points, label="_observed", zorder=4, **_GROWTH)
-    return bool(grown)
+    axes.plot(*points, label="_observed", **{**properties, "linestyle": "none"})
 
 
 def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
