@@ -19,8 +19,7 @@ FEW_POINTS = 2001
 MOST_POINTS = 20_000
 """Points of a line up to which files hold them all; a longer one is a picture in them."""
 _VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
-_MARK = 1.5  # points within which a mark hides another
-_ON_IT, _LAYER = 1.1, 1.4  # points within which a line hides another, and by which that is broader
+_ON_IT, _LAYER = 1.1, 1.4  # points within which marks and lines hide others; these are broader by
 _RING = 4.5  # points of a peak's mark
 PEAK: Mapping[str, Any] = {
     "marker": "o",
@@ -195,7 +194,7 @@ def take_turns(axes: Axes) -> None:
     left = sorted(one for one in points if math.isfinite(one[0] + one[1]))
     shown: list[list[int]] = [[] for _ in lines]
     while left:
-        here = [one for one in left if math.dist(one[:2], left[0][:2]) < _MARK]
+        here = [one for one in left if math.dist(one[:2], left[0][:2]) < _ON_IT]
         least = min((k for *_, k, _ in here), key=lambda k: len(shown[k]))
         shown[least] += [i for *_, k, i in here if k == least]
         left = [one for one in left if one not in here]
