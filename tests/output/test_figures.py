@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 
 from fvi_cli import plotting
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.plotting.ladders import convergence as convergence_plots
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -167,25 +168,18 @@ def test_saturation_says_what_it_is_about_and_every_panel_has_its_own_range():
     assert "order 1/2" in heading
 
 
-@pytest.mark.parametrize("b", [1.0, 2.0, 3.0])
-def test_the_triangle_of_a_saturated_order_stands_beside_a_curve_that_has_it(b):
-    def error(run: Run) -> float:
-        p = run.method.bdf_order
-        return 10.0**-p * run.step_size ** min(p, b - 0.5)
-
-    one, _ = derivative_study(int(b))
-    study = made_study(NODES, problem=one.problem, name="saturation-b", error=error)
-    axes = plotting.saturation_figure([study]).axes[0]
-    (guide,) = (line for line in axes.lines if line.get_gid() == "guide")
-    (left, right), (low, high) = np.log(guide.get_data())
-    assert np.log10(np.exp(high - low)) / np.log10(np.exp(right - left)) == pytest.approx(b - 0.5)
-    distance = {
-        line.get_label(): abs(np.interp(left, *np.log(line.get_data())) - low)
-        for line in axes.lines
-        if line.get_label().startswith("BDF")
-    }
-    nearest = min(distance, key=distance.get)
-    assert int(nearest[3:]) >= b - 0.5
+@pytest.mark.parametrize("b", [1, 2, 3])
+def test_a_saturated_order_is_explained_beside_curves_that_have_it(b, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(convergence_plots, "ladders", lambda panels, **_: drawn.extend(panels))
+    plotting.saturation_figure([derivative_study(b)])
+    for panel, limit in zip(drawn, (b - 0.5, b + 1), strict=True):
+        most = min(limit, 3)
+        orders = {int(curve.label[3:]): curve.order for curve in panel.curves}
+        assert {p for p, order in orders.items() if order == most} == {
+            p for p in (1, 2, 3) if p >= most
+        }
+        assert all(np.isnan(order) for p, order in orders.items() if p < most)
 
 
 def test_pieces_of_the_sketch_are_polynomials_of_their_degree_and_of_no_lower_one():
