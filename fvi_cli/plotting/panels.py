@@ -147,9 +147,8 @@ def plane(
 ) -> Figure:
     """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
     figure, used = _drawn(panels, columns=columns, bar=bar, title=title)
-    curves = [curve for panel in panels for curve in panel.curves]
     for axes in used:
-        widen(axes, curves)
+        widen(axes, [curve for panel in panels for curve in panel.curves])
         if is_equal:
             axes.set_aspect("equal", adjustable="datalim")
         if most_ticks:
@@ -229,6 +228,8 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
         first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
         shifted = (first, stride)
+        # round a hollow mark a full one is seen, but not below a full one
+        above = 1.0 if not look.has_line else 0.5 * (nested and not look.is_filled)
         if not nested and look.has_line and sum(other.has_line for other in shown) == 1:
             properties["marker"], properties["linestyle"] = "", "-"
         axes.plot(
@@ -237,7 +238,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             label=curve.label,
             gid=f"floor {curve.floor:.1e}" if curve.floor else None,
             markevery=None if nested or not look.has_line else shifted,
-            zorder=2.0 if look.is_broad else 3 + 0.01 * position + (not look.has_line),
+            zorder=2.0 if look.is_broad else 3 + 0.01 * position + above,
             rasterized=xs.size > MOST_POINTS,
             **properties,
         )

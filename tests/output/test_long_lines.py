@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 
 from fvi_cli.plotting.curves import FEW_POINTS, MOST_POINTS, Curve, Panel
 from fvi_cli.plotting.drawn import save_figure
+from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import ladders, over_time, plane
 
 
@@ -116,6 +117,18 @@ def test_where_lines_coincide_those_below_are_seen_and_it_is_said(count, until):
     widest = sorted({line.get_linewidth() for line in below}, reverse=True)
     assert len(widest) == (count - 1 if until else 0)
     assert ("coincide" in figure.legends[0].get_title().get_text()) == bool(until)
+
+
+@pytest.mark.parametrize("hollow", [{0}, {1}, {0, 2}])
+def test_hollow_marks_lie_upon_full_ones_which_are_seen_round_them(hollow):
+    x = np.geomspace(1e-3, 1.0, 6)
+    looks = [Look(colour=f"C{k}", marker="o", is_filled=k not in hollow) for k in range(3)]
+    _, lines = ladder_of([Curve(x=x, y=x, label=f"c{k}", look=one) for k, one in enumerate(looks)])
+    heights = [lines[f"c{k}"][0].get_zorder() for k in range(3)]
+    assert {*np.argsort(heights)[-len(hollow) :].tolist()} == hollow
+    # of one kind the later lie upon the earlier
+    full = [height for k, height in enumerate(heights) if k not in hollow]
+    assert full == sorted(full)
 
 
 @pytest.mark.parametrize("gap", [0.0, 5.0])
