@@ -178,7 +178,7 @@ def test_the_page_of_costs_says_what_was_measured():
         assert numbers(rendered(report)[f"{name}-cost-summary.csv"]) == numbers(stored)
         # what errors are measured against is no part of the measured numbers
         said = [block for block in report.summary if isinstance(block, Grid | Bullets)]
-        assert len(said) == 2 * len(tables)
+        assert len(said) == 3 * len(tables)
         for block in said:
             assert to_markdown([block]).strip() in page
     assert to_markdown([Bullets(items=("1.0e+00 to 1.0e-13: nobody",))]).strip() not in page
