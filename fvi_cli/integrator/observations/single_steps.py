@@ -18,8 +18,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import PIECE
 from fvi_cli.integrator.damping.damping import Damping, DampingTables
 from fvi_cli.integrator.decoupling import linear_decoupling
+from fvi_cli.integrator.engine.structures import GROUP
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels
-from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.motion import end_slopes, largest_near
 from fvi_cli.integrator.observations.pieces import AT_A_TIME
@@ -73,12 +73,14 @@ def _solved(
     numbers = np.concatenate(chosen)
     start, damping = engine.start(), engine.damping
     states, begin = start.z, 0
+    # what is past is known beforehand
+    start.z = start.z[:, :0]
     for stretch in mesh.stretches:
         h, end = stretch.step_size, begin + stretch.n_steps
         own = np.flatnonzero((begin <= numbers) & (numbers < end))
         past = np.zeros((own.size, tables.points.size, engine.e))
         if damping is not None:
-            path = _Path(damping, damping.tables(h, min(PIECE, stretch.n_steps)), inputs)
+            path = _Path(damping, damping.tables(h, min(GROUP, stretch.n_steps)), inputs)
             states = path.follow(states, begin, end, owner[own], numbers[own], past)
         loads = engine.loads(stretch.begin, h, stretch.n_steps, is_fresh=stretch.is_fresh)
         for first in range(0, own.size, AT_A_TIME):
@@ -130,26 +132,31 @@ class _Path:
         self, states: Array, begin: int, end: int, owner: Places, steps: Places, past: Array
     ) -> Array:
         """States at the end; puts forces of the past on steps of members, ``(p, m, e)``."""
-        block, (q, _, i, e) = self.tables.kernels.count, self.inputs.shape
+        damping, tables, (q, _, i, e) = self.damping, self.tables, self.inputs.shape
+        block, column = tables.kernels.count, np.zeros((1, damping.n_states, 1))
+        earlier = [one.copy() for one in tables.sequences]
+        for one in earlier:
+            one[:, 0] = 0.0
+        before = replace(tables, sequences=tuple(earlier))
         for first in range(begin, end, block * PIECE):
             last = min(first + block * PIECE, end)
-            blocks = (last - first) // block
-            driven = self.inputs[:, first : first + blocks * block]
-            added = self._added(driven.reshape(q, blocks, block * i, e))
-            path = np.empty((-(-(last - first) // block), *states.shape))
-            for index in range(len(path)):
+            whole, rest = divmod(last - first, block)
+            blocks = whole + (rest > 0)
+            driven = np.zeros((q, blocks * block, i, e))
+            driven[:, : last - first] = self.inputs[:, first:last]
+            driven = driven.reshape(q, blocks, block * i, e)
+            added, path = self._added(driven), np.empty((blocks, *states.shape))
+            for index in range(blocks):
                 path[index] = states
-                if index < blocks:
+                if index < whole:
                     states = states + (self._change * states + added[index])
-            if rest := (last - first) % block:
-                driven = self.inputs[:, last - rest : last].reshape(q, rest * i, e)
-                states = self.damping.push(self.tables, states, driven, rest)
+            if rest:
+                states = damping.push(tables, states, driven[:, -1, : rest * i], rest)
+            force = damping.past(tables, path, column, block)
+            force = force + damping.own(before, driven.swapaxes(0, 1), block)
             (own,) = np.nonzero((first <= steps) & (steps < last))
             number, offset = np.divmod(steps[own] - first, block)
-            for one in np.unique(offset).tolist():
-                (at,) = np.nonzero(offset == one)
-                member = owner[own[at]]
-                past[own[at]] = self._past(path[number[at], member], member, steps[own[at]], one)
+            past[own] = force.reshape(blocks, q, block, -1, e)[number, owner[own], offset]
         return states
 
     @property
@@ -168,21 +175,3 @@ class _Path:
         rows = driven.swapaxes(2, 3).reshape(-1, size)
         found = in_rows(rows, self._kernels.intake.T).reshape(q, blocks, e, -1)
         return np.ascontiguousarray(found.transpose(1, 0, 3, 2))
-
-    def _past(self, states: Array, member: Places, steps: Places, offset: int) -> Array:
-        """Force of the past on steps so far behind these states, ``(p, m, e)``."""
-        kernels, damping = self._kernels, self.damping.of(member)
-        m, i, (p, _, e) = kernels.n_samples, kernels.n_inputs, states.shape
-        here = replace(kernels, response=kernels.response[offset * m : (offset + 1) * m])
-        column = np.zeros((1, self.damping.n_states, 1))
-        force = damping.past(replace(self.tables, kernels=here), states, column, 1)
-        if not offset:
-            return force
-        before = steps[:, None] - np.arange(offset, 0, -1)
-        driven = self.inputs[member[:, None], before].reshape(p, offset * i, e)
-        for one, sequence in zip(damping.combinations, self.tables.sequences, strict=True):
-            lags = sequence[:, offset:0:-1].transpose(0, 2, 1, 3).reshape(-1, m, offset * i)
-            force = force + along(
-                np.matmul(lags if len(lags) == 1 else lags[member], driven), one.matrix
-            )
-        return force
