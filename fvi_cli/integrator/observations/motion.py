@@ -4,7 +4,8 @@ The polynomial of a step of an m-stage method has the order m + 1, its velocity 
 force along it less; at the mesh points the Gauss method has 2 m. So a second run on the same mesh,
 by the Gauss method of 2 m stages, gives the shape of every step, and a cubic takes it to the
 positions and velocities of the run at both ends: :math:`x(t_n) = q_n`, :math:`x'(t_n) = v_n`
-exactly, and between them nothing is lost. With damping of an order above 1 the momenta are not
+exactly, and between them nothing is lost. In stiff motions a velocity may be off by more than that
+of the step's own polynomial is: it is not used. With damping of an order above 1 the momenta are not
 used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
 :math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
 first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
@@ -30,6 +31,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache, reduce
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
@@ -184,12 +186,13 @@ class DenseMotion:
             velocity = self._of_steps(one.velocity for one in steps)
             return maps_of_stages(steps, velocity, lambda t: t.to_unknowns[-1:])
 
+        def at_ends(steps: Sequence[RunSteps]) -> Array:
+            velocity = self._of_steps(one.velocity for one in steps)
+            return maps_of_stages(steps, velocity, lambda t: end_slopes(t.degree).T @ t.to_unknowns)
+
         found = np.repeat(means(self.steps) - means(self.shapes), 3, axis=0)
-        ends = maps_of_stages(
-            self.shapes,
-            self._of_steps(one.velocity for one in self.shapes),
-            lambda t: end_slopes(t.degree).T @ t.to_unknowns,
-        )
+        ends = at_ends(self.shapes)
+        off = at_ends(self.steps) - ends
         edges = np.searchsorted(self.owner, np.arange(len(self.steps) + 1)).tolist()
         every = zip(self.scenes, self.steps, self.shapes, itertools.pairwise(edges), strict=True)
         for member, (scene, steps, shape, pair) in enumerate(every):
@@ -198,10 +201,7 @@ class DenseMotion:
                 own, at = slice(*pair), np.arange(steps.n_steps)[self._own[member]]
                 with np.errstate(all="ignore"):
                     slopes = self._velocities(member, at) - ends[:, own]
-                # stiff: momenta keep what stages have long forgotten
-                size = largest_near(shape.velocity, at)
-                is_known = (np.abs(slopes) <= size).all(axis=0)
-                found[1:, own] = np.where(is_known, slopes, found[1:, own])
+                found[1:, own] = np.where(are_nearer(slopes, off[:, own]), slopes, found[1:, own])
         return found
 
     def _velocities(self, member: int, at: Places) -> Array:
@@ -358,6 +358,14 @@ def _corrections() -> tuple[Array, Array]:
     rate = [6.0 * tau * rest, rest * (1.0 - 3.0 * tau), tau * (3.0 * tau - 2.0)]
     matrix = to_coefficients(z)
     return matrix @ np.stack(displacement, axis=1), matrix @ np.stack(rate, axis=1)
+
+
+def are_nearer(momenta: Array, polynomials: Array) -> NDArray[np.bool_]:
+    """Whether velocities by momenta are off by less than those by polynomials, at both ends.
+
+    Momenta have twice the order; but in stiff motions they keep what stages have long forgotten.
+    """
+    return np.asarray((np.abs(momenta) <= np.abs(polynomials)).all(axis=0))
 
 
 def largest_near(velocity: Array, at: Places) -> Array:

@@ -1,6 +1,7 @@
 """Stiff motions between the points of a mesh, where momenta keep what stages have forgotten."""
 
 import os
+from dataclasses import replace
 from unittest import mock
 
 import numpy as np
@@ -15,32 +16,49 @@ from fvi_cli.scenes.registry import build_problem
 SEED = int(os.environ.get("FVI_TEST_SEED", "1"))
 
 
-def errors(seed: int) -> tuple[float, float]:
-    """Of positions at points, and between them, of a drawn motion."""
+def errors(
+    seed: int, start: str = "graded", exponents: tuple[float, float] = (6, 9), most_stages: int = 3
+) -> tuple[float, float, float]:
+    """Of positions at points, and between them, of a drawn motion; by its own polynomials too."""
     rng = np.random.default_rng([SEED, seed])
-    size = 10.0 ** rng.uniform(6, 9)
+    size = 10.0 ** rng.uniform(*exponents)
     damping = [{"order": rng.uniform(0.3, 0.7), "coefficient": size}]
     keys = {"stiffness": size * 10.0 ** rng.uniform(-0.5, 0.5), "damping": damping}
-    start = {"position": rng.uniform(0.5, 1.0), "velocity": rng.uniform(-1.0, 1.0)}
+    initial = {"position": rng.uniform(0.5, 1.0), "velocity": rng.uniform(-1.0, 1.0)}
     scene = build_problem(
-        {"kind": "damped-oscillator", "final_time": 10.0, "initial": start, **keys}
+        {"kind": "damped-oscillator", "final_time": 10.0, "initial": initial, **keys}
     ).scene
-    method = Method(cq="gauss", degree=int(rng.integers(2, 4)), start="graded")
+    method = Method(cq="gauss", degree=int(rng.integers(2, most_stages + 1)), start=start)
     run = integrate(scene, method, 50, with_steps=True)
     motion, times = dense_motion([scene], method, [run.steps]), np.linspace(0.0, 10.0, 601)[1:]
     exact = match_scene(scene).position
-    between = np.abs(motion.position(*motion.located(0, times)) - exact(times)).max()
-    return np.abs(run.position - exact(run.time)).max(), between
+    plain = replace(motion, shapes=motion.steps)
+    between, own = (
+        np.abs(one.position(*one.located(0, times)) - exact(times)).max() for one in (motion, plain)
+    )
+    return np.abs(run.position - exact(run.time)).max(), between, own
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_between_points_a_stiff_motion_holds(seed):
-    at_points, between = errors(seed)
+    at_points, between, _ = errors(seed)
     assert at_points < 5e-3
     assert between < 5e-3
 
 
+def worsening(seed: int) -> float:
+    """Error between points of a stiff motion with a plain start over that of its polynomials."""
+    _, between, own = errors(seed, "none", (2, 5), 6)
+    return between / own
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_it_is_hardly_worse_than_its_own_polynomials(seed):
+    assert worsening(seed) < 2.5
+
+
 def test_velocities_of_momenta_would_spoil_it():
-    near = "fvi_cli.integrator.observations.motion.largest_near"
-    with mock.patch(near, lambda v, at: np.full((at.size, v.shape[2]), np.inf)):
+    near = "fvi_cli.integrator.observations.motion.are_nearer"
+    with mock.patch(near, lambda momenta, _: np.full(momenta.shape[1:], True)):
         assert max(errors(seed)[1] for seed in range(4)) > 0.5
+        assert max(worsening(seed) for seed in range(8)) > 2.5
