@@ -5,8 +5,8 @@ force along it less; at the mesh points the Gauss method has 2 m. So a second ru
 by the Gauss method of 2 m stages, gives the shape of every step, and a cubic takes it to the
 positions and velocities of the run at both ends: :math:`x(t_n) = q_n`, :math:`x'(t_n) = v_n`
 exactly, and between them nothing is lost. In stiff motions a velocity may be off by more than that
-of the step's own polynomial is: it is not used. With damping of an order above 1 the momenta are not
-used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
+of the step's own polynomial is: it is not used. With damping of an order above 1 the momenta are
+not used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
 :math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
 first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
 a straight line then takes the shape to the positions. The slopes are those of the increments of
