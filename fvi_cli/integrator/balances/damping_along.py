@@ -71,7 +71,7 @@ class DampingAlong:
             path, columns = np.empty((blocks, *states.shape)), np.empty((blocks, *column.shape))
             for index, own in enumerate(driven):
                 path[index], columns[index] = states, column
-                states = damping.push(tables, states, own, count)
+                states = tables.kernels.push(states, own, count)
                 column = damping.push_column(tables, column, count)
             forces = [
                 damping.past(tables, path, columns, count, index)

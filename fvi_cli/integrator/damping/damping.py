@@ -78,7 +78,7 @@ class Damping:
         jump: Array | None = None,
     ) -> None:
         self.directions, self.memory = tuple(directions), memory
-        self._velocity, self._jump = velocity[:, None], jump
+        self.start_velocity, self._jump = velocity[:, None], jump  # (q, 1, e)
         self.combinations = tuple(
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
@@ -88,18 +88,10 @@ class Damping:
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
 
-    def _remembers(self, one: Direction) -> bool:
-        return any(self.memory.remembers(term) for row in one.terms for term in row)
-
-    @property
-    def start_velocity(self) -> Array:
-        """Velocities at the start, ``(q, 1, e)``."""
-        return self._velocity
-
     @property
     def subtracts(self) -> bool:
         """Whether a start velocity that is not zero is subtracted."""
-        return bool(self._velocity.any()) and any(one.is_relative for one in self.directions)
+        return bool(self.start_velocity.any()) and any(one.is_relative for one in self.directions)
 
     @property
     def n_states(self) -> int:
@@ -136,19 +128,22 @@ class Damping:
     @cached_property
     def operations_per_step(self) -> int:
         """Multiply-adds of the memory of a member in a step: force on it, and new states."""
-        columns = self._velocity.shape[2] + (1 if self.has_column else 0)
-        remembering = sum(1 for one in self.directions if self._remembers(one))
+        columns = self.start_velocity.shape[2] + (1 if self.has_column else 0)
+        remembering = sum(
+            any(self.memory.remembers(term) for row in one.terms for term in row)
+            for one in self.directions
+        )
         return int(columns * self.memory.operations_per_step(remembering))
 
     def start(self) -> tuple[Array, Array]:
         """States at t = 0: of the members ``(q, J, e)``, and of a start velocity of 1."""
-        q, _, e = self._velocity.shape
+        q, _, e = self.start_velocity.shape
         column = np.zeros((1, self.n_states, 1))
         states = np.zeros((q, self.n_states, e))
         if self.has_column:
             column += self.memory.column_start
         elif self._starts_relative:
-            states = states + self._velocity
+            states = states + self.start_velocity
         if self._jump is not None and isinstance(self.memory, Lags):
             kernels = self.memory.kernels(self.memory.h, 1)
             states = kernels.push(states, self._jump_inputs(self.memory), 1)
@@ -156,7 +151,7 @@ class Damping:
 
     def _jump_inputs(self, memory: Lags) -> Array:
         """The step from 0 to the initial position, ``(q, s, e)``."""
-        q, _, e = self._velocity.shape
+        q, _, e = self.start_velocity.shape
         inputs = np.zeros((q, memory.n_inputs, e))
         inputs[:, -1] = 0.0 if self._jump is None else self._jump / memory.h
         return inputs
@@ -169,7 +164,7 @@ class Damping:
         """
         memory = self.memory
         if self._jump is None or not isinstance(memory, Lags):
-            return np.zeros((len(self._velocity), 0, 0, self._velocity.shape[2]))
+            return np.zeros((len(self.start_velocity), 0, 0, self.start_velocity.shape[2]))
         kernels = memory.at_lags(np.arange(1, min(memory.bdf_order + 1, memory.n_steps) + 1))
         first = self._jump_inputs(memory)
         whole, total = np.zeros((2, len(first), *kernels.shape[1:3], first.shape[2]))
@@ -204,13 +199,13 @@ class Damping:
         force = tables.kernels.past(own, combinations, count)
         for offset, one in zip(tables.offsets[chosen], combinations, strict=True):
             if offset is not None:
-                start = along(self._velocity, one.matrix)
+                start = along(self.start_velocity, one.matrix)
                 force = force + offset[:, : force.shape[-2], None] * start
         return force
 
     def _acted_on(self, states: Array, column: Array) -> list[Array]:
         """For every direction the states on which it acts."""
-        moved = states + column * self._velocity if self.has_column else states
+        moved = states + column * self.start_velocity if self.has_column else states
         return [moved if one.is_relative else states for one in self.directions]
 
     def own(
@@ -245,14 +240,10 @@ class Damping:
         by_term = memory.kernel.energy_weights
         every = zip(self._acted_on(states, column), self.combinations, self.directions, strict=True)
         for index, (acted, one, direction) in enumerate(every):
-            free = acted - self._velocity if direction.is_relative else acted
+            free = acted - self.start_velocity if direction.is_relative else acted
             squares = (free * along(free, one.matrix)).sum(axis=-1)
             found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=-1)
         return found
-
-    def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:
-        """States behind the first `count` steps, driven by ``(q, count i, e)``."""
-        return tables.kernels.push(states, inputs, count)
 
     def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
         """States of a start velocity of 1 behind the first `count` steps, ``(1, J, 1)``."""
@@ -279,13 +270,13 @@ class Damping:
     def at_rest(self) -> Damping:
         """The same without a start velocity."""
         part = copy.copy(self)
-        part._velocity = np.zeros_like(self._velocity)
+        part.start_velocity = np.zeros_like(self.start_velocity)
         return part
 
     def of(self, places: Places) -> Damping:
         """That of some members; tables that are not shared have theirs."""
         part = copy.copy(self)
-        part._velocity = self._velocity[places]
+        part.start_velocity = self.start_velocity[places]
         part._jump = None if self._jump is None else self._jump[places]
         part.combinations = tuple(one.of(places) for one in self.combinations)
         return part

@@ -252,7 +252,7 @@ class Engine:
                     impulses = impulses[:, :count, : inputs.shape[1]]
                 change -= along(np.matmul(impulses, inputs), one.matrix)
             if self.n_states:
-                z = damping.push(frame.damping, state.z, inputs, count)
+                z = frame.damping.kernels.push(state.z, inputs, count)
         return Steps(
             h=frame.h,
             count=count,
@@ -291,7 +291,7 @@ class Engine:
             unknowns = on_steps(self.tables.to_unknowns, unknowns)
         z = state.z
         if damping is not None and frame.damping is not None:
-            z = damping.push(frame.damping, state.z, inputs, count)
+            z = frame.damping.kernels.push(state.z, inputs, count)
         return Steps(
             h=frame.h,
             count=count,

@@ -170,7 +170,7 @@ def solve_one_by_one(
         dx[k], dp[k] = moved, gained
     z = state.z
     if damping is not None and frame.damping is not None:
-        z = damping.push(frame.damping, state.z, driven[None], count)
+        z = frame.damping.kernels.push(state.z, driven[None], count)
     return Steps(
         h=h,
         count=count,

@@ -151,7 +151,7 @@ class _Path:
                 if index < whole:
                     states = states + (self._change * states + added[index])
             if rest:
-                states = damping.push(tables, states, driven[:, -1, : rest * i], rest)
+                states = tables.kernels.push(states, driven[:, -1, : rest * i], rest)
             force = damping.past(tables, path, column, block)
             force = force + damping.own(before, driven.swapaxes(0, 1), block)
             (own,) = np.nonzero((first <= steps) & (steps < last))

@@ -82,13 +82,13 @@ class ScenesRun:
                 earlier = found.seconds
             except (KeyError, TypeError, ValueError):
                 checkpoints.reject(OF_ANOTHER_RUN)
-        taken_up = self.progress[0]
+        taken_up = self.recorder.reached
 
         def seconds() -> float:
             return earlier + clock.perf_counter() - began
 
         def save() -> None:
-            if self.progress[0] > taken_up:
+            if self.recorder.reached > taken_up:
                 checkpoint, spent = self.checkpoint(key()), seconds()
                 kept = self.recorder.arrays()
                 checkpoints.save(replace(checkpoint, kept=kept, seconds=spent))
@@ -104,9 +104,8 @@ class ScenesRun:
 
     def checkpoint(self, key: RunKey) -> Checkpoint:
         """Where the run is now."""
-        arrays = self.arrays()
-        done, reported = self.progress
-        return Checkpoint(run=key, done=done, reported=reported, arrays=arrays)
+        arrays, recorder = self.arrays(), self.recorder
+        return Checkpoint(run=key, done=recorder.reached, reported=recorder.reported, arrays=arrays)
 
     def begin(self) -> None:
         """Record the start."""
@@ -116,11 +115,6 @@ class ScenesRun:
             [one.momentum(one.initial_position, one.initial_velocity, 0.0) for one in scenes]
         )
         self.recorder.begin(0.0, position, momentum)
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """Finished steps and reported points."""
-        return self.recorder.reached, self.recorder.reported
 
     def arrays(self) -> Arrays:
         """Everything that the steps to come depend on."""
