@@ -206,6 +206,13 @@ class Scene:
         return self.potential is None or isinstance(self.potential, QuadraticPotential)
 
     @property
+    def stiffness(self) -> Array:
+        """K of a quadratic potential with all its zeros, ``(d, d)``; 0 where there is none."""
+        if isinstance(self.potential, QuadraticPotential):
+            return self.potential.stiffness
+        return np.zeros((self.dimension, self.dimension))
+
+    @property
     def is_dissipative(self) -> bool:
         r"""Whether it is linear, and its stiffness and dampings are positive semi-definite.
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from fvi_cli.effects.damping import distinct_directions
 from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 
@@ -83,14 +82,12 @@ class Decoupling:
         return _rows(self.mass @ self.modes, modal)
 
 
-def decouple_forms(mass: Array, stiffness: Array | None, directions: Sequence[Array]) -> Decoupling:
+def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -> Decoupling:
     """Modes of the scene where it has any; otherwise everything stays coupled."""
     d = mass.shape[0]
     if d == 1:
         return Decoupling(mass=mass, modes=None)
-    forms = list(directions)
-    if stiffness is not None:
-        forms.insert(0, stiffness)
+    forms = [stiffness, *directions]
     if all(np.array_equal(form, np.diag(np.diagonal(form))) for form in (mass, *forms)):
         return Decoupling(mass=mass, modes=1.0 / np.sqrt(np.diagonal(mass)))
     root = np.linalg.cholesky(mass)
@@ -117,11 +114,9 @@ def linear_decoupling(scene: Scene) -> Decoupling | None:
     """The coordinates in which a linear scene falls apart; None for sparse and for other scenes."""
     if scene.is_sparse or not scene.is_linear:
         return None
-    potential = scene.potential
-    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
     directions = [dense(matrix) for matrix in distinct_directions(scene.active_damping)]
     directions += [law.matrix for law in scene.active_laws]
-    return decouple_forms(scene.inertia.mass, stiffness, directions)
+    return decouple_forms(scene.inertia.mass, scene.stiffness, directions)
 
 
 def _split(values: Array) -> Array:

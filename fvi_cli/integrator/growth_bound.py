@@ -9,7 +9,6 @@ import numpy as np
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_semidefinite, is_sparse
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.arrays import Array, Mask
@@ -136,9 +135,7 @@ def growth_limit(scene: Scene) -> float:
     if scene.is_dissipative:
         return 0.0
     root = np.linalg.inv(np.linalg.cholesky(scene.inertia.mass))
-    pairs = [(term.order, term.matrix) for term in scene.active_damping]
-    if isinstance(scene.potential, QuadraticPotential):
-        pairs.append((0.0, scene.potential.stiffness))
+    pairs = [*((one.order, one.matrix) for one in scene.active_damping), (0.0, scene.stiffness)]
     values = [np.linalg.eigvalsh(root @ form @ root.T) for _, form in pairs]
     orders = np.array([order for order, _ in pairs])
     sizes = np.array([np.abs(one).max() for one in values])

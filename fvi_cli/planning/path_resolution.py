@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.method_names import method_name
@@ -276,9 +275,7 @@ def _finite(trajectory: Trajectory) -> tuple[Array, Array]:
 def _linear_derivatives(scene: Scene) -> tuple[Array, Array, Array]:
     """Mass, stiffness and no force of one state, ``(1, d, d)`` and ``(1, d)``."""
     mass = dense(scene.inertia.form)
-    known = scene.potential
-    form = dense(known.form) if isinstance(known, QuadraticPotential) else np.zeros_like(mass)
-    return mass[None], form[None], np.zeros((1, scene.dimension))
+    return mass[None], scene.stiffness[None], np.zeros((1, scene.dimension))
 
 
 def _derivatives(

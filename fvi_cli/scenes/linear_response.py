@@ -17,7 +17,6 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.laws.law import RelaxationKernel
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
@@ -126,13 +125,8 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     if not scene.is_linear or scene.is_sparse:
         return None
     d = scene.dimension
-    stiffness = (
-        scene.potential.stiffness
-        if isinstance(scene.potential, QuadraticPotential)
-        else np.zeros((d, d))
-    )
     terms, laws = scene.active_damping, scene.active_laws
-    matrices = [stiffness, *(force.matrix for force in (*terms, *laws))]
+    matrices = [scene.stiffness, *(force.matrix for force in (*terms, *laws))]
     modes = _common_modes(scene.inertia.mass, matrices)
     if modes is None:
         return None

@@ -8,7 +8,7 @@ members with one component.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -61,8 +61,8 @@ class Engine:
             reach = self.law.reach
         else:
             self.law = law_of(scenes, self.modes)
-        self.x0 = self._members(lambda one: one.initial_position)
-        self.v0 = self._members(lambda one: one.initial_velocity)
+        self.x0 = self.member_positions([one.initial_position for one in scenes])
+        self.v0 = self.member_positions([one.initial_velocity for one in scenes])
         self.q, self.e = self.x0.shape
         # members that make a scene
         self.width = 1 if self.modes is None else self.modes[0].batch
@@ -100,13 +100,6 @@ class Engine:
         for loads, own in zip(self.loads_of, scenes, strict=True):
             loads.add(h * np.einsum("vm,kmd->kvd", weights, own.reshape(n, m, -1)))
 
-    def _members(self, of: Callable[[Scene], Array]) -> Array:
-        """Positions or velocities of all scenes as members, ``(q, e)``."""
-        if self.modes is None:
-            return np.array([of(one) for one in self.scenes])
-        pairs = zip(self.modes, self.scenes, strict=True)
-        return np.concatenate([mode.positions(of(one)) for mode, one in pairs])
-
     def start(self) -> State:
         """The state at t = 0."""
         q, e = self.q, self.e
@@ -134,11 +127,7 @@ class Engine:
         What derivatives subtract is still that of the scenes.
         """
         state = self.start()
-        state.x, state.p = position.copy(), momentum.copy()
-        if self.modes is not None:
-            pairs = list(zip(self.modes, position, momentum, strict=True))
-            state.x = np.concatenate([mode.positions(x) for mode, x, _ in pairs])
-            state.p = np.concatenate([mode.forces(p) for mode, _, p in pairs])
+        state.x, state.p = self.member_positions(position), self.member_forces(momentum)
         return state
 
     def add_loads(self, scene: int, loads: Array) -> None:
@@ -359,12 +348,19 @@ class Engine:
         if all(one is None for one in found):
             return None
         zero = np.zeros((count, self.tables.degree + 1, self.scenes[0].dimension))
-        every = [zero if one is None else one for one in found]
+        return self.member_forces([zero if one is None else one for one in found])
+
+    def member_positions(self, values: Sequence[Array] | Array) -> Array:
+        """Positions or velocities of scenes, ``(S, ..., d)``, as of members, ``(q, ..., e)``."""
         if self.modes is None:
-            return np.array(every)
-        return np.concatenate(
-            [mode.forces(one) for mode, one in zip(self.modes, every, strict=True)]
-        )
+            return np.array(values)
+        return np.concatenate([m.positions(x) for m, x in zip(self.modes, values, strict=True)])
+
+    def member_forces(self, values: Sequence[Array] | Array) -> Array:
+        """Momenta and forces of scenes ``(S, ..., d)`` as those of members, ``(q, ..., e)``."""
+        if self.modes is None:
+            return np.array(values)
+        return np.concatenate([m.forces(p) for m, p in zip(self.modes, values, strict=True)])
 
     def scene_positions(self, x: Array) -> Array:
         """Positions or velocities of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
@@ -378,10 +374,8 @@ class Engine:
         if self.modes is None or self.width == 1:
             return x, p
         k = self.width
-        return (
-            np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
-            np.array([m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
-        )
+        forces = [m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]
+        return self.scene_positions(x), np.array(forces)
 
 
 def _sums(values: Array) -> Array:

@@ -18,7 +18,6 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
-    QuadraticPotential,
     SuppliedPotential,
 )
 from fvi_cli.effects.scene import Scene
@@ -352,14 +351,11 @@ def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
 def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepLaw:
     """The conservative part of scenes of one kind, in these coordinates."""
     if modes is not None:
-        mass, stiffness = [], []
-        for mode, one in zip(modes, scenes, strict=True):
-            mass.append(mode.matrices(one.inertia.mass))
-            k = np.zeros((one.dimension,) * 2)
-            if isinstance(one.potential, QuadraticPotential):
-                k = one.potential.stiffness
-            stiffness.append(mode.matrices(k))
-        return Linear(mass=np.concatenate(mass), stiffness=np.concatenate(stiffness))
+        pairs = list(zip(modes, scenes, strict=True))
+        return Linear(
+            mass=np.concatenate([mode.matrices(one.inertia.mass) for mode, one in pairs]),
+            stiffness=np.concatenate([mode.matrices(one.stiffness) for mode, one in pairs]),
+        )
     first = scenes[0]
     if first.lagrangian is not None:
         lagrangians = [one.lagrangian for one in scenes if one.lagrangian is not None]

@@ -131,8 +131,7 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
         state = engine.start()
         found = np.empty((n_steps, tables.sample_points.size, scene.dimension))
         for index in range(n_steps):
-            own = np.array([loads[index : index + 1]])
-            own = own if engine.modes is None else engine.modes[0].forces(own[0])
+            own = engine.member_forces([loads[index : index + 1]])
             known = engine.loads(index * h, h, 1, is_fresh=index in fresh)
             steps = engine.solve(state, h, 1, own if known is None else known + own)
             inside = h * np.matmul(tables.sample_basis[1:].T, steps.unknowns[:, 0])

@@ -71,8 +71,7 @@ def linearised_along(scene: Scene, trajectory: Trajectory) -> list[tuple[float, 
                 near = linearised_at(scene, trajectory.position[index], velocity[index], time)
             except ValueError:
                 continue
-            if isinstance(near.potential, QuadraticPotential):
-                found.append((_stiffest(near.inertia.mass, near.potential.stiffness), time, near))
+            found.append((_stiffest(near.inertia.mass, near.stiffness), time, near))
     found.sort(key=lambda one: one[0])
     places = np.unique(np.linspace(0, len(found) - 1, MOST_LINEARISATIONS).round().astype(int))
     return [(found[place][1], found[place][2]) for place in places] if found else []

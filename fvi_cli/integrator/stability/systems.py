@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.effects.matrices import is_semidefinite
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import decouple_forms
 from fvi_cli.mathematics.arrays import Array
@@ -44,15 +43,12 @@ class MatrixPencil:
 
 def matrix_pencil(scene: Scene) -> MatrixPencil:
     """Matrices of a linear scene, damping terms of one order added up."""
-    stiffness = np.zeros((scene.dimension, scene.dimension))
-    if isinstance(scene.potential, QuadraticPotential):
-        stiffness = scene.potential.stiffness
     sums: dict[float, Array] = {}
     for term in scene.active_damping:
         sums[term.order] = sums.get(term.order, 0.0) + term.matrix
     return MatrixPencil(
         mass=scene.inertia.mass,
-        stiffness=stiffness,
+        stiffness=scene.stiffness,
         damping=tuple((order, matrix) for order, matrix in sums.items() if np.any(matrix != 0)),
     )
 

@@ -17,7 +17,6 @@ import numpy as np
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.potential import (
     ExpressionPotential,
-    QuadraticPotential,
     SuppliedPotential,
 )
 from fvi_cli.effects.scene import Scene
@@ -113,9 +112,8 @@ class _Motion:
         self._cutoff, self._subtracts = cutoff, scene.derivative == "caputo"
         self._inverse_mass = np.linalg.inv(scene.inertia.mass)
         self._drags = [(term.order, term.matrix) for term in scene.active_damping]
-        if isinstance(scene.potential, QuadraticPotential):
-            self._drags.append((0.0, scene.potential.stiffness))
-        self._stride = 2.0 - max((order for order, _ in self._drags), default=0.0)
+        self._drags.append((0.0, scene.stiffness))
+        self._stride = 2.0 - max(order for order, _ in self._drags)
         self._exponents, self._coefficients = np.empty(0), np.empty((0, scene.dimension))
         self._waiting_exponents = np.array([0.0, 1.0])
         self._waiting = np.stack((scene.initial_position, scene.initial_velocity))

@@ -48,11 +48,6 @@ _ONE_STEP = np.zeros(2, dtype=np.intp)
 _ENDS = np.array([0.5, 1.0])
 
 
-def momentum_of_members(engine: Engine, change: Array) -> Array:
-    """A change of the momentum of the only scene, ``(d,)``, for its members, ``(q, e)``."""
-    return change[None] if engine.modes is None else engine.modes[0].forces(change)
-
-
 class Bouncing:
     """Steps of T / N, graded behind the start, break points and impacts, cut where these are."""
 
@@ -172,7 +167,7 @@ class Bouncing:
         self._go_on(step, step.end)
         if gap <= tolerance:
             push = self._push(name, step.end_position, step.end_momentum)
-            steps.dp = steps.dp + momentum_of_members(engine, push)[:, None]
+            steps.dp = steps.dp + engine.member_forces([push])[:, None]
         self._begin_flight(IMPACT, self._passed)
         return step.end
 
@@ -180,7 +175,7 @@ class Bouncing:
         """A surface is met where the step begins."""
         push, point = self._push(name, step.position, step.momentum), len(self.jumps) - 1
         self.late[point] = self.late.get(point, 0.0) + push
-        own = momentum_of_members(engine, push)
+        own = engine.member_forces([push])
         state.p, state.p_lost = compensated(state.p, state.p_lost, own)
         self._begin_flight(IMPACT, self._passed)
 

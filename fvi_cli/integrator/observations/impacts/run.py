@@ -23,7 +23,7 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.impacts.bouncing import Bouncing, momentum_of_members
+from fvi_cli.integrator.observations.impacts.bouncing import Bouncing
 from fvi_cli.integrator.observations.impacts.surface import (
     Surface,
     is_rough_behind_impacts,
@@ -136,7 +136,7 @@ class _Replay(MeshSource):
         """The time at the end of a step, where it is pushed."""
         end = self.accept(steps.count)
         if (push := self._pushes.get(end)) is not None:
-            steps.dp = steps.dp + momentum_of_members(engine, push)[:, None]
+            steps.dp = steps.dp + engine.member_forces([push])[:, None]
         return end
 
 
