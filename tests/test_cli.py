@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from command_line import fvi
 from every_process import change_every_process
+from spread import spread
 from typer.testing import CliRunner
 
 import fvi_cli
@@ -224,8 +225,7 @@ def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, cha
     assert {action for action, _ in reasons(fvi(*few, "--dry-run"))} == {"reuse"}
 
 
-@pytest.mark.parametrize("command", ["convergence", "plot"])
-@pytest.mark.parametrize("change", ["numpy", "sources", "solver"])
+@spread(command=["convergence", "plot"], change=["numpy", "sources", "solver"])
 def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
     folder, monkeypatch, command, change
 ):

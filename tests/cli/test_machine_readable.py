@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from command_line import fvi as command
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import shipped_configs
@@ -80,7 +81,7 @@ def test_reports_are_documents_of_the_rows_of_their_tables(arguments, tmp_path):
         assert again == {name: rows for name, rows in made.items() if name != "files"}
 
 
-@pytest.mark.parametrize("name", ["cost", "modes"])
+@spread(few=1, name=["cost", "modes"])
 def test_figures_of_every_command_take_formats_and_styles(name, tmp_path):
     (arguments,) = (one for one in REPORTS if one[0] == name)
     style = tmp_path / "thesis.mplstyle"

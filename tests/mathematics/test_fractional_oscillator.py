@@ -50,7 +50,7 @@ def free_numerator(order, coefficient):
 ORDERS = [0.05, 0.3, 0.5, 0.8, 0.97, 1.03, 1.25, 1.5, 1.8, 1.95]
 
 
-@spread(order=ORDERS, coefficient=(0.05, 3.0))
+@spread(few=4, order=ORDERS, coefficient=(0.05, 3.0))
 def test_agrees_with_laplace_inversion(order, coefficient):
     characteristic, zeros = oscillator(2.0, (order, coefficient))
     numerator = free_numerator(order, coefficient)

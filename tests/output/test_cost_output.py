@@ -13,6 +13,7 @@ from command_line import configuration, fvi
 from cost_tables import GAUSS, committed_tables, row, table
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from spread import spread
 
 from benchmarks.robustness import LADDER
 from fvi_cli.integrator.baselines import peers
@@ -94,7 +95,7 @@ class TestFigure:
         assert len(drawn().axes) == 2
         assert len(cost_figure(measured(memory=False)).axes) == 1
 
-    @pytest.mark.parametrize("name", ["cost-paper", "cost-pendulum", "cost-step-forced"])
+    @spread(few=1, name=["cost-paper", "cost-pendulum", "cost-step-forced"])
     def test_the_broad_line_lies_behind_the_runs_that_no_other_beats(self, name):
         for one in committed_tables(name):
             for panel, axes in enumerate(cost_figure(one).axes):

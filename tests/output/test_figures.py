@@ -11,6 +11,7 @@ import pytest
 from made_runs import BDF1, BDF2, BDF3, LADDER, NODES, made_study, swinging
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from spread import spread
 
 from fvi_cli import plotting
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -370,8 +371,7 @@ def test_nothing_is_written_too_small_to_read():
         assert min(sizes) >= 7
 
 
-@pytest.mark.parametrize("font", ["STIXGeneral", "DejaVu Sans Mono"])
-@pytest.mark.parametrize("kind", ["usual", "saturation", "error", "sketch"])
+@spread(font=["STIXGeneral", "DejaVu Sans Mono"], kind=["usual", "saturation", "error", "sketch"])
 def test_words_stay_on_the_figure_in_any_font(tmp_path, font, kind):
     style = tmp_path / "mine.mplstyle"
     style.write_text(f"font.family: {font}\n")

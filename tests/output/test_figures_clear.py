@@ -91,17 +91,14 @@ def stability(name: str, more: str, steps: str = "8, 64") -> Iterator[Figure]:
     yield from stability_figures(name, fvi.stability(read(config))).values()
 
 
-@pytest.fixture(scope="module")
-def figures() -> dict[str, Figure]:
-    """A figure of every kind that is drawn of experiments, all of whose units are given."""
-    found: dict[str, Figure] = {}
-    for name, text in SCENES.items():
-        own = ", force_max: kN" * ("force_max" in text) + ", drift_1: mm" * ("drift_1" in text)
-        drawn = fvi.figures(fvi.run(read(text + UNITS % own)))
-        assert drawn, name
-        found |= drawn
-    found["cost"] = cost_figure(dataclasses.replace(COSTS, units={"length": "mm"}))
-    return found
+@pytest.fixture(scope="module", params=spread(few=3, name=list(SCENES)).args[1])
+def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
+    """The figures of an experiment all of whose units are given, and one of costs."""
+    text = SCENES[request.param]
+    own = ", force_max: kN" * ("force_max" in text) + ", drift_1: mm" * ("drift_1" in text)
+    drawn = fvi.figures(fvi.run(read(text + UNITS % own)))
+    assert drawn
+    return {**drawn, "cost": cost_figure(dataclasses.replace(COSTS, units={"length": "mm"}))}
 
 
 def panels(figure: Figure) -> list[Axes]:
@@ -163,7 +160,7 @@ def test_numbers_beside_an_axis_have_one_form(figures):
             assert len(forms(axis)) <= 1, (name, axis.get_label_text(), numbers(axis))
 
 
-@spread(low=[3e-7, 0.004, 0.3, 1.1, 30.0, 4e5], share=[1.7, 6.0, 30.0, 150.0, 1e5])
+@spread(few=3, low=[3e-7, 0.004, 0.3, 1.1, 30.0, 4e5], share=[1.7, 6.0, 30.0, 150.0, 1e5])
 def test_logarithmic_axes_of_any_range_have_numbers_of_one_form(low, share):
     x = np.geomspace(low, low * share, 5)
     for figure in (
@@ -178,7 +175,7 @@ def test_logarithmic_axes_of_any_range_have_numbers_of_one_form(low, share):
             assert len(set(numbers(axis))) == len(numbers(axis))
 
 
-@pytest.mark.parametrize("size", [1e-7, 1.0, 3e8])
+@spread(few=2, size=[1e-7, 1.0, 3e8])
 def test_a_common_factor_stands_beside_the_unit(size):
     x = np.linspace(0.0, size, 9)
     curves = [Curve(x=x, y=x)]
@@ -197,13 +194,13 @@ def test_a_common_factor_stands_beside_the_unit(size):
     assert one.axes[0].get_ylabel() == words
 
 
-def test_every_panel_over_time_has_three_numbers_at_least():
+@spread(few=1, height=[0.4, 0.61, 0.35])
+def test_every_panel_over_time_has_three_numbers_at_least(height):
     x = np.linspace(0.0, 8.0, 100)
-    for height in (0.4, 0.61, 0.35):
-        curves = [Curve(x=x, y=height * np.sin(x) + 0.1)]
-        figure = over_time([Panel(curves=curves, y="drift (m)", height=0.9)] * 6, x="time $t$ (s)")
-        figure.draw_without_rendering()
-        assert all(len(numbers(axes.yaxis)) >= 3 for axes in figure.axes)
+    curves = [Curve(x=x, y=height * np.sin(x) + 0.1)]
+    figure = over_time([Panel(curves=curves, y="drift (m)", height=0.9)] * 6, x="time $t$ (s)")
+    figure.draw_without_rendering()
+    assert all(len(numbers(axes.yaxis)) >= 3 for axes in figure.axes)
 
 
 def test_what_is_zero_throughout_has_no_peak():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.plotting import left_out
@@ -115,8 +116,7 @@ def test_members_of_a_sweep(count):
         assert others[0].get_ylabel() == r"velocity $\dot x$ (mm/ms)"
 
 
-@pytest.mark.parametrize("count", [2, 8])
-@pytest.mark.parametrize("name", ["x", "phi", "r1"])
+@spread(count=[2, 8], name=["x", "phi", "r1"])
 def test_figures_of_sweeps_name_coordinates_and_events(count, name):
     problem = {
         "kind": "lagrangian",

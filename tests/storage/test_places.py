@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from command_line import configuration, fvi
+from spread import spread
 
 from fvi_cli.storage import atomic
 from fvi_cli.storage.atomic import file_lock, replace_file
@@ -71,17 +72,15 @@ def test_what_a_crash_left_at_the_end_of_a_link_is_removed():
     assert names("elsewhere") == ["small.h5"]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
+@spread(
+    command=[
         ("plot", "small.yaml"),
         ("convergence", "small.yaml"),
         ("export", "results/small.h5", "--to", "csv"),
         ("export", "results/small.h5", "--to", "npz"),
     ],
-    ids=lambda command: "-".join((command[0], command[-1])),
+    where=["write", "mkstemp", "fsync"],
 )
-@pytest.mark.parametrize("where", ["write", "mkstemp", "fsync"])
 def test_on_a_full_disk_the_file_is_named(monkeypatch, command, where):
     fvi("run", "small.yaml", "-q", code=0)
 

@@ -7,6 +7,7 @@ import command_line
 import numpy as np
 import pytest
 from letters import spring
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -129,7 +130,7 @@ def test_runs_and_baselines_say_so_and_keep_it(
     assert json.dumps(recalled).count(words) == (2 if is_said else 0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@spread(few=2, seed=range(6))
 def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -220,7 +221,7 @@ OF_LAGRANGIANS = (
 )
 
 
-@pytest.mark.parametrize("seed", range(10))
+@spread(few=4, seed=range(10))
 def test_pulses_of_lagrangians_that_steps_pass_over(seed: int) -> None:
     random = np.random.default_rng([25, 6, seed])
     mass, length, second = (float(10 ** random.uniform(-6, 6)) for _ in range(3))

@@ -15,6 +15,7 @@ import mpmath
 import numpy as np
 import pytest
 from command_line import fvi
+from spread import spread
 from stored_results import stored_hard_cases
 
 from benchmarks.talbot import talbot_inverse
@@ -75,10 +76,18 @@ def only(claim: Claim, method: str) -> Finding:
     return finding
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in LONG else []) for n in CASES]
-)
-def test_everything_holds_with_gauss3(name):
+@spread(few=4, name=[n for n in CASES if n not in LONG])
+def test_much_holds_with_gauss3(name):
+    check_everything_holds(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LONG)
+def test_longer_cases_hold_with_gauss3(name):
+    check_everything_holds(name)
+
+
+def check_everything_holds(name: str) -> None:
     report = of(CASES[name], FLAGSHIP)
     assert report.findings
     for finding in report.findings:
@@ -201,7 +210,7 @@ def test_resonance_agrees_with_talbot():
     assert found != pytest.approx(moved, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["extreme-orders", "huge-damping", "negative-damping"])
+@spread(few=1, name=["extreme-orders", "huge-damping", "negative-damping"])
 def test_exact_positions_agree_with_talbot(name):
     checked = 0
     for one in dict.fromkeys(s for claim in CASES[name].claims for s in claim.settings):

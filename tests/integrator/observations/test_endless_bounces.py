@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from spread import few_of
+from spread import few_of, spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.engine.engine import Engine
@@ -80,7 +80,7 @@ def time_of_rest(run: fvi.Trajectory) -> float:
     return float(said[1])
 
 
-@pytest.mark.parametrize("degree", [2, 4, 5, 6])
+@spread(few=1, degree=[2, 4, 5, 6])
 def test_rebounds_below_the_error_of_momenta_end(
     monkeypatch: pytest.MonkeyPatch, degree: int
 ) -> None:
@@ -90,6 +90,7 @@ def test_rebounds_below_the_error_of_momenta_end(
     assert time_of_rest(run) == pytest.approx(KNOWN_REST, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_without_that_they_have_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """The control."""
     monkeypatch.setattr(UNRESOLVED, 0.0)
@@ -100,7 +101,7 @@ def test_without_that_they_have_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run.observed.events["floor"].time.size > most_impacts(0.8)
 
 
-@few_of(6, 60)
+@few_of(2, 60)
 def test_drawn_rebounds_end_in_counted_work(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     random = np.random.default_rng([25, 1, seed])
     order = float(random.uniform(0.05, 1.95)) if seed % 2 else float(random.uniform(1.05, 1.95))

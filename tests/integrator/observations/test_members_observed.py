@@ -1,8 +1,8 @@
 """What is observed of a member does not depend on the batch it is in."""
 
 import numpy as np
-import pytest
 from letters import observe_one, spring, swing
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
@@ -70,8 +70,7 @@ def numbers(pair: Pair) -> dict[str, np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("kind", ["duffing", "spring", "swing"])
-@pytest.mark.parametrize("name", METHODS)
+@spread(kind=["duffing", "spring", "swing"], name=list(METHODS))
 def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
     method, rng = METHODS[name], np.random.default_rng([len(kind), len(name)])
     scenes, asked = [], []

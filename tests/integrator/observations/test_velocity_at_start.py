@@ -93,7 +93,7 @@ def is_rough(scene: Scene, terms: Terms) -> bool:
     )
 
 
-@few_of(10, 80)
+@few_of(5, 80)
 def test_velocities_and_their_extents_from_the_start_on(seed):
     scene, terms = drawn(seed)
     known = oracle(scene, terms)

@@ -5,6 +5,7 @@ import functools
 import mpmath
 import numpy as np
 import pytest
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
@@ -67,8 +68,7 @@ def summed(law: str) -> np.ndarray:
         )
 
 
-@pytest.mark.parametrize("law", RAMPS)
-@pytest.mark.parametrize(("degree", "most"), [(3, 2e-5), (8, 2e-9)])
+@spread(law=list(RAMPS), **{"degree, most": [(3, 2e-5), (8, 2e-9)]})
 def test_forces_along_samples_are_sums_of_ramps(law, degree, most, tmp_path):
     times, values, at = drawn(law)
     size = np.abs(values).max()

@@ -5,6 +5,7 @@ import pytest
 from letters import swing
 from numpy.typing import NDArray
 from oracles.volterra import solve_volterra
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
@@ -19,10 +20,6 @@ Array = NDArray[np.float64]
 
 FINAL_TIME, SPEED = 1.2, 0.3
 ORDERS = (1.05, 1.2, 1.4, 1.6, 1.75, 1.9, 1.99)
-DIAGONAL = [
-    order if n % 3 == 1 else pytest.param(order, marks=pytest.mark.slow)
-    for n, order in enumerate(ORDERS)
-]
 GRADED, EQUAL = "gauss4-graded", Method(cq="gauss", degree=4, start="none")
 
 
@@ -52,8 +49,7 @@ def errors(scene: Scene, terms: tuple[tuple[float, float], ...], run: fvi.Trajec
     return np.array([momentum, np.abs(run.energy[late] - energy).max() / energy.max()])
 
 
-@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
-@pytest.mark.parametrize("order", DIAGONAL)
+@spread(few=2, derivative=["caputo", "riemann-liouville"], order=ORDERS)
 def test_stored_momenta_and_energies_are_those_of_the_motion(derivative, order):
     terms = ((order, 0.4), (0.6, 0.1)) if order in ORDERS[::2] else ((order, 0.4),)
     scene = scene_of(derivative, *terms)

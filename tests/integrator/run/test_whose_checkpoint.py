@@ -21,7 +21,7 @@ from fvi_cli.integrator.run.checkpoint import (
 from fvi_cli.integrator.run.parts import integrate_part
 
 HEAD = ("label", "seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
-N, T = 96, 8.0
+N, T = 48, 8.0
 METHOD = fvi.Method(cq="gauss", degree=2, start="none", history="exponentials")
 SCENE = spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5)
 MESH = graded_mesh(T, N, 3.0)

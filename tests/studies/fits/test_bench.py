@@ -116,6 +116,7 @@ def moves_said(per_period, noise, interpolation):
     return found.between, np.array([one.value for one in found.estimates]), found
 
 
+@pytest.mark.slow
 def test_a_bias_is_said_also_where_the_noise_hides_the_difference_of_the_forces():
     said, straight, found = moves_said(20, 0.005, "linear")
     (words,) = said
@@ -127,9 +128,13 @@ def test_a_bias_is_said_also_where_the_noise_hides_the_difference_of_the_forces(
     assert np.abs((straight - smooth) / errors).max() == pytest.approx(moved, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_cubic_spline_through_too_few_samples_is_said():
     (words,) = moves_said(8, 3e-4, "cubic")[0]
     assert "with a spline of degree 5" in words
     assert words.endswith("measure with more samples")
-    # straight lines that are the displacement, or nearly so, are left alone
+
+
+@pytest.mark.slow
+def test_straight_lines_that_are_the_displacement_or_nearly_so_are_left_alone():
     assert moves_said(80, 0.02, "linear")[0] == ()

@@ -7,6 +7,7 @@ import pytest
 from command_line import fvi as command
 from letters import spring
 from oracles.volterra import solve_volterra
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.scenes.data import duffing
@@ -16,7 +17,7 @@ from fvi_cli.studies.tolerance.differences import perturb_start
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 
 
-@pytest.mark.parametrize("order", [1.1, 1.6, 1.95])
+@spread(few=1, order=[1.1, 1.6, 1.95])
 def test_round_off_is_probed_with_riemann_liouville_derivatives(order: float) -> None:
     scene = duffing(
         stiffness=1.0,
@@ -79,8 +80,7 @@ def test_a_search_whose_steps_run_out_makes_no_further_runs(
     assert "the largest number of steps is reached" in run.assessment.reason
 
 
-@pytest.mark.parametrize("speed", [200.0, 300.0, -300.0, 3.0, 0.3])
-@pytest.mark.parametrize("steps", [1, 8, fvi.AdaptiveSteps(tolerance=1e-4)])
+@spread(speed=[200.0, 300.0, -300.0, 3.0, 0.3], steps=[1, 8, fvi.AdaptiveSteps(tolerance=1e-4)])
 def test_a_run_that_fails_at_once_says_why(speed: float, steps: int | fvi.AdaptiveSteps) -> None:
     """No velocity is found from the momentum of a start with a huge one; the start itself stays."""
     scene = fvi.lagrangian_scene(
