@@ -95,8 +95,15 @@ def test_commands_that_are_shown_exist(page):
         assert options <= known, line
 
 
+LONG = ("how-to/chaos.md", 5)
+"""A cloud of fifty motions."""
 PYTHON = [
-    pytest.param(page, number, id=f"{page}-{number}")
+    pytest.param(
+        page,
+        number,
+        id=f"{page}-{number}",
+        marks=[pytest.mark.slow] if (page, number) == LONG else [],
+    )
     for page, text in sorted(PAGES.items())
     for number, (kind, block) in enumerate(FENCED.findall(text))
     # one needs a cluster; the tutorial's follow its steps

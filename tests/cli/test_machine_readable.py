@@ -66,7 +66,7 @@ REPORTS = {  # what each command is asked, a table of its document, and whether 
 }
 
 
-@pytest.mark.parametrize("arguments", REPORTS, ids=lambda one: one[0])
+@spread(few=3, arguments=list(REPORTS))
 def test_reports_are_documents_of_the_rows_of_their_tables(arguments, tmp_path):
     sheet, is_checked = REPORTS[arguments]
     made = document(*arguments, "--json", "-o", str(tmp_path))

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from command_line import fvi as command
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
@@ -50,7 +51,7 @@ def test_of_many_points_loops_have_their_closed_form_at_any_order(order):
         assert worst > 0.1
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@spread(few=5, order=ORDERS)
 def test_of_few_points_a_number_is_near_or_not_given(order):
     rng = np.random.default_rng(12)
     size = 1 / max(abs(math.cos(order * np.pi / 2)), 1e-9)

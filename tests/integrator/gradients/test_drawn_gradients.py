@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from against_differences import misses
+from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
@@ -112,7 +113,7 @@ def found_mesh(scene: Scene) -> Mesh:
     return run_steps(scene, Method(cq="gauss", degree=3, start="none"), steps).mesh(())
 
 
-@pytest.mark.parametrize("seed", range(16))
+@few_of(8, 16)
 def test_drawn_scenes(seed):
     scene, method, mesh = drawn(seed)
     times = np.array([0.31, 0.77]) * scene.final_time

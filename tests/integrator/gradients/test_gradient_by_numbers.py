@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from spread import spread
 
 from fvi_cli.api.derivatives import gradient
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -144,8 +145,7 @@ LAGRANGIANS = {
 }
 
 
-@pytest.mark.parametrize("text", sorted(LAGRANGIANS))
-@pytest.mark.parametrize("w", [1.0, 1.83])
+@spread(text=sorted(LAGRANGIANS), w=[1.0, 1.83])
 def test_parameters_of_lagrangians(text, w):
     values, final_time = {"w": w, "c": 0.45}, 30.0
 

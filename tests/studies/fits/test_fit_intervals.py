@@ -13,6 +13,7 @@ from oracles.least_squares import (
     viscous_motion,
     zener_modulus,
 )
+from spread import few_of
 
 from fvi_cli.studies.fits import profile
 from fvi_cli.studies.fits.fitting import fit_model
@@ -60,7 +61,7 @@ def fitted(data: DataSet, damping: list[Any], keys: dict[str, Any], noise: float
     return fit_model(FitSettings(data=(data,), models=(), deviations=known), model, with_scan=False)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@few_of(1, 3)
 def test_a_superfluous_law_widens_no_interval_to_nothing(seed):
     """The law has a relaxation time of 1e-4; its modulus has nothing to explain."""
     noise = 0.002
