@@ -216,8 +216,8 @@ def text_width(words: str, size: float = 0.0) -> float:
 def wrap(words: str, width: float, size: float = 0.0) -> str:
     """The same words in lines of at most so many inches, as far as single words allow."""
     lines = [""]
-    # a formula is one word, and so is a unit
-    for word in re.findall(r"(?:\$[^$]*\$|\([^()$]*\)|[^\s$])+", words):
+    # a formula is one word, and so are a unit, and a number with the word before it
+    for word in re.findall(r"(?:\$[^$]*\$|\([^()$]*\)|[^\s$]|(?<=\w) (?=\d+\b))+", words):
         longer = f"{lines[-1]} {word}".strip()
         if lines[-1] and text_width(longer, size) > width:
             lines.append(word)
