@@ -45,7 +45,7 @@ def interpolation_figure() -> Figure:
         values = _smooth(step + control) + (0.1, -0.17, 0.2)[step]
         values[0], values[-1] = main[step], main[step + 1]
         at_points = values @ basis.values(nodes)
-        label = "$x_d(t)$, degree $s$" if step == 0 else "_piece"
+        label = "$x_d(t)$, degree $s = 2$" if step == 0 else "_piece"
         piece = axes.plot(step + tau, values @ basis.values(tau), color=COLOURS[0], label=label)[0]
         piece.set(linewidth=1.5, zorder=3)
         for node, value in zip(nodes, at_points, strict=True):
@@ -79,13 +79,7 @@ def _name_points(axes: Axes, nodes: Array, control: Array, values: Array) -> Non
     """Names of the points of the second step."""
     last = control.size - 1
     for index, node in enumerate(nodes, start=1):
-        is_last = index == nodes.size
-        place, side = (-1.5, "right") if is_last else (1.5, "left")
-        words = axes.annotate(
-            f"$c_{{{index}}}h$", (1 + node, 0.0), (place, 2), ha=side, va="bottom"
-        )
-        words.set(fontsize=small(), color=COLOURS[2])
-        words.anncoords = "offset points"
+        _measure(axes, (1.0, 1.0 + node), 0.02 + 0.15 * index, f"$c_{{{index}}}h$", COLOURS[2])
     for index, (place, value) in enumerate(zip(control, values, strict=True)):
         name = {0: "x_k = x_k^0", last: f"x_k^{{{last}}} = x_{{k+1}}"}.get(
             index, f"x_k^{{{index}}}"
@@ -99,6 +93,15 @@ def _name_points(axes: Axes, nodes: Array, control: Array, values: Array) -> Non
         words.anncoords = "offset points"
 
 
+def _measure(axes: Axes, ends: tuple[float, float], height: float, words: str, colour: str) -> None:
+    """An arrow between two times with the name of its length."""
+    arrow = {"arrowstyle": "<->", "linewidth": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
+    arrow["mutation_scale"] = 7
+    axes.annotate("", xy=(ends[0], height), xytext=(ends[1], height), arrowprops=arrow)
+    text = axes.text(sum(ends) / 2, height + 0.02, words, ha="center", va="bottom", color=colour)
+    text.set(fontsize=small())
+
+
 def _dress(axes: Axes) -> None:
     """Bare axis of time with the grid, and the length of one step."""
     axes.set_xlim(-0.2, _N_STEPS + 0.2)
@@ -106,8 +109,6 @@ def _dress(axes: Axes) -> None:
     axes.spines[["left", "right", "top"]].set_visible(False)
     axes.tick_params(top=False, right=False, left=False, labelleft=False, direction="out")
     axes.set_xticks(range(_N_STEPS + 1), ["$t_{k-1}$", "$t_k$", "$t_{k+1}$", "$t_{k+2}$"])
-    arrow = {"arrowstyle": "<->", "linewidth": 0.7, "color": INK, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", xy=(0, 0.17), xytext=(1, 0.17), arrowprops=arrow)
-    axes.text(0.5, 0.2, "$h$", ha="center", va="bottom")
+    _measure(axes, (0.0, 1.0), 0.17, "$h$", INK)
     for node in range(_N_STEPS + 1):
         axes.axvline(node, color="#cccccc", linewidth=0.5, zorder=0.5, label="_grid")
