@@ -20,17 +20,15 @@ MOST_POINTS = 20_000
 """Points of a line up to which files hold them all; a longer one is a picture in them."""
 _VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
 _ON_IT, _LAYER = 1.1, 1.4  # points within which marks and lines hide others; these are broader by
-_RING = 4.5  # points of a peak's mark
 PEAK: Mapping[str, Any] = {
-    "marker": "o",
     "linestyle": "none",
-    "markersize": _RING,
+    "markersize": 4.5,
     "markerfacecolor": "none",
     "markeredgewidth": 1.1,
     "zorder": 6,
     "clip_on": False,
 }
-"""Properties of the ring at a peak."""
+"""Properties of the mark at a peak."""
 HIDDEN = "_hidden"
 """Label of the part of a line upon which others lie."""
 _SAME = 0.02  # of a panel's height: less is one line to the eye
@@ -45,7 +43,7 @@ class Curve:
     label: str = ""  # its entry in the legend
     by: float = math.nan  # a number that a colour bar shows in place of the label
     look: Look | None = None  # None: by its place among the curves of the panel
-    peaks: Sequence[tuple[float, float]] = ()  # points that are marked by rings
+    peaks: Sequence[tuple[float, float]] = ()  # points that are marked
     # regions around it: what they are, and their lower and upper edges over x
     bands: Sequence[tuple[str, Array, Array]] = ()
     lost: Sequence[tuple[float, str]] = ()  # abscissas without a value, with what happened
@@ -92,7 +90,7 @@ class Panel:
     # whether a curve may leave the panel so that it does not press the others flat
     may_run_away: bool = False
     rounding: float = 0.0  # values below are hatched as round-off
-    levels: Sequence[float] = ()  # dashed horizontal lines
+    levels: Sequence[float] = ()  # thin horizontal lines
 
     @property
     def gaps(self) -> str:
@@ -225,13 +223,3 @@ def draw_hidden(axes: Axes, curves: Sequence[Curve], shown: Sequence[Look], heig
                 line = axes.plot(10**x, 10 ** np.where(ends, y, np.nan), **DECORATION)[0]
                 line.set(label=HIDDEN, color=colour, linewidth=_ON_IT + _LAYER * layers)
                 line.set(zorder=2.5 - 0.01 * layers, solid_capstyle="butt")
-
-
-def part_peaks(axes: Axes) -> None:
-    """Draw peaks at one place as rings round each other."""
-    seen: list[list[float]] = []
-    for line in (one for one in axes.lines if str(one.get_label()).startswith("_peak")):
-        place = axes.transData.transform(line.get_xydata())[0].tolist()
-        near = sum(math.dist(place, one) < _RING / 2 * axes.figure.dpi / 72 for one in seen)
-        line.set_markersize(_RING * (1 + 0.6 * near))
-        seen.append(place)

@@ -12,6 +12,7 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import over_time, plane
 from fvi_cli.plotting.style import COLOURS, GUIDE_COLOUR, INK, LINE_STYLES, MARKERS
+from fvi_cli.plotting.words import in_formula, load_in_words, typeset_name
 from fvi_cli.reports.naming import key_label, with_ratio, with_unit
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 from fvi_cli.studies.fits.settings import Series
@@ -26,6 +27,8 @@ _WIDE = 8.0
 MOST_PANELS = 6
 """Measured columns that are drawn; the first of them."""
 MOST_PROFILES = 12
+_FAR = 15.0
+"""Times the residuals of the model with the smallest: of larger ones these could not be read."""
 _MEASURED = Look(colour=INK, marker=".", has_line=False, size=3.0)
 
 
@@ -44,10 +47,14 @@ def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]
 
 def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
     """Measured and fitted curves, and the residuals with twice their standard deviation."""
+    # the best one below the others, which are thinner
+    models = sorted(models, key=lambda one: one.criterion)
     first, units = models[0].series, result.units
     several = len({one.data for one in first}) > 1
+    drawn = [one.series for one in first[:MOST_PANELS]]
+    shared = all(np.array_equal(one.times, drawn[0].times) for one in drawn)
     best = f"_{result.best.model.name or 'fitted'}"
-    panels = []
+    panels, limits = [], []
     for index, shown in enumerate(first[:MOST_PANELS]):
         series = shown.series
         measured = Curve(x=series.times, y=series.values, label="measured", look=_MEASURED)
@@ -55,7 +62,6 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
         for number, model in enumerate(models):
             one = model.series[index]
             colour = COLOURS[number % len(COLOURS)]
-            # motions that coincide stay visible: later ones are thinner
             dashes = LINE_STYLES[number % len(LINE_STYLES)]
             line = Look(colour=colour, dashes=dashes, width=max(2.2 - 0.5 * number, 0.9))
             mark = MARKERS[number % len(MARKERS)]
@@ -63,14 +69,16 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
             label = model.model.name or "fitted"
             upper.append(Curve(x=one.curve[0], y=one.curve[1], label=label, look=line))
             lower.append(Curve(x=one.series.times, y=-one.residuals, label=f"_{label}", look=dots))
+        label, residual = _words(series, units)
+        reached, remark = residual_limits(lower, residual.partition(" (")[2].rstrip(")"))
         deviation = result.best.series[index].deviation if result.best.series else 0.0
+        limits.append((min(reached[0], -2 * deviation), max(reached[1], 2 * deviation)))
         ends = series.times[[0, -1]]
-        for sign, name in ((1, "twice the noise"), (-1, "_minus twice the noise")):
+        for sign, name in ((1, r"noise, $\pm 2\sigma$"), (-1, "_minus twice the noise")):
             limit = np.full(2, 2 * sign * deviation)
             lower.append(Curve(x=ends, y=limit, label=name, look=_NOISE))
         amplitude = series.amplitude
         what = "time" if amplitude is None else "frequency"
-        label, residual = _words(series, units)
         panels += [
             Panel(
                 curves=upper,
@@ -82,15 +90,42 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
             Panel(
                 curves=sorted(lower, key=lambda one: one.label == best),  # on top
                 y=residual,
-                x=with_unit(what, units, what),
+                x="" if shared else with_unit(what, units, what),
+                remark=remark,
                 height=1.0,
                 levels=(0.0,),
             ),
         ]
-    drawn = [one.series for one in first[:MOST_PANELS]]
     is_wide = all(one.amplitude and one.times[-1] > _WIDE * one.times[0] for one in drawn)
     more = f"the first {MOST_PANELS} of {len(first)} columns" if len(first) > MOST_PANELS else ""
-    return over_time(panels, x="", logarithmic=is_wide, shared=len(drawn) == 1, title=more)
+    forces = next((one.forces for one in result.settings.data if one.name == first[0].data), ())
+    load = f"load: {', '.join(map(load_in_words, forces))}" if forces else ""
+    figure = over_time(
+        panels,
+        x=with_unit(what, units, what),
+        logarithmic=is_wide,
+        shared=shared,
+        title="; ".join(filter(None, [load, more])),
+    )
+    for axes, (low, high) in zip(figure.axes[1::2], limits, strict=True):
+        axes.set_ylim(1.15 * low, 1.15 * high)
+    return figure
+
+
+def residual_limits(residuals: Sequence[Curve], unit: str) -> tuple[tuple[float, float], str]:
+    """Ends of a panel of residuals, and which of them leave it."""
+    largest = {one.label[1:]: float(one.y[np.abs(one.y).argmax()]) for one in residuals}
+    most = _FAR * min(map(abs, largest.values()))
+    room = max(abs(value) for value in largest.values() if abs(value) <= most)
+    every = np.concatenate([one.y for one in residuals])
+    kept = every[np.abs(every) <= room]
+    far = [
+        f"{name} (to ${in_formula(value, 3)}$ {unit}".rstrip() + ")"
+        for name, value in largest.items()
+        if abs(value) > most
+    ]
+    ends = float(kept.min(initial=0.0)), float(kept.max(initial=0.0))
+    return ends, f"beyond the panel: {', '.join(far)}" if far else ""
 
 
 def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
@@ -100,12 +135,16 @@ def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
         usual = "velocity" if series.is_velocity else "length"
         names = (series.column, series.name, *([] if series.formula else [usual]))
         return with_unit(series.column, units, *names), with_unit("residual", units, *names)
-    words = f"{series.column} ({series.name})"
-    if series.column == amplitude.part:
-        words = f"{amplitude.part} part"
+    form, rate = series.name.removesuffix(f" ({amplitude.part})"), amplitude.rate
+    dots = ("", r"\dot ", r"\ddot ")[rate]
+    what = form[min(rate, 1) :]
+    if what.isidentifier():
+        form = f"${dots}{typeset_name(what).strip('$')}$"
+    is_part = amplitude.part in ("real", "imaginary")
+    words = f"{amplitude.part}{' part' * is_part} of {form}"
     if amplitude.part == "phase":
         return f"{words} (degrees)", "residual (degrees)"
-    of = ("length", "velocity", "acceleration")[amplitude.rate]
+    of = ("length", "velocity", "acceleration")[rate]
     return with_ratio(words, units, of, "force"), with_ratio("residual", units, of, "force")
 
 
@@ -113,14 +152,20 @@ def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
     """The signed root of the increase of chi-squared: a straight line where the model is linear."""
     drawn = model.estimates[:MOST_PROFILES]
     more = len(model.estimates) > MOST_PROFILES
-    words = f"the first {MOST_PROFILES} of {len(model.estimates)} parameters" if more else ""
+    words = (
+        r"$\Delta\chi^2$: increase of the misfit where the parameter $\theta$ below a panel "
+        r"is held off its best value $\hat\theta$"
+    )
+    if more:
+        words += f"; the first {MOST_PROFILES} of {len(model.estimates)} parameters"
     panels = [
         Panel(
             curves=_profile(one),
-            x=key_label(one.name, units),
+            x=key_label(
+                one.name, units, model.model.specification, [other.name for other in drawn]
+            ),
             y=r"$\mathrm{sign}(\theta - \hat\theta)\,\sqrt{\Delta \chi^2}$",
             height=1.4,
-            levels=(0.0,),
         )
         for one in drawn
     ]
@@ -137,7 +182,7 @@ def _profile(one: Estimate) -> list[Curve]:
     line = one.value + spread * one.standard_error
     curves = [
         Curve(x=smooth[0], y=smooth[1], label="profile", look=_PROFILE),
-        Curve(x=inside[:, 0], y=inside[:, 1], label="refits", look=_FITTED),
+        Curve(x=inside[:, 0], y=inside[:, 1], label="the others fitted anew", look=_FITTED),
         Curve(x=line, y=spread, label="linear approximation", look=_LINEAR),
     ]
     ends = [end for end in (one.low, one.high) if np.isfinite(end)]

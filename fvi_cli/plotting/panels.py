@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +24,6 @@ from fvi_cli.plotting.curves import (
     draw_hidden,
     looks,
     merge_alike,
-    part_peaks,
     take_turns,
 )
 from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
@@ -32,6 +31,7 @@ from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
     COLOURS,
     INK,
+    MARKERS,
     fill_band,
     hatch_rounding,
     journal_style,
@@ -46,10 +46,12 @@ from fvi_cli.plotting.style import (
 from fvi_cli.plotting.ticks import (
     ROUND_OFF,
     clear_factor,
+    ends_of,
     few_numbers,
     limit_ladder,
     logarithmic_ticks,
     plain_numbers,
+    reach_numbers,
     three_numbers,
     widen,
 )
@@ -91,16 +93,17 @@ def over_time(
         _limit_over_time(axes, panel)
         if not panel.is_log:
             three_numbers(axes.yaxis)
-        axes.set_xlim(*(span or _ends(panels if shared else [panel])))
+        own = [curve for one in (panels if shared else [panel]) for curve in one.curves]
+        axes.set_xlim(*(span or ends_of(own)))
         if from_zero:
             axes.set_ylim(bottom=0.0)
         if logarithmic:
             axes.set_xscale("log")
             plain_numbers(axes.xaxis)
+        elif span is None:
+            reach_numbers(axes.xaxis)
     _clear_factors(figure, used, panels, columns)
     figure.align_ylabels(used)
-    for axes in used:
-        part_peaks(axes)
     return figure
 
 
@@ -243,10 +246,13 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             **properties,
         )
         if curve.peaks:
+            # marks of several curves differ in form: where peaks coincide all are seen
+            several = sum(bool(one.peaks) for one in curves) > 1
             axes.plot(
                 *np.array(curve.peaks).T,
                 color=INK if colours is None and len(curves) == 1 else properties["color"],
-                label=f"_peak {curve.label}",
+                marker=MARKERS[position % len(MARKERS)] if several else "o",
+                label=f"_{curve.label}" if several else "_peak",
                 **PEAK,
             )
     if nested and colours is None and panel.has_slopes:
@@ -254,7 +260,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
     if panel.rounding > 0:
         hatch_rounding(axes, 1e-300, panel.rounding)
     for level in panel.levels:
-        line = axes.axhline(level, color="#888888", linewidth=0.5, linestyle=(0, (4, 2)))
+        line = axes.axhline(level, color="#888888", linewidth=0.5)
         line.set_gid("decoration")
 
 
@@ -301,8 +307,10 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
     if "median" in entries and any(panel.is_ensemble for panel in panels):
         for _, _, label, alpha in _BANDS:
             entries[label] = Patch(facecolor=COLOURS[0], alpha=1.5 * alpha, label=label)
-    if any(curve.peaks for panel in panels for curve in panel.curves):
-        entries["peak"] = Line2D([], [], color=INK, label="peak", **PEAK)
+    peaked = [sum(bool(curve.peaks) for curve in panel.curves) for panel in panels]
+    if any(peaked):
+        words, mark = ("marks: peaks", "") if max(peaked) > 1 else ("peak", "o")
+        entries["peak"] = Line2D([], [], color=INK, label=words, marker=mark, **PEAK)
     return list(entries.values())
 
 
@@ -358,7 +366,7 @@ def _clear_factors(
 def _limit_over_time(axes: Axes, panel: Panel) -> None:
     """Keep curves that run away, and zeros of an error, from pressing the others flat."""
     if any(curve.peaks for curve in panel.curves):
-        # room for the rings
+        # room for the marks
         axes.margins(y=0.15)
     exact = [curve for curve in panel.curves if curve.look is EXACT]
     ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
@@ -390,11 +398,3 @@ def _limit_over_time(axes: Axes, panel: Panel) -> None:
     span = (high - low) or abs(high) or 1.0
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
-
-
-def _ends(panels: Iterable[Panel]) -> tuple[float, float]:
-    """First and last abscissa of all curves."""
-    places = np.concatenate([curve.x for panel in panels for curve in panel.curves])
-    low, high = float(places.min()), float(places.max())
-    # a tick at an end stays one though the end is rounded
-    return low - 1e-3 * abs(low), high + 1e-3 * abs(high)

@@ -22,11 +22,11 @@ from fvi_cli.plotting.style import (
     journal_style,
     small,
 )
-from fvi_cli.plotting.words import swept_number, typeset_sum
+from fvi_cli.plotting.words import load_in_words, swept_number, typeset_sum
 from fvi_cli.reports.kinds.vibration import magnitude_label
 from fvi_cli.reports.naming import key_label, with_unit
 from fvi_cli.studies.vibration.modes import ModeTable
-from fvi_cli.studies.vibration.response import GROUND, ResponseTable
+from fvi_cli.studies.vibration.response import ResponseTable
 
 Table = TypeVar("Table", ModeTable, ResponseTable)
 
@@ -88,13 +88,14 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
         stem = Look(colour=colour, width=0.8)
         lower.append(Curve(x=np.repeat(hertz, 3), y=stems, label="_stems", by=by, look=stem))
         lower.append(Curve(x=hertz, y=ratio, label=f"_{label}", by=by, look=dots))
-    frequency = r"frequency $\mathrm{Im}\, s / 2\pi$"
+    frequency, growth = r"frequency $\mathrm{Im}\, s / 2\pi$", r"growth rate $\mathrm{Re}\, s$"
     figure = plane(
         [
             Panel(
                 curves=upper,
-                x=with_unit(r"$\mathrm{Re}\, s$", units, "rate"),
+                x=with_unit(growth, units, "rate"),
                 y=with_unit(frequency, units, "frequency"),
+                remark=rf"modes $v\, e^{{st}}${', numbered by $|s|$' if is_one else ''}",
                 height=2.3,
             ),
             Panel(
@@ -109,9 +110,11 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     )
     above, below = figure.axes[:2]
     for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
-        text = above.annotate(str(number + 1), (-mode.decay_rate, mode.hertz), xytext=(-4, 0))
-        text.set(fontsize=small() - 1, color=INK, ha="right", va="center")
-        text.anncoords = "offset points"
+        places = (-mode.decay_rate, mode.hertz), (mode.hertz, 100.0 * mode.damping_ratio)
+        for axes, at in zip((above, below), places, strict=True):
+            text = axes.annotate(str(number + 1), at, xytext=(-4, 0))
+            text.set(fontsize=small() - 1, color=INK, ha="right", va="center")
+            text.anncoords = "offset points"
     above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
     rates = np.concatenate([curve.x for curve in upper])
     highest = max(curve.y.max() for curve in upper)
@@ -146,7 +149,7 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
             size, phase = table.magnitude[:, index], table.phase[:, index]
             upper.append(Curve(x=table.hertz, y=size, label=label, by=by, look=look))
             lower.append(Curve(x=table.hertz, y=phase, label=label, by=by, look=look))
-            mark = Look(colour=look.colour, marker="|", size=4.0)
+            mark = Look(colour=INK, marker="|", size=4.0)
             widths += [
                 Curve(
                     x=np.array([peak.low, peak.high]),
@@ -159,7 +162,7 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
                 if peak.at == output and np.isfinite(peak.high - peak.low)
             ]
     steps = np.diff(first.hertz)
-    what = "ground acceleration" if first.load.split(" ")[0] == GROUND else typeset_sum(first.load)
+    what = load_in_words(first.load)
     figure = over_time(
         [
             Panel(curves=[*upper, *widths], y=magnitude_label(first), is_log=True, height=2.3),

@@ -22,6 +22,7 @@ from fvi_cli.plotting.curves import Curve
 from fvi_cli.plotting.style import label_axis, text_width
 
 _LEAST, _MOST = 1e-4, 1e6  # numbers between them are written in full
+_NEAR = 0.03  # of an axis: less between its end and a number looks like a mistake
 
 ROUND_OFF = 1e-9
 """Of the largest value: less is taken for round-off."""
@@ -31,6 +32,23 @@ def few_numbers(axes: Axes, most: int) -> None:
     """At most so many ticks on the first axis, numbers from 1e-4 to 1e6 in full."""
     axes.ticklabel_format(axis="x", scilimits=(-4, 6))
     axes.xaxis.set_major_locator(MaxNLocator(most))
+
+
+def ends_of(curves: Sequence[Curve]) -> tuple[float, float]:
+    """First and last abscissa of all curves."""
+    places = np.concatenate([curve.x for curve in curves])
+    low, high = float(places.min()), float(places.max())
+    # a tick at an end stays one though the end is rounded
+    return low - 1e-3 * abs(low), high + 1e-3 * abs(high)
+
+
+def reach_numbers(axis: Axis) -> None:
+    """Move an end of a linear axis that misses a number by a little to that number."""
+    low, high = axis.get_view_interval()
+    room = _NEAR * (high - low)
+    numbers = axis.get_major_locator().tick_values(low, high)
+    near = [at for at in numbers if low - room < at < high + room]
+    axis.set_view_interval(min([low, *near]), max([high, *near]), ignore=True)
 
 
 def three_numbers(axis: Axis) -> None:

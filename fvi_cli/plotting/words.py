@@ -11,7 +11,9 @@ from fvi_cli.reports.naming import key_in_words, key_label, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
+from fvi_cli.studies.vibration.response import GROUND
 
+_FEW_KEYS = 2  # that designs differ in: more are not listed
 _GREEK = {"theta": r"\theta", "phi": r"\varphi", "psi": r"\psi", "omega": r"\omega"}
 
 
@@ -46,11 +48,20 @@ def typeset_sum(words: str) -> str:
     return f"${inner}$"
 
 
+def load_in_words(load: str) -> str:
+    """``ground acceleration``, or ``force on $x_{1}$`` for ``x1``."""
+    on_ground = load.split(" ")[0] == GROUND
+    return "ground acceleration" if on_ground else f"force on {typeset_sum(load)}"
+
+
 def quantity_in_words(experiment: Experiment, name: str) -> str:
-    """``base shear`` for ``base_shear``; of a damper ``force of wall 3``, ``work on it``."""
+    """``base shear`` for ``base_shear``; ``drift of storey 1``; ``force of wall 3``."""
     scene = experiment.problem.scene
     kind, _, rest = name.partition("_")
     words = rest.replace("_", " ")
+    storey, has_name = re.fullmatch(r"(\w+)_(\d+)", name), name in experiment.observations.ready
+    if storey and has_name and experiment.problem.kind == "frame":
+        return f"{storey[1].replace('_', ' ')} of storey {storey[2]}"
     # a quantity of one's own may begin alike, as force_max
     if not words or scene is None or name not in damper_values(scene):
         return name.replace("_", " ")
@@ -103,8 +114,16 @@ def swept_number(member: Member | None) -> float | None:
     return float(values[0]) if is_number else None
 
 
+def swept_label(experiment: Experiment, key: str) -> str:
+    """What a swept key is called beside an axis, with its unit."""
+    problem = experiment.members[0].specification
+    return key_label(key, experiment.units, problem, experiment.swept)
+
+
 def swept_keys_in_words(experiment: Experiment) -> str:
-    """The keys of a sweep as words, with units; of designs that they are."""
+    """The keys of a sweep as words, with units; of designs what they are of."""
     named = experiment.members[0].named if experiment.members else ()
-    words = [key_label(key, experiment.units) for key in experiment.swept if key not in named]
-    return ", ".join(["designs", *words] if named else words)
+    words = [swept_label(experiment, key) for key in experiment.swept if key not in named]
+    of = " and the ".join(map(key_in_words, named)) if len(named) <= _FEW_KEYS else ""
+    designs = f"designs of the {of}" if of else "designs"
+    return ", ".join([designs, *words] if named else words)

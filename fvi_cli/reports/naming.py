@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from fvi_cli.reports.table import Column, Value
-from fvi_cli.studies.members import Member, swept_in_words, value_in_words
+from fvi_cli.studies.members import (
+    Member,
+    leads_somewhere,
+    swept_in_words,
+    value_at,
+    value_in_words,
+)
 
 
 def number(value: float, form: str, missing: str = "-") -> str:
@@ -110,13 +117,26 @@ _LIKE = dict.fromkeys(("relaxed", "unrelaxed", "modulus", "moduli", "stiffnesses
 }
 
 
-def key_label(key: str, units: Mapping[str, str]) -> str:
-    """What an entry of the configuration is called beside an axis, with its unit."""
+def key_label(
+    key: str,
+    units: Mapping[str, str],
+    problem: Mapping[str, Any] | None = None,
+    varied: Sequence[str] = (),
+) -> str:
+    """What an entry of the configuration is called beside an axis, with its unit.
+
+    An order that stands beside it in the `problem`, and is not `varied`, is a number in the unit.
+    """
     path, _, motion = key.partition("@")  # as of a parameter that each motion has for itself
     last = [part for part in path.split(".") if not part.isdigit()][-1]
     whole = _without_room(path)
     names = (whole,) if whole in _KEYS else (last, _LIKE.get(last, last))
-    label = with_unit(key_in_words(path), units, *names)
+    # units of coefficients hold its letter
+    words = re.sub(r"^order\b", r"order $\\gamma$", key_in_words(path))
+    label = with_unit(words, units, *names)
+    beside = f"{path.rpartition('.')[0]}.order"
+    if beside not in (path, *varied) and leads_somewhere(problem or {}, beside):
+        label = label.replace(r"\gamma", f"{{{value_at(problem or {}, beside):g}}}")
     return f"{label}, {motion}" if motion else label
 
 

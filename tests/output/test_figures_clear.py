@@ -214,7 +214,7 @@ def test_what_is_zero_throughout_has_no_peak():
     )
     (figure,) = fvi.figures(fvi.run(read(text))).values()
     peaks = [line for line in figure.axes[0].lines if line.get_label().startswith("_peak")]
-    assert [line.get_label() for line in peaks] == ["_peak 1"]
+    assert len(peaks) == 1
 
 
 def test_a_quantity_is_the_force_of_a_damper_only_if_it_is():

@@ -102,6 +102,21 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator):
     assert max(two, three) < 1e-14
 
 
+@pytest.mark.parametrize(("final_time", "count"), [(4.0, 2), (24.0, 3), (40.0, 3)])
+def test_what_is_small_beside_the_works_has_a_panel_of_its_own(final_time, count):
+    text = OSCILLATOR.replace("final_time: 4.0", f"final_time: {final_time}")
+    figure = balance_figure(*made(text.replace("32, 64", "200").replace("[2, 3]", "2")))
+    assert len(figure.axes) == count
+    upper = [
+        {str(line.get_label()): np.abs(line.get_ydata()).max() for line in axes.lines}
+        for axes in figure.axes[:-1]
+    ]
+    assert all(max(one.values()) > 0.1 for one in upper)
+    if count == 3:
+        assert set(upper[1]) == {"stored part $E_s$ of $W_d$", "$E + W_d - W_f$"}
+        assert max(upper[1].values()) < 0.1 * max(upper[0].values())
+
+
 def test_momenta_show_every_symmetry_and_leave_out_methods_without(planet):
     figure = momenta_figure(*planet)
     values = drawn(figure)["angular momentum"]["y"]
@@ -123,7 +138,7 @@ def test_paths_lead_from_the_start_through_the_stored_points(planet):
 def test_a_double_pendulum_moves_in_space():
     experiment, finished = made(PENDULUM)
     lines = drawn(path_figure(experiment, finished))
-    inner, outer = lines["first mass"], lines["second mass"]
+    inner, outer = (lines[f"path of the {one} mass"] for one in ("first", "second"))
     assert np.hypot(inner["x"], inner["y"]) == pytest.approx(1.0)
     rod = np.hypot(outer["x"] - inner["x"], outer["y"] - inner["y"])
     assert rod == pytest.approx(0.5)
@@ -327,7 +342,7 @@ def test_a_loop_is_drawn_from_its_beginning_to_its_end(periods):
         "ladder: {steps: [400]}\nquantities: {force: force_1}\nfigures: [hysteresis]\n"
     )
     (outcome,) = fvi.run(parse_config(text, "loop"))
-    loop = drawn(outcome.plot("hysteresis"))["last closed loop"]
+    loop = drawn(outcome.plot("hysteresis"))["last cycle"]
     # both ends are at the deformation in the middle, between points of the motion
     whole = drawn(outcome.plot("hysteresis"))["whole motion"]
     middle = 0.5 * (whole["x"].min() + whole["x"].max())

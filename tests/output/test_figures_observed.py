@@ -6,8 +6,8 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.plotting import left_out
-from fvi_cli.plotting.style import new_figure, panel_grid
-from fvi_cli.plotting.words import in_formula
+from fvi_cli.plotting.style import new_figure, panel_grid, wrap
+from fvi_cli.plotting.words import in_formula, quantity_in_words
 from fvi_cli.reports.naming import key_label
 
 CONFIG = {
@@ -182,12 +182,12 @@ def test_what_a_figure_leaves_out_is_said():
     (outcome,) = fvi.run({**config, "figures": ["quantities"]})
     study = (outcome.experiment, outcome.finished)
     assert left_out([study]) == [
-        "seen: the quantities figure shows 6 of 9 quantities; "
+        "seen: the quantities figure shows 8 of 9 quantities; "
         "write figures: [{quantities: [...]}] for others"
     ]
     (figure,) = fvi.figures(outcome).values()
-    assert len(figure.axes) == 6
-    assert figure.legends[0].get_title().get_text() == "the first 6 of 9 quantities"
+    assert len(figure.axes) == 8
+    assert figure.legends[0].get_title().get_text() == "the first 8 of 9 quantities"
     # the control: fewer are all drawn
     (outcome,) = fvi.run({**CONFIG, "figures": ["quantities"]})
     assert left_out([(outcome.experiment, outcome.finished)]) == []
@@ -216,10 +216,41 @@ def test_every_member_of_a_sweep_for_a_tolerance_is_drawn(coefficients):
         ("problem.damping.0.times.0", "relaxation time 1 of the damping (s)"),
         ("problem.law.relaxed@slow", "relaxed modulus of the law (N/m), slow"),
         ("problem.damping.0.coefficient", r"coefficient of the damping (N s$^\gamma$/m)"),
-        ("problem.damping.0.order", "order of the damping"),
+        ("problem.damping.0.order", r"order $\gamma$ of the damping"),
     ],
 )
 def test_entries_of_a_configuration_have_the_unit_that_follows(key, label):
     units = {"time": "s", "length": "m", "force": "N"}
     assert key_label(key, units) == label
     assert " (" not in key_label(key, {})
+
+
+@pytest.mark.parametrize("order", [0.1, 0.75, 1])
+def test_a_unit_has_the_order_that_stands_beside_its_coefficient(order):
+    units = {"time": "s", "length": "m", "force": "N"}
+    problem = {"damping": [{"order": order, "coefficient": 2.0}]}
+    key, beside = "problem.damping.0.coefficient", "problem.damping.0.order"
+    assert f"N s$^{{{order:g}}}$/m" in key_label(key, units, problem)
+    # the control: an order that is varied has its letter
+    assert r"N s$^\gamma$/m" in key_label(key, units, problem, [beside])
+    assert r"order $\gamma$" in key_label(beside, units, problem, [beside])
+
+
+@pytest.mark.parametrize("storeys", [2, 3, 12])
+def test_quantities_of_a_frame_name_their_storeys(storeys):
+    problem = {"kind": "frame", "storeys": storeys, "ground_acceleration": "sin(t)"}
+    problem |= {"mass": 1.0, "stiffness": 40.0, "final_time": 1.0, "exact": "none"}
+    own = {"drift_20": "vx1", f"drift_{storeys}": f"drift_{storeys}", "base_shear": "base_shear"}
+    config = {"name": "named", "problem": problem, "ladder": {"steps": [20]}, "quantities": own}
+    (experiment,) = fvi.load(config).experiments
+    told = [quantity_in_words(experiment, name) for name in own]
+    # the control: a quantity of one's own keeps its name
+    assert told == ["drift 20", f"drift of storey {storeys}", "base shear"]
+
+
+@pytest.mark.parametrize("words", ["drift of storey 12 (m)", "force of wall 3 (kN)", "work on 4"])
+def test_a_number_stays_in_the_line_of_its_word(words):
+    lines = wrap(words, 0.1).split("\n")
+    assert " ".join(lines) == words
+    assert len(lines) > 1
+    assert not any(line[0].isdigit() for line in lines)

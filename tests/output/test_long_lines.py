@@ -10,6 +10,7 @@ from spread import spread
 
 from fvi_cli.plotting.curves import FEW_POINTS, MOST_POINTS, Curve, Panel
 from fvi_cli.plotting.drawn import save_figure
+from fvi_cli.plotting.fits import residual_limits
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import ladders, over_time, plane
 
@@ -131,17 +132,55 @@ def test_hollow_marks_lie_upon_full_ones_which_are_seen_round_them(hollow):
     assert full == sorted(full)
 
 
-@pytest.mark.parametrize("gap", [0.0, 5.0])
-def test_peaks_at_one_place_are_rings_round_each_other(gap):
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_marks_of_peaks_differ_in_form_and_the_key_has_them(count):
     t = np.linspace(0.0, 1.0, 50)
     curves = [
-        Curve(x=t, y=k * gap - 9**k * (t - 0.5) ** 2, label=f"c{k}", peaks=[(0.5, k * gap)])
-        for k in range(3)
+        Curve(x=t, y=-(9.0**k) * (t - 0.5) ** 2, label=f"c{k}", peaks=[(0.5, 0.0)])
+        for k in range(count)
     ]
-    (axes,) = over_time([Panel(curves=curves, y="x")], x="t").axes
-    sizes = [one.get_markersize() for one in axes.lines if "_peak" in one.get_label()]
-    assert len(set(sizes)) == (1 if gap else 3)
-    assert sizes == sorted(sizes)
+    figure = over_time([Panel(curves=curves, y="x")], x="t")
+    peaks = [line for line in figure.axes[0].lines if line.get_linestyle() == "None"]
+    forms = [line.get_marker() for line in peaks]
+    assert len(set(forms)) == count
+    assert len({line.get_markersize() for line in peaks}) == 1
+    *key, last = figure.legends[0].get_lines()
+    if count > 1:
+        assert [line.get_marker() for line in key] == forms
+        assert last.get_label() == "marks: peaks"
+    else:
+        assert last.get_label() == "peak"
+        assert last.get_marker() == forms[0]
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(-3, 3), st.floats(0.0, 0.1))
+def test_an_axis_reaches_the_number_that_it_just_misses(power, missed):
+    size = 10.0**power
+    x = np.linspace(0.0, (8.0 - 8.0 * missed) * size, 30)
+    (axes,) = over_time([Panel(curves=[Curve(x=x, y=x)], y="x")], x="t").axes
+    end = axes.get_xlim()[1]
+    if missed < 0.02:
+        assert end == pytest.approx(8.0 * size, rel=2e-3)
+    if missed > 0.05:  # the control
+        assert end < 7.95 * size
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(-6.0, 6.0), st.floats(1.0, 300.0))
+def test_residuals_of_a_bad_fit_do_not_press_the_others_flat(power, factor):
+    size, t = 10.0**power, np.linspace(0.0, 1.0, 40)
+    good, bad = (
+        Curve(x=t, y=much * size * np.cos(9 * t), label=f"_{name}")
+        for name, much in (("good", 1.0), ("bad", -factor))
+    )
+    (low, high), remark = residual_limits([bad, good], "N")
+    assert low <= good.y.min()
+    assert high >= good.y.max()
+    assert high - low <= 30.001 * np.ptp(good.y)
+    is_whole = low <= bad.y.min() and high >= bad.y.max()
+    assert ("bad" in remark and " N)" in remark) != is_whole
+    assert is_whole == (factor <= 15.0) or abs(factor - 15.0) < 1e-6
 
 
 @pytest.mark.parametrize("zero", [0, 5, None])

@@ -221,8 +221,6 @@ def member_curve(one: FinishedRun, x: Array, y: Array) -> Curve:
 
 def members_title(experiment: Experiment) -> str:
     """What stands above a legend of members, with their number where not each has a name."""
-    if all(one.name and not one.unnamed for one in experiment.members):
-        return ""
     count, words = len(experiment.members), swept_keys_in_words(experiment)
     return words if count <= MOST_LINES else f"{count} members: {words}"
 

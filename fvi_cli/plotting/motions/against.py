@@ -18,7 +18,12 @@ from fvi_cli.plotting.motions.section import section_figure
 from fvi_cli.plotting.motions.time_series import observed_of, quantities_figure
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
-from fvi_cli.plotting.words import coordinates_of, quantity_in_words, typeset_name
+from fvi_cli.plotting.words import (
+    coordinates_of,
+    quantity_in_words,
+    swept_label,
+    typeset_name,
+)
 from fvi_cli.reports.kinds.ensembles import members_at_equal_times
 from fvi_cli.reports.naming import DESIGN, key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
@@ -101,7 +106,7 @@ def against_figure(
     runs = [one for one in finest_of_members(finished) if one.run.member is not None]
     series, names, bar = _series(runs, key, experiment.units)
     which, quantity = settings.extent
-    x = key_label(key, experiment.units)
+    x = swept_label(experiment, key)
     if which:
         label = _WORDS[which].format(quantity_in_words(experiment, quantity))
         panel = Panel(
@@ -255,16 +260,16 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
         for label, (at, most) in points.items()
     ]
     units = experiment.units
-    acceleration = r"pseudo-acceleration $\omega^2\, \max\, |x|$"
+    acceleration = r"pseudo-acceleration $(2\pi/T)^2\, \max\, |x|$"
     return over_time(
         [
             Panel(curves=upper, y=with_unit(r"displacement $\max\, |x|$", units, "length")),
             Panel(curves=lower, y=with_unit(acceleration, units, "acceleration")),
         ],
-        x=with_unit("period without damping", units, "time"),
+        x=with_unit("period $T$ without damping", units, "time"),
         logarithmic=True,
         from_zero=True,
-        title=", ".join(key_label(key, units) for key in others),
+        title=", ".join(swept_label(experiment, key) for key in others),
     )
 
 

@@ -112,11 +112,11 @@ def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
     curves = [
         Curve(x=at[0], y=at[1], label=label, look=Look(colour=colour, width=width))
         for at, label, colour, width in (
-            (inner, "first mass", COLOURS[1], 1.4),
-            (outer, "second mass", COLOURS[0], 0.9),
+            (inner, "path of the first mass", COLOURS[1], 1.4),
+            (outer, "path of the second mass", COLOURS[0], 0.9),
         )
     ]
-    for when, label, marker in ((0, "at the start", "o"), (-1, "at the end", "s")):
+    for when, label, marker in ((0, "rods at the start", "o"), (-1, "rods at the end", "s")):
         rods = np.stack([np.zeros(2), inner[:, when], outer[:, when]]).T
         look = Look(
             colour=INK if when else GUIDE_COLOUR, marker=marker, width=1.6, is_filled=bool(when)

@@ -65,21 +65,22 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         if one.time.size
     ]
     names = coordinates_of(experiment)
+    events = list(dict.fromkeys(event for _, event, _ in found))
+    when = "; ".join(_condition(experiment, event) for event in events)
     if not experiment.members:
         methods = method_looks([item.run.method for item in shown])
         series = [
             (event if len(shown) == 1 else f"{event}, {methods[item.run.method.case].label}", one)
             for item, event, one in found
         ]
-        return _marks(experiment, series, names[:MOST_COMPONENTS])
-    events = list(dict.fromkeys(event for _, event, _ in found))
+        return _marks(experiment, series, names[:MOST_COMPONENTS], when)
     if len(shown) <= MOST_LINES:
         labels = [member_label(item.run.member) for item, _, _ in found]
         series = [
             (label if len(events) == 1 else f"{event}, {label}", one)
             for label, (_, event, one) in zip(labels, found, strict=True)
         ]
-        return _marks(experiment, series, names[:1], members_title(experiment))
+        return _marks(experiment, series, names[:1], when, members_title(experiment))
     swept = swept_keys_in_words(experiment) if len(experiment.swept) == 1 else "member"
     above, below = [], []
     for item, event, one in found:
@@ -95,7 +96,7 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     position, velocity = _words(experiment, names[0])
     return plane(
         [
-            Panel(curves=above, x=swept, y=position, height=2.1),
+            Panel(curves=above, x=swept, y=position, remark=f"points where {when}", height=2.1),
             Panel(
                 curves=below,
                 x=position,
@@ -109,7 +110,11 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
 
 
 def _marks(
-    experiment: Experiment, series: Sequence[Series], names: Sequence[str], title: str = ""
+    experiment: Experiment,
+    series: Sequence[Series],
+    names: Sequence[str],
+    when: str,
+    title: str = "",
 ) -> Figure:
     """Marks of every series, velocity against position, a panel for every coordinate."""
     panels = []
@@ -129,7 +134,17 @@ def _marks(
         x_words, y_words = _words(experiment, name)
         height = 2.4 if len(names) == 1 else 1.7
         panels.append(Panel(curves=curves, x=x_words, y=y_words, height=height))
-    return plane(panels, columns=min(2, len(panels)), title=title)
+    words = "; ".join(filter(None, [f"points where {when}", title]))
+    return plane(panels, columns=min(2, len(panels)), title=words)
+
+
+def _condition(experiment: Experiment, event: str) -> str:
+    """When an event happens: ``sin(t) = 0, rising``; of a surface its name."""
+    seen = (experiment.observations.events or {}).get(event)
+    if seen is None:
+        return event
+    how = {"rising": "rises through 0", "falling": "falls through 0"}
+    return f"{seen.when.text} {how.get(seen.direction, 'passes 0')}"
 
 
 def _words(experiment: Experiment, name: str) -> tuple[str, str]:
@@ -152,6 +167,9 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             bar = swept_keys_in_words(experiment)
     else:
         having = [most_accurate(select_runs(finished, has_quantities))]
+    motions = [item.run.scene.prescribed for item in having]
+    has_kinks = any(motion is not None and len(motion.kinks) for motion in motions)
+    kinks = "corners: kinks of the given displacement" if has_kinks else ""
     panels = []
     for name in forces_of(experiment)[:MOST_COMPONENTS]:
         curves = []
@@ -172,6 +190,7 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
                 curves=curves,
                 x=with_unit("deformation", experiment.units, "length"),
                 y=with_unit(quantity_in_words(experiment, name), experiment.units, name, "force"),
+                remark=kinks,
                 height=2.4,
             )
         )
@@ -186,5 +205,5 @@ def _marked_loops(time: Array, x: Array, y: Array) -> list[Curve]:
         whole = np.array([loop.begin, *inside, loop.end])
         look = Look(colour=COLOURS[place], width=1.4, dashes=LINE_STYLES[place - 1])
         places = [np.interp(whole, time, values) for values in (x, y)]
-        marked.append(Curve(x=places[0], y=places[1], label=f"{word} closed loop", look=look))
+        marked.append(Curve(x=places[0], y=places[1], label=f"{word} cycle", look=look))
     return marked

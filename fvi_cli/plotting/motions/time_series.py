@@ -37,7 +37,8 @@ _VISIBLE = 0.1  # of the largest position: an error that the eye sees
 _STEEP = 0.05  # of its largest value: an energy that falls below it within a third of the time
 _EPSILON = float(np.finfo(float).eps)
 _PANEL_DIGITS = 1e-6
-MOST_PANELS = 6
+_LOW = 0.1  # of the largest energy: what stays below has a panel of its own
+MOST_PANELS = 8
 """Quantities that are drawn; the first of them."""
 
 
@@ -105,7 +106,7 @@ def quantities_figure(
 ) -> Figure:
     """Draw quantities over time, a panel for each, with the last method's peak.
 
-    Without `names` they are the first (up to 6).
+    Without `names` they are the first (up to 8).
 
     Of members of a sweep the first method is shown on the finest grid; lines that a member has for
     itself have their peaks.
@@ -170,7 +171,7 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         parts["work of forcing $W_f$"] = found.forcing_work
         together = "$E + W_d - W_f$"
     if found.stored_energy is not None and np.any(found.stored_energy):
-        parts["stored in dampers $E_s$"] = found.stored_energy
+        parts["stored part $E_s$ of $W_d$"] = found.stored_energy
     parts[together] = energy + found.dissipated_work - found.forcing_work
     defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
     upper = with_unit("energy, work", experiment.units, "energy")
@@ -220,8 +221,13 @@ def _balance(
     own = run_curves(shown, defects, floors=floors)
     if len(own) == 1:
         own = [replace(own[0], label=f"defect, {own[0].label}")]
+    low = [one for one in curves if np.abs(one.y).max() < _LOW * scale]
+    if all(np.abs(one.y).max() < _PANEL_DIGITS * scale for one in low):
+        low = []
+    large = [one for one in curves if one not in low]
     panels = [
-        Panel(y=labels[0], curves=curves, height=1.7),
+        Panel(y=labels[0], curves=large, height=1.7),
+        *([Panel(y=labels[0], curves=low, height=0.9)] if low else []),
         Panel(y=labels[1], curves=own, height=1.2, is_log=True, rounding=rounding),
     ]
     return _figure(experiment, [best], panels)
