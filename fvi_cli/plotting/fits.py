@@ -140,8 +140,9 @@ def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
     what = form[min(rate, 1) :]
     if what.isidentifier():
         form = f"${dots}{typeset_name(what).strip('$')}$"
-    is_part = amplitude.part in ("real", "imaginary")
-    words = f"{amplitude.part}{' part' * is_part} of {form}"
+    words = f"{amplitude.part} of {form}"
+    if amplitude.part in ("real", "imaginary"):
+        words = f"{amplitude.part} part of {form}"
     if amplitude.part == "phase":
         return f"{words} (degrees)", "residual (degrees)"
     of = ("length", "velocity", "acceleration")[rate]

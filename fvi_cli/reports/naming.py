@@ -134,9 +134,9 @@ def key_label(
     # units of coefficients hold its letter
     words = re.sub(r"^order\b", r"order $\\gamma$", key_in_words(path))
     label = with_unit(words, units, *names)
-    beside = f"{path.rpartition('.')[0]}.order"
-    if beside not in (path, *varied) and leads_somewhere(problem or {}, beside):
-        label = label.replace(r"\gamma", f"{{{value_at(problem or {}, beside):g}}}")
+    order = f"{path.rpartition('.')[0]}.order"
+    if order not in (path, *varied) and leads_somewhere(problem or {}, order):
+        label = label.replace(r"\gamma", f"{{{value_at(problem or {}, order):g}}}")
     return f"{label}, {motion}" if motion else label
 
 
