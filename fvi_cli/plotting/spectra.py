@@ -111,9 +111,9 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     above, below = figure.axes[:2]
     for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
         places = (-mode.decay_rate, mode.hertz), (mode.hertz, 100.0 * mode.damping_ratio)
-        for axes, at in zip((above, below), places, strict=True):
-            text = axes.annotate(str(number + 1), at, xytext=(-4, 0))
-            text.set(fontsize=small() - 1, color=INK, ha="right", va="center")
+        for axes, at, up in zip((above, below), places, (-3, 0), strict=True):
+            text = axes.annotate(str(number + 1), at, xytext=(-3, up))
+            text.set(fontsize=small() - 1, color=INK, ha="right", va="bottom")
             text.anncoords = "offset points"
     above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
     rates = np.concatenate([curve.x for curve in upper])
