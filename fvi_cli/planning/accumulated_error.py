@@ -126,8 +126,8 @@ def accumulated_error(
         shifted = shifts(finer)
         if not windows[0].is_regular:
             return [errors_of_steps(one, method, rate, shifted, finer) for one in windows]
-        alone = errors_of_steps(_units(windows[0]), method, rate, shifted, finer)
-        return [one.velocity[:-1] * alone[0] + one.force[:-1] * alone[1] for one in windows]
+        by_unit = errors_of_steps(_units(windows[0]), method, rate, shifted, finer)
+        return [one.velocity[:-1] * by_unit[0] + one.force[:-1] * by_unit[1] for one in windows]
 
     total, made_by_steps = np.zeros(shapes.shape[1:]), 0.0
     errors: list[Array] = [np.zeros(1)]
