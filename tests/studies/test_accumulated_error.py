@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.linalg import expm
 
 import fvi_cli as fvi
 from fvi_cli.integrator.growth_bound import energy_remarks
+from fvi_cli.planning import accumulated_error as module
 from fvi_cli.planning.accumulated_error import accumulated_error
 from fvi_cli.planning.one_step import exponentials, increments, rate_errors
 from fvi_cli.planning.path_resolution import path_remarks, unbounded_remark
@@ -163,6 +165,51 @@ def test_long_runs_are_looked_at_in_parts(n_steps: int, monkeypatch: pytest.Monk
     assert min(error, 1) / 2 < known.error.max()
     assert known.error.max() < 3 * error or error > 1
     assert sum(seen) <= 1000
+
+
+@pytest.mark.parametrize("name", ["gauss1", "gauss2", "bdf2", "bdf3-nodes"])
+@pytest.mark.parametrize("n_steps", [60, 900, 7000])
+def test_linear_runs_in_equal_steps_take_one_step(
+    name: str, n_steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What one step makes of units says it for all: as if each were looked at by itself."""
+    random = np.random.default_rng([35, n_steps, *map(ord, name)])
+    d, seen = int(random.integers(1, 4)), []
+    factors = random.standard_normal((3, d, d))
+    mass, stiffness, form = (np.eye(d) + one @ one.T for one in factors)
+    scene = fvi.linear_oscillator(
+        mass=mass,
+        stiffness=stiffness,
+        damping=[
+            fvi.FractionalDamping(order=order, coefficient=1e-3 * form) for order in (0.4, 1.5)
+        ],
+        forcing=fvi.Forcing.from_text(*["sin(t/3)"] * d),
+        initial_position=random.standard_normal(d),
+        final_time=0.3 * n_steps,
+    )
+    method = fvi.method_named(name)
+    run = fvi.integrate(scene, method, n_steps)
+    monkeypatch.setattr(
+        module,
+        "increments",
+        lambda one, h, *parts: seen.append(h.size) or increments(one, h, *parts),
+    )
+    fast = accumulated_error(scene, method, run, math.inf)
+    work, whole = sum(seen), module._with_real_parts
+    seen.clear()
+    monkeypatch.setattr(
+        module,
+        "_with_real_parts",
+        lambda windows: whole([replace(one, is_regular=False) for one in windows]),
+    )
+    each = accumulated_error(scene, method, run, math.inf)
+    assert fast is not None
+    assert each is not None
+    assert fast.error == pytest.approx(each.error, rel=1e-6, abs=1e-9)
+    assert fast.amplification == pytest.approx(each.amplification, rel=1e-6)
+    assert work == 2
+    # the control
+    assert sum(seen) >= 60
 
 
 @pytest.mark.parametrize("seed", range(6))
