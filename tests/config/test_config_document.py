@@ -1,8 +1,11 @@
 """Numbers and words of YAML 1.2, and the places of nodes."""
 
+import json
 import math
 
+import numpy as np
 import pytest
+import yaml
 
 from fvi_cli.config.text.document import read_document
 from fvi_cli.keys.complaints import Complaints, SourcePosition
@@ -113,3 +116,39 @@ def test_no_object_is_ever_made():
     (item,) = node.entries["a"].node.items
     assert isinstance(item, ScalarNode)
     assert item.value == "true"
+
+
+def drawn_json(random: np.random.Generator, depth: int = 0) -> object:
+    """Values as Python gives them, with texts that are hard to write."""
+    kind = random.integers(7 if depth < 4 else 5)
+    if kind == 5:
+        return [drawn_json(random, depth + 1) for _ in range(random.integers(5))]
+    if kind == 6:
+        keys = ("a", "b: c", "#", "é", "\\", "<<", "", "\n- 1", "🙂", "1e3")
+        return {
+            keys[random.integers(len(keys))]: drawn_json(random, depth + 1)
+            for _ in range(random.integers(5))
+        }
+    if kind == 4:
+        words = ("no", "1e-3", "\x00", "\ud800", "\U0001f642", "'\"", "\t x ", "\u2028", "&a", "* ")
+        return words[random.integers(len(words))]
+    number = float(10 ** random.uniform(-300, 300))
+    return (number, -math.inf, int(random.integers(-(10**9), 10**9)), bool(kind))[kind]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_json_is_read_alike_by_both_parsers(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trees, places and complaints; without the parser in C as well."""
+    random = np.random.default_rng([41, seed])
+    text = json.dumps({"values": [drawn_json(random) for _ in range(6)]}, indent=1)
+    found = []
+    for is_json, has_library in ((False, True), (True, True), (True, False)):
+        with monkeypatch.context() as patch:
+            if not has_library:
+                patch.delattr(yaml, "CSafeLoader", raising=False)
+            complaints = Complaints()
+            start = SourcePosition(source="one", line=1, column=1)
+            tree = read_document(text, start, complaints, is_json=is_json)
+            said = str(complaints.error()) if len(complaints) else ""
+            found.append((repr(tree), said))
+    assert found[0] == found[1] == found[2]
