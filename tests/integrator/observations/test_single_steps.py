@@ -78,7 +78,12 @@ def test_they_are_as_good_as_a_second_run_and_the_steps_of_the_run_are_not(seed,
     fine = integrate(scene, REFERENCE, 400, with_steps=True)
     exact = observed(scene, REFERENCE, fine, asked, further=True)
     second = largest(observed(scene, method, run, asked, further=True), exact)
-    assert (largest(observed(scene, method, run, asked), exact) < 1.25 * second).all()
+    # behind a singular start momenta swing from step to step, and such a step begins with them
+    late = run.time > times[0]
+    points = replace(asked, times=run.time[late])
+    swing = run.momentum[late] - observed(scene, REFERENCE, fine, points).momentum
+    kept = 0.05 * np.abs(swing).max() * np.array([run.step_size, 1.0])
+    assert (largest(observed(scene, method, run, asked), exact) < 1.25 * second + kept).all()
     if start == "none":
         # steps behind the start are as far off at their points
         return
