@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -43,8 +43,7 @@ class Lagrangian:
 
     coordinates: tuple[str, ...]  # names of the d coordinates
     value: FormulaSystem
-    # the other names: numbers, or arrays that broadcast with the components of positions
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)  # values of the other names in it
     # A matrix K whose q^T K q / 2 is taken from L, shape (d, d); None: 0
     stiffness: Array | None = None
 

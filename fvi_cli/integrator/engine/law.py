@@ -25,6 +25,7 @@ from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.engine.tables import apply
 from fvi_cli.mathematics.algebra.formulas import PointFormulas
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.convergence import find_roots
 
 
 class Linearisation(NamedTuple):
@@ -260,17 +261,24 @@ class General(_Members):
         own = self.lagrangian
         self._first = PointFormulas(own.first, own.variables, self.parameters)
         self._second = PointFormulas(own.second, own.variables, self.parameters)
-        # at one point of every member; quadratic forms of positions do not move momenta
-        columns = {name: one[:, 0] for name, one in self.parameters.items()}
-        self._single = replace(own, parameters=columns, stiffness=None)
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
         """dL/dv."""
-        return self._single.forces(x, v, t)[0]
+        return self._first(x[:, None], v[:, None], np.full((1, 1), t))[:, 0, : x.shape[1]]
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """By Newton's iteration, for every member by itself."""
-        return self._single.velocity(x, p, t)
+        e = x.shape[-1]
+
+        def mismatch(v: Array) -> tuple[Array, Array, Array]:
+            values = self._second(x[:, None], v[:, None], np.full((1, 1), t))[:, 0]
+            mass = values[:, 2 * e : 2 * e + e * e].reshape(-1, e, e)
+            own = values[:, :e]
+            terms = apply(np.abs(mass), np.abs(v)) + np.abs(p) + np.abs(own)
+            return own - p, mass, terms
+
+        v, found, _ = find_roots(mismatch, np.zeros_like(p))
+        return np.where(found[:, None], v, np.nan)
 
     def _derivatives(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
         """P and Q in one array, and the second derivatives ``(q, n, 3, e, e)``."""
