@@ -22,7 +22,7 @@ from fvi_cli.studies.members import with_values, without_values
 FORMAT = 3
 """Number of the file format; a program reads files of its own number."""
 
-SOLVER_VERSION = 17
+SOLVER_VERSION = 18
 """To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
 
 INPUT: Final = "input@"
