@@ -119,4 +119,6 @@ def test_energy_that_the_damping_stores_is_kept(tmp_path):
     with xarray.open_dataset(tmp_path / "planet.h5", engine="h5netcdf", group=group) as data:
         assert data["stored_energy"].dims == ("time",)
     figure = balance_figure(config.experiments[0], [next(study(config.experiments[0]))])
-    assert "stored in dampers $E_s$" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "stored part $E_s$ of $W_d$" in [
+        text.get_text() for text in figure.legends[0].get_texts()
+    ]
