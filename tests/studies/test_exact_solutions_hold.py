@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from oracles.volterra import solve_volterra
 
+from fvi_cli.config import parse_config
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies import reference
@@ -108,3 +109,26 @@ def test_a_wrong_exact_solution_is_left_for_a_refined_run(monkeypatch):
     assert "the exact solution differs" in found.source
     times = np.linspace(0.0, 10.0, 51)
     assert np.abs(found.at(times) - right.exact(times)).max() < 1e-11
+
+
+def test_members_are_held_against_an_exact_solution_only_where_it_is_one(monkeypatch):
+    text = """\
+name: members
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.6, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 5.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [20]}
+sweep: {problem.stiffness: [1.5, 2.5]}
+"""
+    runs = parse_config(text, "members.yaml").experiments[0].runs()
+    right, other = (run.problem for run in runs)
+    wrong = replace(other, exact=lambda t: other.exact(t) * (1.0 + 1e-4 * t[:, None]))
+    given = property(lambda run: (right, wrong)[run.member.number])
+    monkeypatch.setattr(type(runs[0]), "problem", given)
+    kept, found = reference.refined_references(runs)
+    assert kept is None
+    times = runs[1].times
+    assert np.abs(found.at(times) - other.exact(times)).max() < 1e-11
