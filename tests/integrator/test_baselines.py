@@ -254,3 +254,16 @@ class TestPeers:
     def test_orders_of_the_real_ones(self, name, method, order):
         measured = slope(SCENES[name], Baseline(name=method), (50, 100, 200))
         assert measured == pytest.approx(order, abs=0.1)
+
+
+@pytest.mark.parametrize("n_steps", [1, 2, 3, 7])
+def test_velocities_of_gruenwald_letnikov_are_differences_of_its_positions(n_steps):
+    scene = free(0.5)
+    run = integrate(scene, GRUENWALD, n_steps)
+    h, x, v = scene.final_time / n_steps, run.position[:, 0], run.momentum[:, 0]
+    # of a mass 1
+    assert v[0] == scene.initial_velocity
+    np.testing.assert_allclose(v[1:-1], (x[2:] - x[:-2]) / (2 * h), atol=1e-12)
+    # at the end through three points where there are as many
+    last = (x[-1] - x[-2]) / h if n_steps == 1 else (3 * x[-1] - 4 * x[-2] + x[-3]) / (2 * h)
+    assert v[-1] == pytest.approx(last, abs=1e-12)

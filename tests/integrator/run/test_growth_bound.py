@@ -194,3 +194,19 @@ class TestFailures:
         scene = spring(T=10.0, k=-4.0, x=1.0)
         with pytest.raises(np.linalg.LinAlgError, match="no unique solution"):
             path_from(scene, Method(cq="gauss", degree=1), 10, np.ones(1), np.ones(1))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("power", [31, 34, 40])
+def test_wells_on_the_way_explain_the_energy_of_a_run_and_those_elsewhere_do_not(side, power):
+    """Points lie beyond a well that none of them meets."""
+    place, well = 2.0**power, 1e10 * 4.0**power
+    scene = lagrangian_scene(
+        coordinates=["q"],
+        lagrangian=f"vq**2/2 + {well!r}*exp(-(q - {16 * side})**2)",
+        initial_velocity=[1.0],
+        final_time=1.0,
+    )
+    bound, momentum = scene_bound(scene), np.array([[np.sqrt(well)]])
+    assert not bound.outside(np.array([[side * place]]), momentum, np.array([0.5])).any()
+    assert bound.outside(np.array([[-side * place]]), momentum, np.array([0.5])).all()
