@@ -182,8 +182,9 @@ class Forcing:
                             f"from {begin:g} to {end:g}; give more of them, or beyond='zero' for "
                             "no force behind the last"
                         )
-                elif isinstance(component, Expression) and not component.is_constant:
-                    pole = pole_inside(component, begin, end)
+                formula = formula_of(component)
+                if formula is not None and not formula.is_constant:
+                    pole = pole_inside(formula, begin, end)
                     if pole is not None:
                         return (
                             f"{where} grows like |t - {pole[0]:.10g}|**{pole[1]:g} at t = "

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.forcing import ForcingPiece, formula_of
 from fvi_cli.effects.lagrangian import TIME, Lagrangian
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
@@ -16,7 +16,6 @@ from fvi_cli.integrator.local_error.pulses import Motion, Pulsed, pulsed
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
 
 STEPS_PER_PERIOD = 4.0
 """With fewer steps a period is not resolved."""
@@ -192,9 +191,9 @@ def _waves_period(pieces: Sequence[ForcingPiece], final_time: float) -> float:
         end = min(piece.until, final_time)
         both = _pairs(begin, end, final_time)
         for component, _ in piece.distinct if begin < end else ():
-            if isinstance(component, Expression):
-                waves = arguments_of(component.system, WAVES)
-                known: dict[str, Array | float] = {**dict(component.constants), "t": both}
+            if (formula := formula_of(component)) is not None:
+                waves = arguments_of(formula.system, WAVES)
+                known: dict[str, Array | float] = {**dict(formula.constants), "t": both}
                 rate = max(rate, _fastest(waves.evaluate(known), both))
         begin = end
     return 2.0 * math.pi / rate if rate > 0 else math.inf

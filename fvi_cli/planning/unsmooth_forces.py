@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
+from fvi_cli.effects.forcing import formula_of
 from fvi_cli.effects.lagrangian import TIME
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
@@ -14,7 +15,6 @@ from fvi_cli.mathematics.algebra.arithmetic import KINKED
 from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
 
 LINES, SAMPLES, ZOOMS = 6, 2401, 6
 TOUCHED = 1e-9
@@ -73,11 +73,9 @@ def _force_has_kinks(scene: Scene) -> bool:
     for piece, begin, end in zip(scene.forcing.pieces, ends[:-1], ends[1:], strict=False):
         inside = np.linspace(0.0, end - begin, SAMPLES + 2)[1:-1]
         for component, _ in piece.distinct:
-            if isinstance(component, Expression):
-                line = _line_through(
-                    dict(component.constants), [TIME], np.array([begin]), np.ones(1)
-                )
-                if _meets_kinks(component.system, line, inside):
+            if (formula := formula_of(component)) is not None:
+                line = _line_through(dict(formula.constants), [TIME], np.array([begin]), np.ones(1))
+                if _meets_kinks(formula.system, line, inside):
                     return True
     return False
 

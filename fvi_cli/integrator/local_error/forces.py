@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece, formula_of
+from fvi_cli.effects.forcing import ForceComponent, ForcingPiece, formula_of
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.algebra.arithmetic import KINKED
@@ -18,7 +18,7 @@ from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import Interval
+from fvi_cli.mathematics.intervals.functions import Interval, hull
 
 LARGEST_DIFFERENCE: Final = 1e300
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
@@ -174,9 +174,9 @@ class SceneForces:
         zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
         if self.is_of_time:
             return [
-                (places[0], zero + component.evaluate({"t": time}))
+                (places[0], _range_of(component, time))
                 for component, places in (() if piece is None else piece.distinct)
-                if isinstance(component, Expression) and not component.is_constant
+                if (formula := formula_of(component)) is not None and not formula.is_constant
             ]
         total = [zero for _ in range(self._dimension)]
         if self._potential is not None:
@@ -199,8 +199,7 @@ class SceneForces:
             total = [one + value for one, value in zip(total, forces, strict=True)]
         if piece is not None:
             for i, component in enumerate(piece.components):
-                if isinstance(component, Expression):
-                    total[i] = total[i] + component.evaluate({"t": time})
+                total[i] = total[i] + _range_of(component, time)
         return list(enumerate(total))
 
     def units_at(self, middle: float) -> Array | None:
@@ -219,6 +218,15 @@ class SceneForces:
         if self._forcing is None:
             return None
         return self._forcing.pieces[bisect.bisect_left(self._breaks, middle)]
+
+
+def _range_of(component: ForceComponent, time: Interval) -> Interval:
+    """Range of a component; samples and functions are looked at in three places."""
+    formula, seen = formula_of(component), hull(np.zeros_like(time.low))
+    if not isinstance(component, Expression):
+        places = np.stack([time.low, 0.5 * (time.low + time.high), time.high])
+        seen = hull(*np.asarray(replace(component, formula=None).evaluate({"t": places})))
+    return seen if formula is None else seen + formula.evaluate({"t": time})
 
 
 def _systems(scene: Scene) -> Iterator[FormulaSystem]:

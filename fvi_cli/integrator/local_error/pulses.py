@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece, formula_of
 from fvi_cli.effects.lagrangian import TIME, Lagrangian
-from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces, may_hide
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
@@ -159,8 +158,8 @@ def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> li
 def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -> Pulses:
     """Look for pulses of a force in [0, T].
 
-    Samples have points of their own. An impulse, a force times a time, that is negligible does not
-    matter.
+    Samples have points of their own, formulas beside them do not. An impulse, a force times a time,
+    that is negligible does not matter.
     """
     points: set[float] = set()
     unresolved: list[float] = []
@@ -170,7 +169,7 @@ def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -
         if begin >= end:
             break
         for component, _ in piece.distinct:
-            formula = None if isinstance(component, SampledForce) else formula_of(component)
+            formula = formula_of(component)
             if formula is not None and may_hide(formula.system):
                 found = _Search(formula, begin, end, negligible).result()
                 points.update(found.points)

@@ -12,12 +12,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, ForcingPiece, formula_of
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
 
 UNKNOWN_FORCE = 0.5
@@ -96,7 +95,7 @@ def powers_behind(scene: Scene, break_point: float) -> tuple[float, ...]:
         return ()
     ends = [piece.until for piece in scene.forcing.pieces]
     piece = scene.forcing.pieces[ends.index(break_point) + 1]
-    formulas = [one for one, _ in piece.distinct if isinstance(one, Expression)]
+    formulas = filter(None, (formula_of(one) for one, _ in piece.distinct))
     return tuple(e for one in formulas for e in _fractional_powers(one, break_point))
 
 

@@ -148,7 +148,8 @@ class _Search:
         forces, knots = SceneForces(self.scene), knots_of(self.scene)
         self.guess = likely_amplitude(self.scene)
         self.pulses = pulses_that_move(self.scene, NEGLIGIBLE * self.target(self.guess))
-        if knots and not (self.pulses.points or forces.has_kinks):
+        # on steps between samples two runs may miss the same wall
+        if knots and not (self.pulses.points or forces.has_kinks or forces.is_steep):
             found = self._on_samples(knots)
             if found is not None:
                 return found
