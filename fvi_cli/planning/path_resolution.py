@@ -69,8 +69,9 @@ def path_remarks(
 ) -> tuple[str, ...]:
     """What the steps of a run were too long for, with what to write; empty: nothing.
 
-    Errors are estimated where none is known.
+    Errors are estimated where none is known, and no impact takes energy.
     """
+    with_errors &= trajectory.steps is None or trajectory.steps.jump is None
     if scene.prescribed is not None or scene.is_sparse or scene.dimension > MOST_MODES:
         return ()
     error, known = math.inf, None
@@ -113,7 +114,9 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
         if not far > np.abs(path[0]).max():
             return ()
         distance = np.abs(path - path[0]).max(axis=1)
-        if not far > np.median(distance):
+        # behind a singular start points are dense
+        usual = np.interp(np.linspace(0.0, time[-1], time.size), time, distance)
+        if not far > np.median(usual):
             return ()
         at = scene.derivatives(path[-1:], np.zeros_like(path[-1:]), time[-1:])
 
@@ -172,12 +175,14 @@ def _unexplained(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
     momentum, steps = trajectory.momentum, trajectory.steps
     if scene.is_linear or momentum is None or trajectory.every > 1 or momentum.shape[0] < 4:
         return ()
-    if steps is not None and steps.jump is not None:
-        # impacts change it at once
-        return ()
     path, time = trajectory.position, trajectory.time
     # those of the first step may be damped however quickly
-    sudden = np.flatnonzero(_sudden(momentum)[1:-1])[:MOST_SUDDEN, None] + 1
+    is_sudden = _sudden(momentum)[1:-1]
+    if steps is not None and steps.jump is not None:
+        # impacts change it at once
+        pushed = np.asarray(steps.jump[: time.size].any(axis=1))
+        is_sudden &= ~(pushed[:-3] | pushed[1:-2] | pushed[2:-1] | pushed[3:])
+    sudden = np.flatnonzero(is_sudden)[:MOST_SUDDEN, None] + 1
     if not sudden.size:
         return ()
     size = np.abs(momentum).max(axis=0)

@@ -141,11 +141,9 @@ def _step_remarks(
         return ()
     longest = float(np.diff(n_steps.times).max()) if isinstance(n_steps, Mesh) else run.step_size
     n, nodes = scene.final_time / longest, getattr(method, "degree", 1)
-    # impacts take energy, and their steps are found by events
-    with_errors = run.status == "ok" and not (run.steps and run.steps.jump is not None)
     return (
         *resolution_remarks(scene, n, nodes=nodes, trajectory=run),
-        *path_remarks(scene, method, run, with_errors=with_errors),
+        *path_remarks(scene, method, run, with_errors=run.status == "ok"),
         *unbounded_remark(scene, run),
     )
 

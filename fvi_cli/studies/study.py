@@ -257,9 +257,7 @@ def _remarks(
             small = UNRELIABLE * measured.largest
             is_known = measured.floor("max", 1.0) <= small and math.isfinite(measured.max)
             if not (is_known and measured.max <= small):
-                # impacts take energy, and their steps are found by events
                 needed = trajectory.status == "ok" and not is_known
-                needed &= not experiment.observations.impacts
                 found += path_remarks(scene, run.method, trajectory, with_errors=needed)
         if prediction.is_noticed(n_steps) or prediction.linearised_verdict == "unstable":
             found.append(f"stability: {prediction.reason}")

@@ -86,13 +86,15 @@ def regular_until(
 
 
 def with_singular_mass(
-    failure: Failure, lagrangian: Lagrangian, path: Array, time: float, step: float
+    failure: Failure, lagrangian: Lagrangian, path: Array, time: Array, step: float
 ) -> Failure:
     """The same failure of a step behind `path`, with what is known of the mass matrix ahead."""
-    here, velocity = path[-1], (path[-1] - path[-2]) / step if len(path) > 1 else 0.0 * path[-1]
+    here, velocity = path[-1], 0.0 * path[-1]
+    if len(path) > 1:
+        velocity = (path[-1] - path[-2]) / (time[-1] - time[-2])
     ahead = np.stack([path[0], *(here + AHEAD[:, None] * step * velocity)])
     with np.errstate(all="ignore"):
-        mass = lagrangian.derivatives(ahead, np.broadcast_to(velocity, ahead.shape), time).mass
+        mass = lagrangian.derivatives(ahead, np.broadcast_to(velocity, ahead.shape), time[-1]).mass
         if not np.isfinite(mass).all():
             return failure
         least = np.linalg.eigvalsh(mass)[:, 0]

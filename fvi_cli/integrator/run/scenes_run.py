@@ -152,18 +152,24 @@ def trajectory_of(
     *,
     with_steps: bool,
     seconds: tuple[float, float],
+    bounced: RunSteps | None = None,
+    n_steps: int | None = None,
 ) -> Trajectory:
     """What is reported of a scene whose steps are done.
 
-    Seconds are those until the steps began, and for these.
+    Seconds are those until the steps began, and for these. Of a run with impacts the steps are
+    given, with their momenta, and the number of those that were not cut.
     """
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
-    n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
+    if n_steps is None:
+        n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
     time, position, momentum = recorder.points(index)
     failure = recorder.failures.get(index)
     steps = recorder.steps(index) if recorder.with_steps else None
     remarks = this.remarks
-    if has_rough_momenta(scene, method):
+    if bounced is not None:
+        steps, momentum = bounced, bounced.momentum
+    elif has_rough_momenta(scene, method):
         if steps is not None:
             every_momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
             momentum = every_momentum[np.searchsorted(steps.time, time)]
@@ -183,14 +189,16 @@ def trajectory_of(
             failure = irregular
         elif failure is not None and failure.reason == "step failed":
             step = scene.final_time / max(n_steps, 1)
-            failure = with_singular_mass(failure, scene.lagrangian, position, time[-1], step)
+            failure = with_singular_mass(failure, scene.lagrangian, position, time, step)
     finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
     found = None
     if steps is not None and not diagnostics.is_empty and steps.n_steps:
         found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
     if failure is None:
         force = this.engine.loads_of[index].largest_force
-        remarks += energy_remarks(scene, position, energy, force)
+        # surfaces that move give energy
+        if steps is None or steps.jump is None:
+            remarks += energy_remarks(scene, position, energy, force)
         if scene.forcing is not None and scene.forcing.has_functions:
             # all points of a mesh take memory
             remarks += jump_remarks(scene, time if this.mesh is None else this.mesh.times)

@@ -36,17 +36,22 @@ class Soundness:
 
     Both are looked at closely only where a quick look at all scenes finds it possible.
 
-    The loads of each have the largest value that was met on the way.
+    The loads of each have the largest value that was met on the way. Where surfaces that move push
+    them, what they can reach is not known: they are not bounded.
     """
 
-    def __init__(self, scenes: Sequence[Scene], loads: Sequence[StepLoads]) -> None:
-        self._scenes, self._loads = scenes, loads
+    def __init__(
+        self, scenes: Sequence[Scene], loads: Sequence[StepLoads], *, is_bounded: bool = True
+    ) -> None:
+        self._scenes, self._loads, self._is_bounded = scenes, loads, is_bounded
         self._bounds: dict[int, GrowthBound] = {}
 
     def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
         """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
         n = points.times.size
         self._check_domain(points, live, stops)
+        if not self._is_bounded:
+            return
         position = points.position
         largest = np.maximum(position.max(axis=(1, 2)), -position.min(axis=(1, 2)))
         forces = np.array([one.largest_force for one in self._loads])

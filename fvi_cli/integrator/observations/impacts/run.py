@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
@@ -36,8 +37,9 @@ from fvi_cli.integrator.run.adaptive import MOST_SHORTEST
 from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.run.points import MeshSource
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.scenes_run import ScenesRun
-from fvi_cli.integrator.trajectory import Trajectory, status_of
+from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
+from fvi_cli.integrator.run.soundness import Soundness
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -73,37 +75,32 @@ def integrate_with_impacts(
             raise ValueError(f"impacts.{name}: {surface.impact.when.text} {objection}")
     engine = _engine(scene, method)
     source = Bouncing(scene, method, n_steps, surfaces)
-    this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
+    moves = any("t" in one.when.system.names for one in impacts.values())
+    check = Soundness([scene], engine.loads_of, is_bounded=not moves)
+    this = ScenesRun(engine, source, Recorder(engine, with_steps=True, check=check))
     this.begin()
     ready = clock.perf_counter()
     run_key = (method.case, n_steps, scene.final_time / n_steps)
     seconds = this.march(checkpoints, run_key, (scene, method, tuple(surfaces.items())))
     steps = this.recorder.steps(0)
-    momentum = steps.momentum.copy()
+    momentum, jump = steps.momentum.copy(), np.array(source.jumps[: steps.n_steps + 1])
     for point, push in source.late.items():
-        momentum[point] += push
-    steps = replace(steps, momentum=momentum, jump=np.array(source.jumps))
+        # the run may have been stopped before
+        momentum[point : point + 1] += push
+    steps = replace(steps, momentum=momentum, jump=jump if jump.any() else None)
     if is_rough_behind_impacts(scene):
         momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
         steps = replace(steps, momentum=momentum)
-    with np.errstate(all="ignore"):
-        energy = scene.energy(steps.position, steps.momentum, steps.time)
-    failure = this.recorder.failures.get(0)
-    trajectory = Trajectory(
-        time=steps.time,
-        position=steps.position,
-        momentum=steps.momentum,
-        energy=energy,
+    this.remarks = (source.rest,) if source.rest else ()
+    trajectory = trajectory_of(
+        this,
+        0,
+        1,
+        NO_DIAGNOSTICS,
+        with_steps=True,
+        seconds=(ready - began, seconds),
+        bounced=steps,
         n_steps=n_steps,
-        step_size=scene.final_time / n_steps,
-        status=status_of(failure, finite=bool(np.isfinite(steps.position).all())),
-        message=str(failure or ""),
-        failure=failure,
-        newton=this.recorder.newton.of(0),
-        setup_seconds=ready - began,
-        stepping_seconds=seconds,
-        remarks=(source.rest,) if source.rest else (),
-        steps=steps,
     )
     return trajectory, {name: np.array(times) for name, times in source.times.items()}
 
