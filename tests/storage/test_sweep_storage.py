@@ -85,6 +85,18 @@ def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_by
     assert not (tmp_path / "many.journal").exists()
 
 
+def test_as_many_members_are_read_together_as_a_block_holds(tmp_path, monkeypatch):
+    keep(tmp_path, load())
+    counts = []
+    for block_bytes in (reading.BLOCK_BYTES, 1500, 1):
+        monkeypatch.setattr(reading, "BLOCK_BYTES", block_bytes)
+        with h5py.File(tmp_path / "many.h5") as file:
+            group = reading.StoredGroup(file[GROUP])
+            counts.append(group.rows_at_a_time)
+            assert group.block(5)[0] == 5 - 5 % counts[-1]
+    assert counts[0] == 6 > counts[1] > counts[2] == 1
+
+
 def test_the_group_is_that_of_the_contract(tmp_path):
     loaded = load()
     keep(tmp_path, loaded)
