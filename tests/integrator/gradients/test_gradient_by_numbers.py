@@ -198,6 +198,23 @@ def test_what_is_not_smooth_has_no_derivative():
     assert found[0] == pytest.approx(5e3, rel=1e-9)
 
 
+@pytest.mark.parametrize("rate", [0.0, 1.0, 1e4, 3e5])
+@pytest.mark.parametrize("value", [1e-6, -1e-8])
+def test_beside_zero_differences_grow_until_round_off_is_small_or_what_bends_is_felt(value, rate):
+    scene = linear_oscillator(final_time=1.0)
+    small = Variation(
+        family=lambda number: linear_oscillator(final_time=1.0, stiffness=1.0 + number**2),
+        value=value,
+        name="stiffness",
+    )
+
+    def values(beside: Scene, at: float) -> list[np.ndarray]:
+        return [np.array([1.0 + (math.sin(rate * at) / rate if rate else at)])]
+
+    (found,) = differentiate(small, scene, values)
+    assert found[0] == pytest.approx(math.cos(rate * value), rel=2e-6)
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_quantities_that_lose_complex_steps_are_refused(scale):
     scene = linear_oscillator(
