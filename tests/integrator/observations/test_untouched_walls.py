@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_scenes import KINDS, STRUCTURES, scene_of, shape_of
+from letters import spring
 from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.observations.impacts import run as impacts_run
 from fvi_cli.integrator.observations.request import names_of
+from fvi_cli.integrator.run.soundness import Soundness
 
 FAR = {"when": "{0}**2 + 1", "restitution": 0.5}
 LAGRANGIANS = {
@@ -103,3 +106,41 @@ def test_each_remark_and_failure_is_met():
     words = {word[:14] for every in found.values() for one in every for word in one[3]}
     assert {"irregular", "step failed"} <= reasons
     assert {"steps: h = # i", "steps: h = # m", "motion: it gro"} <= words
+
+
+@pytest.mark.parametrize("speed", [4.0, 0.5])
+def test_a_surface_that_moves_may_take_a_body_anywhere(speed, monkeypatch):
+    scene = spring((0.5, 0.1), k=0.0, T=3.0, x=1e-9, v=0.0)
+    wall = {"when": f"x + 1 - {speed}*t", "restitution": 0.8}
+    assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "ok"
+    # the control: bounded by what the scene does by itself it is called diverged
+    monkeypatch.setattr(impacts_run, "Soundness", lambda *given, is_bounded: Soundness(*given))
+    assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "diverged"
+
+
+@pytest.mark.parametrize("seed", [22, 38])
+def test_a_wall_inside_of_a_step_is_met_between_impacts(seed):
+    rng = np.random.default_rng(seed)
+    at, order, n_steps = rng.uniform(0.3, 0.6), rng.choice([0.2, 0.5, 0.8]), rng.integers(100, 200)
+    speed, width = rng.uniform(0.5, 2), 10 ** rng.uniform(-5, -2.5)
+    floor = {"floor": {"when": "x", "restitution": 0.8}}
+    wall, none = (
+        fvi.integrate(
+            fvi.lagrangian_scene(
+                coordinates=["x"],
+                lagrangian=f"vx**2/2 - 3*x - {height}*tanh((x - {at})/{width})",
+                initial_position=[1.0],
+                initial_velocity=[speed],
+                final_time=3.0,
+                damping=[FractionalDamping(order=order, coefficient=0.1)],
+            ),
+            "gauss3",
+            int(n_steps),
+            impacts=floor,
+        )
+        for height in (2.0, 0.0)
+    )
+    assert "the momentum changes suddenly" in " ".join(wall.remarks)
+    # the control: impacts alone are no walls
+    assert none.observed.events["floor"].time.size
+    assert not none.remarks
