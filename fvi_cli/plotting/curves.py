@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.looks import EXACT, Look, pale
@@ -19,7 +20,9 @@ FEW_POINTS = 2001
 MOST_POINTS = 20_000
 """Points of a line up to which files hold them all; a longer one is a picture in them."""
 _VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
-_ON_IT, _LAYER = 1.1, 1.4  # points within which marks and lines hide others; these are broader by
+_WIDTH, _LAYER = 1.1, 1.4  # points of a line; of one below another, broader by this
+_ON_IT = 1.5 * _WIDTH  # points within which marks and lines hide others
+_IN_IT = 1.5  # of marks at one place, the lower is larger by this factor
 PEAK: Mapping[str, Any] = {
     "linestyle": "none",
     "markersize": 4.5,
@@ -31,7 +34,7 @@ PEAK: Mapping[str, Any] = {
 """Properties of the mark at a peak."""
 HIDDEN = "_hidden"
 """Label of the part of a line upon which others lie."""
-_SAME = 0.02  # of a panel's height: less is one line to the eye
+_SAME = 0.5 * _WIDTH  # points of a panel's height: less is one line to the eye
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,6 +54,7 @@ class Curve:
     order: float | Array = math.nan
     stated: float = math.nan
     floor: float = 0.0  # values below are round-off
+    marked: Sequence[int] | None = None  # points of a ladder that have a mark; None: all
 
     def stride(self) -> int:
         """Which points of a long line are drawn: every so many, as its form allows."""
@@ -158,7 +162,7 @@ def _coincide(panel: Panel, first: int, second: int) -> bool:
     if not there.any() or not np.array_equal(there, np.isfinite(other.y)):
         return False
     a, b = one.y[there], other.y[there]
-    return bool(np.abs(a - b).max() <= _SAME * np.ptp([a, b]))
+    return bool(np.abs(a - b).max() <= _SAME / (72 * panel.height) * np.ptp([a, b]))
 
 
 def join_labels(labels: Sequence[str]) -> str:
@@ -183,43 +187,67 @@ def join_labels(labels: Sequence[str]) -> str:
     return f"{heads[0]}, {f'degrees {listed(degrees)}' if are_degrees else listed(tails)}"
 
 
-def take_turns(axes: Axes) -> None:
-    """Of marks that lie upon each other show one, each curve its share."""
-    named = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
-    lines = [one for one in named if np.size(one.get_xdata())]
-    places = [axes.transData.transform(one.get_xydata()) / axes.figure.dpi * 72 for one in lines]
-    points = [(*at, k, i) for k, own in enumerate(places) for i, at in enumerate(own.tolist())]
-    left = sorted(one for one in points if math.isfinite(one[0] + one[1]))
-    shown: list[list[int]] = [[] for _ in lines]
-    while left:
-        here = [one for one in left if math.dist(one[:2], left[0][:2]) < _ON_IT]
-        least = min((k for *_, k, _ in here), key=lambda k: len(shown[k]))
-        shown[least] += [i for *_, k, i in here if k == least]
-        left = [one for one in left if one not in here]
-    for line, own in zip(lines, shown, strict=True):
-        line.set_markevery(sorted(own))
-
-
 def draw_hidden(axes: Axes, curves: Sequence[Curve], shown: Sequence[Look], height: float) -> None:
     """Draw lines of a ladder broad and pale where later ones lie upon them.
 
     `height` is that of the panel in points of type.
     """
-    places, colours = [], []
-    for one, look in zip(curves, shown, strict=True):
-        if look.has_line and not look.is_broad:
-            rising = np.argsort(one.x)
-            places.append(np.log10([one.x, np.where(one.y > 0, one.y, np.nan)])[:, rising])
-            colours.append(pale(look.colour))
+    lines = [
+        (one.x[rising], np.where(one.y > 0, one.y, np.nan)[rising], pale(look.colour))
+        for one, look in zip(curves, shown, strict=True)
+        if look.has_line and not look.is_broad
+        for rising in [np.argsort(one.x)]
+    ]
+    places = [np.log10([x, y]) for x, y, _ in lines]
     every = np.concatenate([y[np.isfinite(y)] for _, y in places] or [np.ones(1)])
     near = _ON_IT / height * (np.ptp(every) if every.size else 0.0)
-    for k, ((x, y), colour) in enumerate(zip(places, colours, strict=True)):
+    for k, ((x, y), (xs, ys, colour)) in enumerate(zip(places, lines, strict=True)):
         upper = [np.interp(x, a, b, left=np.nan, right=np.nan) for a, b in places[k + 1 :]]
         count = np.sum([np.abs(one - y) < near for one in upper], axis=0)
         for layers in range(1, len(upper) + 1):
             parts = (count[1:] >= layers) & (count[:-1] >= layers)
             if parts.any():
                 ends = np.append(parts, False) | np.append(False, parts)
-                line = axes.plot(10**x, 10 ** np.where(ends, y, np.nan), **DECORATION)[0]
-                line.set(label=HIDDEN, color=colour, linewidth=_ON_IT + _LAYER * layers)
+                line = axes.plot(xs, np.where(ends, ys, np.nan), **DECORATION)[0]
+                line.set(label=HIDDEN, color=colour, linewidth=_WIDTH + _LAYER * layers)
                 line.set(zorder=2.5 - 0.01 * layers, solid_capstyle="butt")
+
+
+def draw_marks(axes: Axes) -> None:
+    """Draw the marks of a ladder above all lines, at one place the smaller upon the larger.
+
+    Where a line is pale, it and those upon it show theirs in turn.
+    """
+    named = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
+    points = [np.asarray(one.get_xydata()) for one in axes.lines if one.get_label() == HIDDEN]
+    hidden = {tuple(at) for one in points for at in one.tolist()}
+    left = []
+    for k, line in enumerate(named):
+        every, own = line.get_markevery(), np.asarray(line.get_xydata())
+        for at in (own if every is None else own[np.array(every, int)]).tolist():
+            place = axes.transData.transform(at) / axes.figure.dpi * 72
+            if np.isfinite(place).all():
+                left.append((*place.tolist(), k, tuple(at)))
+        line.set_markevery([])
+    left.sort()
+    full = [one[:2] for one in left if named[one[2]].get_markerfacecolor() != "white"]
+    turns = [0] * len(named)
+    while left:
+        here = [one for one in left if math.dist(one[:2], left[0][:2]) < _ON_IT]
+        left = [one for one in left if one not in here]
+        first = min((k for *_, k, at in here if at in hidden), default=len(named))
+        if turning := [one for one in here if one[2] >= first]:
+            chosen = min(turning, key=lambda one: turns[one[2]])
+            turns[chosen[2]] += 1
+            here = [*(one for one in here if one[2] < first), chosen]
+        here.sort(key=lambda one: named[one[2]].get_zorder())
+        for above, (*centre, k, at) in enumerate(here):
+            mark, size = Line2D(*np.transpose([at])), named[k].get_markersize()
+            mark.update_from(named[k])
+            mark.set(markersize=size * _IN_IT ** ((len(here) - 1) / 2 - above), markevery=None)
+            is_upon = any(math.dist(one, centre) < size for one in full)
+            if is_upon and mark.get_markerfacecolor() == "white":
+                mark.set_markerfacecolor("none")  # what is full is seen through what is hollow
+            mark.set(label=f"_mark of {named[k].get_label()}", gid="decoration", linestyle="none")
+            mark.set_zorder(named[k].get_zorder() + 2)
+            axes.add_line(mark)

@@ -26,7 +26,7 @@ _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
     "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
 }
 _STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
-_BASELINE_MARKERS = "x+dh<12"
+_BASELINE_MARKERS = "xvdh<12"
 # for methods that differ in more than convolution quadrature and degree
 _FURTHER_MARKERS = "<>8dHp"
 

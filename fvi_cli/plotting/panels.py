@@ -22,11 +22,11 @@ from fvi_cli.plotting.curves import (
     Curve,
     Panel,
     draw_hidden,
+    draw_marks,
     looks,
     merge_alike,
-    take_turns,
 )
-from fvi_cli.plotting.looks import EXACT, Look, colour_of, colours_of
+from fvi_cli.plotting.looks import Look, colour_of, colours_of
 from fvi_cli.plotting.slopes import explain
 from fvi_cli.plotting.style import (
     COLOURS,
@@ -44,12 +44,11 @@ from fvi_cli.plotting.style import (
     wrap,
 )
 from fvi_cli.plotting.ticks import (
-    ROUND_OFF,
     clear_factor,
     ends_of,
     few_numbers,
     limit_ladder,
-    logarithmic_ticks,
+    limit_over_time,
     plain_numbers,
     reach_numbers,
     three_numbers,
@@ -62,7 +61,7 @@ MOST_COLOURED = 100
 """Members that have a line with a colour of a bar; of more there are bands."""
 _MARKS, _FEWEST_MARKS = 12, 4  # on one curve
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
-_OF_HIDDEN = "pale: lines that coincide with those upon them, marks in turn"
+_OF_HIDDEN = "pale: a line that lies under another; marks there in turn"
 _ALPHAS = (0.3, 0.15)
 """Of the bands of one curve, the inner one first."""
 
@@ -90,7 +89,7 @@ def over_time(
     shares = {"sharex": shared, "sharey": columns > 1}
     figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
     for axes, panel in zip(used, panels, strict=True):
-        _limit_over_time(axes, panel)
+        limit_over_time(axes, panel)
         if not panel.is_log:
             three_numbers(axes.yaxis)
         own = [curve for one in (panels if shared else [panel]) for curve in one.curves]
@@ -132,7 +131,7 @@ def ladders(
         limit_ladder(axes, panel.curves)
     figure.draw_without_rendering()
     for axes, panel in zip(used, panels, strict=True):
-        take_turns(axes)
+        draw_marks(axes)
         if panel.has_slopes and not panel.is_ensemble:
             explain(axes, panel.curves)
     return figure
@@ -230,7 +229,6 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
         # marks of different curves stand at different points, of many none at the first
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
         first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
-        shifted = (first, stride)
         # round a hollow mark a full one is seen, but not below a full one
         above = 1.0 if not look.has_line else 0.5 * (nested and not look.is_filled)
         if not nested and look.has_line and sum(other.has_line for other in shown) == 1:
@@ -240,7 +238,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             ys,
             label=curve.label,
             gid=f"floor {curve.floor:.1e}" if curve.floor else None,
-            markevery=None if nested or not look.has_line else shifted,
+            markevery=curve.marked if nested or not look.has_line else (first, stride),
             zorder=2.0 if look.is_broad else 3 + 0.01 * position + above,
             rasterized=xs.size > MOST_POINTS,
             **properties,
@@ -292,11 +290,16 @@ def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2
             named.set(marker=line.get_marker(), markersize=0.9 * size)
             named.set_markerfacecolor(line.get_markerfacecolor())
             named.set_markeredgecolor(line.get_markeredgecolor())
-        if label.startswith("_") or label in entries:
+        known = entries.get(label)
+        if isinstance(known, Line2D) and known.get_color() != line.get_color():
+            known.set(color=INK, markeredgecolor=INK)
+        if label.startswith("_") or known is not None:
             continue
         entries[label] = entry = Line2D([], [])
         entry.update_from(line)
         entry.set(label=label, markevery=None)
+        if entry.get_markeredgecolor() == "white":
+            entry.set_markeredgecolor(entry.get_color())  # an edge would cut a short line's dashes
     for label, alpha in {
         label: alpha
         for panel in panels
@@ -361,40 +364,3 @@ def _clear_factors(
     for position, axes in enumerate(used):
         clear_factor(axes.xaxis, _panel_width(figure, columns) - 0.25 * (columns > 1))
         clear_factor(axes.yaxis, _panel_height(figure, panels, position, columns))
-
-
-def _limit_over_time(axes: Axes, panel: Panel) -> None:
-    """Keep curves that run away, and zeros of an error, from pressing the others flat."""
-    if any(curve.peaks for curve in panel.curves):
-        # room for the marks
-        axes.margins(y=0.15)
-    exact = [curve for curve in panel.curves if curve.look is EXACT]
-    ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
-    ranges = [values for values in ranges if values.size]
-    if panel.is_log:
-        axes.set_yscale("log", nonpositive="mask")
-        positive = [values[values > 0] for values in ranges if np.any(values > 0)]
-        if not positive:
-            # everything is exactly 0
-            axes.set_ylim(panel.rounding / 10 or 1e-17, 100 * panel.rounding or 1e-15)
-            return
-        middles = [float(np.median(values)) for values in positive]
-        high = min(max(values.max() for values in positive), 1e3 * max(middles))
-        low = max(min(values.min() for values in positive), 1e-3 * min(middles))
-        if panel.rounding:
-            low, high = min(low, panel.rounding / 3), max(high, 30 * panel.rounding)
-        axes.set_ylim(low / 2, high * 2)
-        logarithmic_ticks(axes.yaxis, 6)
-        return
-    if not panel.may_run_away or not ranges:
-        return
-    values = np.concatenate(ranges)
-    if len(ranges) > 1:
-        sizes = [float(np.abs(values).max()) for values in ranges]
-        # what rests, such as the damper that a design lacks, says nothing of the others
-        calmest = min(size for size in sizes if size >= ROUND_OFF * max(sizes))
-        values = values[np.abs(values) <= 10 * calmest]
-    low, high = float(values.min()), float(values.max())
-    span = (high - low) or abs(high) or 1.0
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))

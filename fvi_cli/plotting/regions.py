@@ -34,7 +34,8 @@ _HEIGHT = 0.68  # inches of a panel
 # undecided, stable, and the growth of the worst mode per step from slow to fast
 # on grey paper too: stable is the darkest
 _LEVEL_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A4")
-_LEVEL_LABELS = ("not decided", "stable", "0.1 to 1 %", "1 to 10 %", "10 % to a factor e", "faster")
+_LEVEL_LABELS: tuple[str, ...] = ("not decided", "stable (below 0.1 %)", "0.1 to 1 %", "1 to 10 %")
+_LEVEL_LABELS += ("10 % to a factor e", "faster")
 
 
 @journal_style()

@@ -110,10 +110,14 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     )
     above, below = figure.axes[:2]
     for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
+        gaps = [one.hertz - mode.hertz for one in tables[0].modes if one is not mode]
+        # on the side of a stem that is away from the next one
+        side = -math.copysign(1.0, min(gaps, key=abs, default=1.0))
         places = (-mode.decay_rate, mode.hertz), (mode.hertz, 100.0 * mode.damping_ratio)
-        for axes, at, up in zip((above, below), places, (-3, 0), strict=True):
-            text = axes.annotate(str(number + 1), at, xytext=(-3, up))
-            text.set(fontsize=small() - 1, color=INK, ha="right", va="bottom")
+        for axes, at, to in zip((above, below), places, ((-3, -3), (3 * side, 0)), strict=True):
+            text = axes.annotate(str(number + 1), at, xytext=to)
+            text.set(ha="right" if to[0] < 0 else "left", va="bottom")
+            text.set(fontsize=small() - 1, color=INK)
             text.anncoords = "offset points"
     above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
     rates = np.concatenate([curve.x for curve in upper])
@@ -149,7 +153,7 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
             size, phase = table.magnitude[:, index], table.phase[:, index]
             upper.append(Curve(x=table.hertz, y=size, label=label, by=by, look=look))
             lower.append(Curve(x=table.hertz, y=phase, label=label, by=by, look=look))
-            mark = Look(colour=INK, marker="|", size=4.0)
+            mark = Look(colour=look.colour, marker="|", size=4.0)
             widths += [
                 Curve(
                     x=np.array([peak.low, peak.high]),

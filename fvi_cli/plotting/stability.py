@@ -28,8 +28,8 @@ from fvi_cli.plotting.style import (
     label_axis,
     legend_of,
     new_figure,
+    note,
     panel_grid,
-    small,
 )
 from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.reports.naming import key_label, with_unit
@@ -47,6 +47,7 @@ _COLOURS = {
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
+_KEY = (1.02, 1.07, 1.12)  # places of a line of the key, of the width of the bars
 
 
 def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, Figure]:
@@ -90,11 +91,12 @@ def step_figure(table: StabilityTable) -> Figure:
         for rows in by_case.values()
         if any(row.prediction.growth_per_step > 0 for row in rows)
     ]
+    if growing:
+        note(bars, _KEY[1], 1.01, "line below", va="bottom")
     # few methods need few shades
     for case, style in method_looks(growing).items():
         _draw_growth(growth, replace(style, label=styles[case].label), by_case[case])
         _mark_row(bars, list(styles).index(case), style)
-        bars.set_title("in the panel below", loc="right", fontsize=small(), pad=2.5)
     label_axis(growth.yaxis, "logarithm of the growth factor per step", 1.7)
     if not any(row.prediction.growth_per_step > 0 for row in table.rows):
         growth.set_ylim(1e-3, 1.0)
@@ -181,12 +183,13 @@ def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
     )
     predicted = [(row.run.step_size, row.prediction.growth_per_step) for row in grown]
     seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
-    properties = replace(style.look, size=6.0).properties()
+    properties = replace(style.look, size=4.5 if style.look.is_filled else 6.0).properties()
     if not style.look.is_filled:
         # what is full is seen through what is hollow
         properties |= {"markerfacecolor": "none", "zorder": 5}
-    marker = "_" if len(grown) == 1 else ""
-    line = {**properties, "marker": marker, "markersize": 12.0} if seen else properties
+    # a single prediction is a short line
+    stub = {"marker": "_" * (len(grown) == 1), "markersize": 14.0, "markeredgewidth": 1.1}
+    line = {**properties, **stub, "markeredgecolor": style.look.colour} if seen else properties
     axes.plot(*np.array(predicted).T, label=style.label, **line)
     points = np.array(seen).reshape(-1, 2).T
     axes.plot(*points, label="_observed", **{**properties, "linestyle": "none"})
@@ -195,14 +198,14 @@ def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
 def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
     """Beside the bar of a method its line in the panel below."""
     axes.plot(
-        [1.015, 1.045, 1.075],
+        _KEY,
         [place] * 3,
         markevery=[1],
         transform=axes.get_yaxis_transform(),
         clip_on=False,
         label="_key",
         **DECORATION,
-        **style.look.properties(),
+        **replace(style.look, size=3.5).properties(),
     )
 
 

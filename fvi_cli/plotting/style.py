@@ -21,6 +21,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, fontManager
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from fvi_cli.mathematics.arrays import Array
@@ -247,9 +248,11 @@ def legend_of(
         return
     width = figure.get_figwidth() - 0.15
     labels: list[str] = []
+    dashed = [one for one in handles if isinstance(one, Line2D) and one.is_dashed()]
+    is_long = any(one.get_marker() not in ("", "None") for one in dashed)  # dashes beside a mark
     for length, gap in (
-        (mpl.rcParams["legend.handlelength"], mpl.rcParams["legend.columnspacing"]),
-        (1.5, 0.8),
+        (mpl.rcParams["legend.handlelength"] + is_long, mpl.rcParams["legend.columnspacing"]),
+        (1.5 + is_long, 0.8),
     ):
         line = (length + mpl.rcParams["legend.handletextpad"]) * small() / 72
         labels = [wrap(str(handle.get_label()), width - line) for handle in handles]

@@ -18,10 +18,13 @@ from matplotlib.ticker import (
     NullLocator,
 )
 
-from fvi_cli.plotting.curves import Curve
-from fvi_cli.plotting.style import label_axis, text_width
+from fvi_cli.plotting.curves import Curve, Panel
+from fvi_cli.plotting.looks import EXACT
+from fvi_cli.plotting.style import label_axis, small, text_width
+from fvi_cli.plotting.words import in_formula
 
 _LEAST, _MOST = 1e-4, 1e6  # numbers between them are written in full
+_DEEPEST = 1e-5  # of a median: less is near a zero, and would press the others flat
 _NEAR = 0.03  # of an axis: less between its end and a number looks like a mistake
 
 ROUND_OFF = 1e-9
@@ -118,6 +121,47 @@ def widen(axes: Axes, curves: Sequence[Curve]) -> None:
         low, high = getattr(axes, f"get_{axis}lim")()
         if high - low < ROUND_OFF * largest:
             getattr(axes, f"set_{axis}lim")(low - 0.5 * largest, low + 0.5 * largest)
+
+
+def limit_over_time(axes: Axes, panel: Panel) -> None:
+    """Keep curves that run away, and zeros of an error, from pressing the others flat."""
+    if any(curve.peaks for curve in panel.curves):
+        # room for the marks
+        axes.margins(y=0.15)
+    exact = [curve for curve in panel.curves if curve.look is EXACT]
+    ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
+    ranges = [values for values in ranges if values.size]
+    if panel.is_log:
+        axes.set_yscale("log", nonpositive="mask")
+        positive = [values[values > 0] for values in ranges if np.any(values > 0)]
+        if not positive:
+            # everything is exactly 0
+            axes.set_ylim(panel.rounding / 10 or 1e-17, 100 * panel.rounding or 1e-15)
+            return
+        middles = [float(np.median(values)) for values in positive]
+        high = min(max(values.max() for values in positive), 1e3 * max(middles))
+        least = min(float(values.min()) for values in positive)
+        low = max(least, _DEEPEST * min(middles))
+        if panel.rounding:
+            low, high = min(low, panel.rounding / 3), max(high, 30 * panel.rounding)
+        if least < low:
+            words = [panel.remark, f"deepest point: ${in_formula(least, 2)}$"]
+            axes.set_title("; ".join(filter(None, words)), loc="right", fontsize=small(), pad=2.5)
+        axes.set_ylim(low / 2, high * 2)
+        logarithmic_ticks(axes.yaxis, 6)
+        return
+    if not panel.may_run_away or not ranges:
+        return
+    values = np.concatenate(ranges)
+    if len(ranges) > 1:
+        sizes = [float(np.abs(values).max()) for values in ranges]
+        # what rests, such as the damper that a design lacks, says nothing of the others
+        calmest = min(size for size in sizes if size >= ROUND_OFF * max(sizes))
+        values = values[np.abs(values) <= 10 * calmest]
+    low, high = float(values.min()), float(values.max())
+    span = (high - low) or abs(high) or 1.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
 
 
 def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:

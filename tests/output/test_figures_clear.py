@@ -109,6 +109,13 @@ def axes_of(figure: Figure) -> list[Axis]:
     return [axis for one in panels(figure) for axis in (one.xaxis, one.yaxis)]
 
 
+def test_the_condition_of_a_section_is_typeset():
+    text = SCENES["3 members"]
+    (figure,) = [one for name, one in fvi.figures(fvi.run(read(text))).items() if "section" in name]
+    words = figure.legends[0].get_title().get_text()
+    assert words.startswith(r"points where $\sin(t)$ passes 0")
+
+
 def test_every_axis_of_a_quantity_has_its_unit(figures):
     for name, figure in figures.items():
         for axis in axes_of(figure):

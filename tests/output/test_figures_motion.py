@@ -342,7 +342,7 @@ def test_a_loop_is_drawn_from_its_beginning_to_its_end(periods):
         "ladder: {steps: [400]}\nquantities: {force: force_1}\nfigures: [hysteresis]\n"
     )
     (outcome,) = fvi.run(parse_config(text, "loop"))
-    loop = drawn(outcome.plot("hysteresis"))["last cycle"]
+    loop = drawn(outcome.plot("hysteresis"))["last full cycle"]
     # both ends are at the deformation in the middle, between points of the motion
     whole = drawn(outcome.plot("hysteresis"))["whole motion"]
     middle = 0.5 * (whole["x"].min() + whole["x"].max())

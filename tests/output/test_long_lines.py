@@ -1,5 +1,7 @@
 """What is seen of lines: of many points, of several that coincide, of peaks and zeros."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -78,6 +80,14 @@ def ladder_of(curves: list[Curve]) -> tuple[Figure, dict[str, list[Line2D]]]:
     return figure, lines
 
 
+def marks_of(lines: dict[str, list[Line2D]], name: str) -> list[Line2D]:
+    """The marks of a curve of a ladder, which lie above all its lines."""
+    found = lines.get(f"_mark of {name}", [])
+    named = [one for label, own in lines.items() if label[0] != "_" for one in own]
+    assert all(mark.get_zorder() > max(one.get_zorder() for one in named) for mark in found)
+    return found
+
+
 @spread(count=[2, 3, 5], points=[5, 8, 11])
 def test_marks_that_lie_upon_each_other_take_turns(count, points):
     def marks(apart: float) -> list[list[int]]:
@@ -88,7 +98,10 @@ def test_marks_that_lie_upon_each_other_take_turns(count, points):
         assert [lines[f"c{k}"][0].is_dashed() for k in range(count)] == [
             k > 0 for k in range(count)
         ]
-        return [list(lines[f"c{k}"][0].get_markevery()) for k in range(count)]
+        own = [
+            np.concatenate([m.get_xdata() for m in marks_of(lines, f"c{k}")]) for k in range(count)
+        ]
+        return [sorted(np.searchsorted(x, at).tolist()) for at in own]
 
     shown = marks(1.0)
     # every point has one mark, every curve its share of them
@@ -117,7 +130,56 @@ def test_where_lines_coincide_those_below_are_seen_and_it_is_said(count, until):
         assert line.get_zorder() < min(lines[one.label][0].get_zorder() for one in curves)
     widest = sorted({line.get_linewidth() for line in below}, reverse=True)
     assert len(widest) == (count - 1 if until else 0)
-    assert ("coincide" in figure.legends[0].get_title().get_text()) == bool(until)
+    assert ("pale" in figure.legends[0].get_title().get_text()) == bool(until)
+
+
+@pytest.mark.parametrize(("points", "is_pale"), [(0.9, True), (3.0, False)])
+def test_lines_side_by_side_within_their_width_count_as_one(points, is_pale):
+    x = np.geomspace(1e-3, 1.0, 6)
+    decades = points / (72 * Panel(curves=[], y="").height) * 6.0
+    curves = [Curve(x=x, y=x**2 * 10 ** (k * decades), label=f"c{k}") for k in range(2)]
+    assert ("_hidden" in ladder_of(curves)[1]) == is_pale
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("at", [0, 3, 5])
+def test_where_lines_only_meet_every_mark_is_drawn_the_smaller_upon_the_larger(count, at):
+    x = np.geomspace(1e-3, 1.0, 6)
+    curves = [
+        Curve(x=x, y=x[at] ** 2 * (x / x[at]) ** (k + 1), label=f"c{k}") for k in range(count)
+    ]
+    _, lines = ladder_of(curves)
+    found = [{mark.get_xdata()[0]: mark for mark in marks_of(lines, f"c{k}")} for k in range(count)]
+    assert all(sorted(own) == x.tolist() for own in found)
+    sizes = [own[x[at]].get_markersize() for own in found]
+    assert [own[x[at]].get_zorder() for own in found] == sorted(
+        own[x[at]].get_zorder() for own in found
+    )
+    assert all(below > 1.3 * above for below, above in pairwise(sizes))
+    # the control: elsewhere all have one size
+    assert len({own[x[at - 1]].get_markersize() for own in found}) == 1
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.3, 1), (0.8, 2)])
+@pytest.mark.parametrize("height", [1.0, 2.4])
+def test_curves_are_one_where_less_than_half_a_line_is_between_them(share, count, height):
+    t, width = np.linspace(0.0, 6.0, 50), 1.1  # points of a line
+    apart = share * width * 2.0 / (72 * height)
+    curves = [Curve(x=t, y=np.sin(t) + k * apart, label=f"BDF{k + 1}, degree 1") for k in range(2)]
+    (axes,) = over_time([Panel(curves=curves, y="x", height=height)], x="t").axes
+    assert len(axes.lines) == count
+
+
+@pytest.mark.parametrize("depth", [3.0, 9.0])
+def test_a_logarithmic_panel_holds_every_value_or_says_how_deep_they_go(depth):
+    y = np.full(30, 1e-4)
+    y[7] *= 10.0**-depth
+    curves = [Curve(x=np.linspace(0.0, 1.0, 30), y=y)]
+    (axes,) = over_time([Panel(curves=curves, y="error", is_log=True)], x="t").axes
+    is_cut = axes.get_ylim()[0] > y.min()
+    assert is_cut == (depth > 5.0)
+    remark = axes.get_title(loc="right")
+    assert (remark == r"deepest point: $10^{-13}$") if is_cut else not remark
 
 
 @pytest.mark.parametrize("hollow", [{0}, {1}, {0, 2}])
@@ -127,7 +189,9 @@ def test_hollow_marks_lie_upon_full_ones_which_are_seen_round_them(hollow):
     _, lines = ladder_of([Curve(x=x, y=x, label=f"c{k}", look=one) for k, one in enumerate(looks)])
     heights = [lines[f"c{k}"][0].get_zorder() for k in range(3)]
     assert {*np.argsort(heights)[-len(hollow) :].tolist()} == hollow
-    # of one kind the later lie upon the earlier
+    # of one kind the later lie upon the earlier; what is full is seen through what is hollow
+    faces = {mark.get_markerfacecolor() for k in hollow for mark in marks_of(lines, f"c{k}")}
+    assert faces <= {"none", "white"}
     full = [height for k, height in enumerate(heights) if k not in hollow]
     assert full == sorted(full)
 
@@ -186,6 +250,6 @@ def test_residuals_of_a_bad_fit_do_not_press_the_others_flat(power, factor):
 @pytest.mark.parametrize("zero", [0, 5, None])
 def test_gaps_of_a_logarithmic_curve_are_explained(zero):
     t = np.linspace(0.0, 1.0, 9)
-    y = np.where(np.arange(9) == zero, 0.0, 1e-9 + t)
+    y = np.where(np.arange(9) == zero, 0.0, 1e-4 + t)
     (axes,) = over_time([Panel(curves=[Curve(x=t, y=y)], y="error", is_log=True)], x="t").axes
     assert axes.get_title(loc="right") == ("gaps: exactly 0" if zero else "")

@@ -1,5 +1,6 @@
 """What figures of stability show of growth, and of narrow bands in the plane."""
 
+import dataclasses
 import functools
 import io
 import random
@@ -17,7 +18,7 @@ import fvi_cli as fvi
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.region import StabilityMap
 from fvi_cli.plotting.regions import region_figure
-from fvi_cli.plotting.stability import stability_figures
+from fvi_cli.plotting.stability import stability_figures, step_figure
 from fvi_cli.studies.stability_study import StabilityTable
 
 MANY = (
@@ -56,6 +57,22 @@ def test_growth_is_predicted_by_lines_and_measured_by_marks(observe):
     measured = [line.get_xydata() for line in axes.lines if line.get_label() == "_observed"]
     wanted = {(row.run.step_size, row.observation.growth_per_step) for row in rows if observe}
     assert {tuple(point) for points in measured for point in points} == wanted
+
+
+@pytest.mark.parametrize("steps", [{2}, {4}, {2, 4}])
+def test_a_single_prediction_is_a_short_line_in_the_colour_of_its_method(steps):
+    table, _ = growth(observe=True)
+    rows = [row for row in table.rows if row.run.n_steps in steps]
+    axes = step_figure(dataclasses.replace(table, rows=tuple(rows))).axes[1]
+    widest = max(line.get_markersize() for line in axes.lines if line.get_label() == "_observed")
+    assert named(axes)
+    for line in named(axes):
+        is_single = line.get_xdata().size == 1
+        assert is_single or len(steps) > 1
+        assert (line.get_marker() == "_") == is_single
+        if is_single:
+            assert line.get_markeredgecolor() == line.get_color()
+            assert line.get_markersize() > 2 * widest  # beside the mark of the measurement
 
 
 def test_lines_of_growth_are_told_apart_and_none_is_near_black():

@@ -7,6 +7,7 @@ from command_line import configuration, fvi, rows_of
 
 import fvi_cli as fvi_api
 from fvi_cli.plotting.spectra import response_figure, spectrum_figure
+from fvi_cli.plotting.style import INK
 
 MASSES = "mass: [[1, 0], [0, 1]], stiffness: [[2, -1], [-1, 2]]"
 
@@ -89,11 +90,35 @@ def test_growing_modes_are_seen_in_the_figure(coefficients, tmp_path):
 def test_modes_of_one_experiment_are_numbered_in_the_figure(swept, tmp_path):
     path = tmp_path / "one.yaml"
     path.write_text(configuration(problem(0.2), name="one", steps="16"))
-    plane, _ = spectrum_figure(fvi_api.modes(path)).axes
+    plane, ratios = spectrum_figure(fvi_api.modes(path)).axes
     assert [one.get_text() for one in plane.texts] == ["1", "2"]
+    # a number is on the side of its stem that is away from the other
+    first, second = sorted(ratios.texts, key=lambda one: one.xy[0])
+    assert (first.get_horizontalalignment(), second.get_horizontalalignment()) == ("right", "left")
     # of several members they would not say which
     plane, _ = spectrum_figure(fvi_api.modes(swept)).axes
     assert not plane.texts
+
+
+def test_half_power_widths_have_the_colours_of_their_curves(tmp_path):
+    path = tmp_path / "one.yaml"
+    path.write_text(configuration(problem(0.2), name="one", steps="16"))
+    over, at = "frequency=0.1:0.4:200", ["x1", "x2"]
+    figure = response_figure(fvi_api.response(path, over=over, force=["x1"], at=at))
+    lines = [line for line in figure.axes[0].lines if line.get_gid() != "decoration"]
+    curves, widths = lines[:2], lines[2:]
+    assert len({width.get_color() for width in widths}) == 2
+    for width in widths:
+        assert width.get_label() == "half-power width"
+        level, (left, right) = width.get_ydata()[0], width.get_xdata()
+        own = [
+            curve
+            for curve in curves
+            if np.interp([left, right], *curve.get_data()) == pytest.approx(level, rel=0.02)
+        ]
+        assert [curve.get_color() for curve in own] == [width.get_color()]
+    (entry,) = (one for one in figure.legends[0].get_lines() if "half" in one.get_label())
+    assert entry.get_color() == INK
 
 
 def test_many_members_have_the_colours_of_what_is_swept(tmp_path):

@@ -20,13 +20,12 @@ from fvi_cli.plotting.looks import CHEAPEST, Look, method_looks
 from fvi_cli.plotting.panels import ladders
 from fvi_cli.plotting.style import INK, journal_style, label_size
 from fvi_cli.plotting.ticks import logarithmic_ticks
-from fvi_cli.plotting.words import fraction_in_words
+from fvi_cli.plotting.words import fraction_in_words, typeset_formulas
 from fvi_cli.reports.kinds.cost import curve_name
-from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.cost_curves import cost_curves
 
-_COARSEST, _LEAST, _FINEST = 1.0, 1e-13, 2e-15
+_COARSEST, _LEAST, _FINEST = 1.0, 1e-13, 2e-15  # errors; less than the least is round-off
 DERIVATIVE_NAMES: Mapping[Derivative, str] = {
     "caputo": "Caputo",
     "riemann-liouville": "Riemann–Liouville",
@@ -75,22 +74,21 @@ def cost_figure(table: CostTable) -> Figure:
     if table.has_memory:
         kinds.append(("multiply-adds on the history", lambda row: row.history_operations, []))
     panels: list[Panel] = []
-    marks: list[list[list[int]]] = []
     slow: set[int] = set()
     for label, value, more in kinds:
-        runs = [_unbeaten((_shown(p), value(p)) for p in curve.points) for curve in curves]
+        runs = [_unbeaten((_shown(p), value(p)) for p in _needed(c.points)) for c in curves]
         best = _unbeaten([*more, *chain(*runs)])
         slow = slow if panels else {k for k, own in enumerate(runs) if not {*own} & {*best}}
         found = []
         for k, (curve, own) in enumerate(zip(curves, runs, strict=True)):
             look = looks[curve.methods[0].case].look
             look = replace(look, width=_THIN) if k in slow else look
-            found.append(_curve(own, curve_name(curve, names), look))
-        found += [_curve(best, "least of all", CHEAPEST)] if best else []
+            marked = [i for i, run in enumerate(own) if run in {*best, own[-1]}]
+            found.append(replace(_curve(own, curve_name(curve, names), look), marked=marked))
+        found += [_curve(best, "least of all runs", CHEAPEST)] if best else []
         found += [_curve(more, "for a tolerance", _TOLERANCE)] if more else []
         panels.append(Panel(curves=found, y=f"least {label}", has_slopes=False))
-        marks.append([[i for i, run in enumerate(own) if run in {*best, own[-1]}] for own in runs])
-    remarks = ["marks: the least of all, and the finest run; thin: never the quickest"]
+    remarks = ["marks: least of all, and each method's finest", "thin: never of least time"]
     remarks += ["stars: Gauss methods for a tolerance, time of the whole search"] if met else []
     remarks += [f"exact here up to round-off, not drawn: {', '.join(chance)}"] if chance else []
     figure = ladders(
@@ -108,13 +106,11 @@ def cost_figure(table: CostTable) -> Figure:
         left, right = min(errors.max() * 10**wide, 2 * _COARSEST), errors.min() / 10**wide
         figure.axes[0].set_xlim(left, right)
         base = 1000 if left / right > 1e6 else 10
-        for axes, own_marks in zip(figure.axes, marks, strict=True):
+        for axes in figure.axes:
             axes.xaxis.set_major_locator(LogLocator(base=base, numticks=12))
             axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
             axes.xaxis.set_minor_formatter(NullFormatter())
             logarithmic_ticks(axes.yaxis, 8)
-            for line, shown in zip(axes.lines, own_marks, strict=False):
-                line.set_markevery(shown)
     return figure
 
 
@@ -125,10 +121,16 @@ def _unbeaten(runs: Iterable[_Run]) -> list[_Run]:
     """The runs that no other is as accurate as for less, the coarsest first."""
     found: list[_Run] = []
     for error, cost in sorted(runs, key=lambda run: (run[1], run[0])):
-        # less than the least is round-off, which no run need beat
-        if cost > 0 and error < _COARSEST and (not found or error < found[-1][0] > _LEAST):
+        if cost > 0 and error < _COARSEST and (not found or error < found[-1][0]):
             found.append((error, cost))
     return found
+
+
+def _needed(points: Sequence[CostRow]) -> list[CostRow]:
+    """The runs above round-off, and the one of the fewest steps below, which none need beat."""
+    reached = [p for p in points if _shown(p) <= _LEAST]
+    first = sorted(reached, key=lambda p: (p.n_steps, p.seconds))[:1]
+    return [*first, *(p for p in points if p not in reached)]
 
 
 def _curve(runs: Sequence[_Run], label: str, look: Look) -> Curve:
@@ -153,6 +155,6 @@ def _title(table: CostTable) -> str:
         return below
     is_single = len(orders) == 1 and not table.has_laws
     text = table.equation.replace("sum ", "") if is_single else table.equation
-    equation = "".join(f"${part}$" if maths else part for part, maths in to_mathematics(text))
-    equation = re.sub(r"([A-Za-z])''", r"\\ddot{\1}", re.sub(r"\\,", r"\\;", equation))
+    equation = typeset_formulas(text).replace(r"\,", r"\;")
+    equation = re.sub(r"([A-Za-z])''", r"\\ddot{\1}", equation)
     return f"{equation}\n{below}"

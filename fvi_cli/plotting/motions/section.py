@@ -29,6 +29,7 @@ from fvi_cli.plotting.words import (
     quantity_in_words,
     swept_keys_in_words,
     swept_number,
+    typeset_formulas,
     typeset_name,
 )
 from fvi_cli.reports.naming import with_unit
@@ -139,12 +140,12 @@ def _marks(
 
 
 def _condition(experiment: Experiment, event: str) -> str:
-    """When an event happens: ``sin(t) = 0, rising``; of a surface its name."""
+    r"""When an event happens: ``$\sin(t)$ rises through 0``; of a surface its name."""
     seen = (experiment.observations.events or {}).get(event)
     if seen is None:
         return event
     how = {"rising": "rises through 0", "falling": "falls through 0"}
-    return f"{seen.when.text} {how.get(seen.direction, 'passes 0')}"
+    return f"{typeset_formulas(seen.when.text)} {how.get(seen.direction, 'passes 0')}"
 
 
 def _words(experiment: Experiment, name: str) -> tuple[str, str]:
@@ -205,5 +206,5 @@ def _marked_loops(time: Array, x: Array, y: Array) -> list[Curve]:
         whole = np.array([loop.begin, *inside, loop.end])
         look = Look(colour=COLOURS[place], width=1.4, dashes=LINE_STYLES[place - 1])
         places = [np.interp(whole, time, values) for values in (x, y)]
-        marked.append(Curve(x=places[0], y=places[1], label=f"{word} cycle", look=look))
+        marked.append(Curve(x=places[0], y=places[1], label=f"{word} full cycle", look=look))
     return marked
