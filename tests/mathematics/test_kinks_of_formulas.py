@@ -11,7 +11,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.expressions import Expression, slopes_of
+from fvi_cli.mathematics.expressions import Expression, slopes_of, slopes_system
 from fvi_cli.mathematics.intervals.functions import Interval
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
 from fvi_cli.planning.expected_order import expected_order
@@ -107,6 +107,17 @@ def test_ranges_are_exact():
     ]:  # fmt: skip
         found = Expression.parse(text, ("t",)).evaluate({"t": box})
         assert (found.low[0], found.high[0]) == (low, high)
+
+
+@pytest.mark.parametrize(
+    ("word", "below", "above"), [("min", (1.0, 2.0), (3.0, 3.0)), ("max", (3.0, 3.0), (8.0, 10.0))]
+)
+def test_ranges_of_slopes_are_those_of_the_side_that_is_taken(word, below, above):
+    system = slopes_system(Expression.parse(f"{word}(t**2, 3*t)", ("t",)).system, ("t",))
+    # before both are 9, behind it, and across it
+    box = Interval(np.array([0.5, 4.0, 0.5]), np.array([1.0, 5.0, 5.0]))
+    _, found = system.evaluate({"t": box})
+    assert [*zip(found.low, found.high, strict=True)] == [below, above, (1.0, 10.0)]
 
 
 def test_expansions_take_the_side_to_the_right():

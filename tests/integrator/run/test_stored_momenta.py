@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from letters import swing
+from letters import spring, swing
 from numpy.typing import NDArray
 from oracles.volterra import solve_volterra
 from spread import spread
@@ -79,6 +79,19 @@ def test_members_of_a_sweep_have_the_momenta_of_single_runs(order):
     for scene, run in zip(scenes, fvi.integrate_members(scenes, GRADED, 32), strict=True):
         alone = fvi.integrate(scene, GRADED, 32)
         assert np.abs(run.momentum - alone.momentum).max() < 1e-13
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_components_that_nothing_joins_have_the_momenta_of_single_runs(count):
+    stiffness, damping, speed = np.random.default_rng(count).uniform(0.5, 2.0, (3, count))
+    data = {"T": FINAL_TIME, "derivative": "riemann-liouville"}
+    unit, rest = np.eye(count), np.zeros(count)
+    every = spring((1.6, np.diag(damping)), m=unit, k=np.diag(stiffness), x=rest, v=speed, **data)
+    run = fvi.integrate(every, GRADED, 32)
+    for place, momentum in enumerate(run.momentum.T):
+        one = spring((1.6, damping[place]), k=stiffness[place], x=0.0, v=speed[place], **data)
+        alone = fvi.integrate(one, GRADED, 32).momentum[:, 0]
+        assert np.abs(momentum - alone).max() < 1e-13
 
 
 def test_other_motions_keep_the_momenta_of_the_recursion(monkeypatch):
