@@ -1,9 +1,11 @@
 """What is printed can be printed on any terminal: signs that it lacks are escaped."""
 
 import io
+import re
 import sys
 
 import pytest
+from command_line import fvi
 
 from fvi_cli.__main__ import main
 
@@ -39,3 +41,27 @@ def test_names_of_files_are_printed(tmp_path, monkeypatch, encoding, name):
     printed = name.encode(encoding, "backslashreplace") + b".yaml: valid, 1 experiment, 1 run"
     assert found.startswith(printed)
     assert b"unexpected" not in told
+
+
+class Terminal(io.TextIOWrapper):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("columns", [1, 30, 80, 200])
+def test_titles_are_wrapped_between_words(monkeypatch, columns):
+    printed = fvi("list").stdout
+    out = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", Terminal(out, encoding="utf-8"))
+    monkeypatch.setattr(sys, "argv", ["fvi", "list"])
+    monkeypatch.setenv("COLUMNS", str(columns))
+    with pytest.raises(SystemExit):
+        main()
+    sys.stdout.flush()
+    shown = out.getvalue().decode()
+    parts = re.compile(r"[^\s-]+")  # no word is broken but at its hyphens
+    assert parts.findall(shown) == parts.findall(printed)
+    longest = max(map(len, shown.splitlines()))
+    assert longest <= columns or columns < 80
+    # the control: elsewhere nothing is wrapped
+    assert longest < max(map(len, printed.splitlines())) or columns > 80

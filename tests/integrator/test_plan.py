@@ -344,6 +344,11 @@ class TestDiagnosed:
         assert planned.history_operations == alone.history_operations
         assert planned.steps == alone.steps
 
+    @pytest.mark.parametrize("dimension", [3, 12])
+    @pytest.mark.parametrize("stages", [3, 4])
+    def test_peak_memory_of_many_stages(self, dimension, stages):
+        self.test_peak_memory(oscillators(dimension), gauss(stages))
+
     @spread(method=MEMBER_METHODS, scene=[oscillators(), pendulum_of()])
     def test_peak_memory(self, scene, method):
         integrate(scene, method, 32, diagnostics=self.BALANCE)

@@ -75,6 +75,17 @@ def test_a_single_prediction_is_a_short_line_in_the_colour_of_its_method(steps):
             assert line.get_markersize() > 2 * widest  # beside the mark of the measurement
 
 
+def test_figures_of_one_table_have_the_name_of_the_study_and_others_their_own():
+    table, _ = growth(observe=False)
+    names = ["several", "tables"]
+    renamed = [
+        dataclasses.replace(table, experiment=dataclasses.replace(table.experiment, name=name))
+        for name in names
+    ]
+    assert list(stability_figures("study", renamed[:1])) == ["study-stability"]
+    assert list(stability_figures("study", renamed)) == [f"{name}-stability" for name in names]
+
+
 def test_lines_of_growth_are_told_apart_and_none_is_near_black():
     _, axes = growth(observe=False)
     colours = [np.array(to_rgb(line.get_color())) for line in named(axes)]

@@ -139,6 +139,22 @@ def test_the_region_holds_all_modes_whatever_is_found():
             assert region.holds(s), (seed, s, region)
 
 
+@few_of(2, 12)
+def test_modes_of_bodies_that_nothing_holds_are_found(seed):
+    rng = np.random.default_rng(seed)
+    d = int(rng.integers(2, 5))
+    # springs and dampers between neighbours alone
+    ends = np.eye(d)[:, 1:] - np.eye(d)[:, :-1]
+    stiffness, damping = (ends @ np.diag(one) @ ends.T for one in rng.uniform(0.3, 3.0, (2, d - 1)))
+    mass = np.diag(rng.uniform(0.3, 3.0, d))
+    terms: list[Term] = [(Fraction(0), stiffness), (ORDERS[seed % len(ORDERS)], 0.1 * damping)]
+    expected = expected_modes(mass, terms)
+    assert len(expected) == d - 1
+    table = found_modes(structure(mass, terms))
+    assert agree(table, expected)
+    assert table.reach == "faster"  # of the slowest nothing is known
+
+
 @pytest.mark.parametrize(
     ("stiffness", "damping", "order", "expected"),
     [
