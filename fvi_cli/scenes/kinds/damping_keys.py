@@ -316,7 +316,7 @@ def damping_terms(default_order: float = 1.0, *, at_storeys: bool = False) -> Li
         default=SPRINGPOT,
         meant=_MEANT,
         aliases=_ALIASES,
-        name=name if default_order == 1.0 else f"{name}-order-{default_order}",
+        name=f"{name}-order-{default_order:g}",
     )
     example = "{storey: 1, order: 0.5, coefficient: 0.2}" if at_storeys else _EXAMPLE
     return ListOf(shape=term, least=0, example=f"[{example}]")
