@@ -25,8 +25,9 @@ from fvi_cli.mathematics.arrays import Array, Places
 STEPS_OF_BLOCK = 64
 """Twice as many take as long for linear scenes, and double what round-off does near order 2;
 nonlinear ones take twice as many: .72 of the time of as many for a pendulum."""
-SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 512
-"""Inputs of a block at most: B i e."""
+SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 256
+"""Inputs of a block at most: B i e. Iterations apply a matrix of so many rows and columns again and
+again: twice as many take twice as long where 2 MB are more than the cache holds."""
 SIZE_IN_BATCH = 24
 """The same where every member has matrices of its own, which must stay in the cache."""
 CACHE = 2**15

@@ -9,7 +9,7 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import branch
+from fvi_cli.integrator.engine import branch, frame
 from fvi_cli.integrator.engine.newton import Newton
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -188,7 +188,8 @@ def test_blocks_that_are_led_far_into_a_wall_come_back(seed):
 
 
 def test_a_scale_from_afar_would_be_noticed(monkeypatch):
-    """The control."""
+    """The control, by blocks as long as they once were."""
+    monkeypatch.setattr(frame, "SIZE_OF_NEWTON", 512)
     monkeypatch.setattr(Newton, "_shrunk", lambda _, points, limit: np.zeros(limit.shape, bool))
     scene = lagrangian_scene(
         coordinates=["x"],
