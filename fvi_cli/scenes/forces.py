@@ -317,7 +317,7 @@ def build_forcing(
     names: Sequence[str] = (),
 ) -> Forcing | None:
     """A force from what stands under its key; None when it is 0."""
-    if value == "0":
+    if isinstance(value, str) and value == "0":
         return None
     pieces = []
     if isinstance(value, Mapping) and "pieces" in value:

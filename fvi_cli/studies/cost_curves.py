@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.studies.cost import CostCase, CostRow, CostTable
 from fvi_cli.studies.order import fit_slope, pairwise_order
+
+T = TypeVar("T")
 
 ACCURACIES = tuple(10.0**-k for k in range(2, 13, 2))
 """The accuracies of a summary: 1e-2, 1e-4, ... 1e-12."""
@@ -52,15 +55,6 @@ class CostCurve:
         """
         return len(self.points) > 2 and all(p.status == "floor" for p in self.points)
 
-    @property
-    def unbeaten(self) -> tuple[CostRow, ...]:
-        """The points that no other is more accurate than, or as accurate as, and quicker."""
-        return tuple(
-            one
-            for one in self.points
-            if not any(p.error <= one.error and p.seconds < one.seconds for p in self.points)
-        )
-
     def seconds_to(self, accuracy: float) -> float:
         """Least set-up plus stepping time to an error of at most `accuracy`; nan: not reached.
 
@@ -97,7 +91,9 @@ class CostCurve:
 
         Where tolerances make the curve, only those that no other beats.
         """
-        points = self.unbeaten if self.is_by_tolerance else self.points
+        points: Sequence[CostRow] = self.points
+        if self.is_by_tolerance:
+            points = unbeaten(points, lambda point: (point.error, point.seconds))
         above = [point for point in points if point.status == "ok" and point.error > 0]
         return tuple(above[-FINEST_ROWS:]) if len(above) > 2 else ()
 
@@ -248,13 +244,20 @@ def cheapest_at(bands: Sequence[Band], error: float) -> CostCurve | None:
     return next((band.curve for band in bands if band.coarse > error >= band.fine), None)
 
 
+def unbeaten(runs: Iterable[T], of: Callable[[T], tuple[float, float]]) -> list[T]:
+    """The runs that no other is as accurate as for less, the cheapest first.
+
+    `of` gives the error and the cost of a run.
+    """
+    found: list[T] = []
+    for run in sorted(runs, key=lambda one: of(one)[::-1]):
+        if not found or of(run)[0] < of(found[-1])[0]:
+            found.append(run)
+    return found
+
+
 def pareto_front(curves: Sequence[CostCurve]) -> list[tuple[CostCurve, CostRow]]:
     """The runs that no other run beats in both error and time, the quickest first."""
     rated = [curve for curve in curves if not curve.is_exact_by_chance]
     everything = [(curve, point) for curve in rated for point in curve.points]
-    everything.sort(key=lambda one: (one[1].seconds, one[1].error))
-    front: list[tuple[CostCurve, CostRow]] = []
-    for curve, point in everything:
-        if not front or point.error < front[-1][1].error:
-            front.append((curve, point))
-    return front
+    return unbeaten(everything, lambda one: (one[1].error, one[1].seconds))

@@ -23,7 +23,7 @@ from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.plotting.words import fraction_in_words, typeset_formulas
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.studies.cost import CostRow, CostTable
-from fvi_cli.studies.cost_curves import cost_curves
+from fvi_cli.studies.cost_curves import cost_curves, unbeaten
 
 _COARSEST, _LEAST, _FINEST = 1.0, 1e-13, 2e-15  # errors; less than the least is round-off
 DERIVATIVE_NAMES: Mapping[Derivative, str] = {
@@ -118,12 +118,8 @@ _Run = tuple[float, float]  # error and cost
 
 
 def _unbeaten(runs: Iterable[_Run]) -> list[_Run]:
-    """The runs that no other is as accurate as for less, the coarsest first."""
-    found: list[_Run] = []
-    for error, cost in sorted(runs, key=lambda run: (run[1], run[0])):
-        if cost > 0 and error < _COARSEST and (not found or error < found[-1][0]):
-            found.append((error, cost))
-    return found
+    """The runs to draw that no other is as accurate as for less, the coarsest first."""
+    return unbeaten((run for run in runs if run[0] < _COARSEST and run[1] > 0), lambda run: run)
 
 
 def _needed(points: Sequence[CostRow]) -> list[CostRow]:
