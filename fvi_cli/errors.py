@@ -19,7 +19,7 @@ class ArgumentError(ValueError):
     message
         What is wrong with it.
     at_key
-        The key itself should not be there: complaints point at it, not at what stands under it.
+        The key itself should not be there: complaints point at the key and not at its value.
     """
 
     def __init__(self, key: str, message: str, *, at_key: bool = False) -> None:
@@ -34,7 +34,7 @@ class ArgumentError(ValueError):
         return tuple(self.key.split(".")) if self.key else ()
 
     def below(self, key: str) -> ArgumentError:
-        """The same error of an argument that belongs to another."""
+        """The same error with its key path below `key`, the argument that contains this one."""
         return ArgumentError(".".join((key, *self.path)), self.message, at_key=self.at_key)
 
     def __str__(self) -> str:
@@ -44,12 +44,15 @@ class ArgumentError(ValueError):
 def missing_attribute(
     owner: object, name: str, places: Sequence[tuple[str, type, str]]
 ) -> AttributeError:
-    """The error of an attribute that is not there, with where it is and what that needs.
+    """The error of an attribute that is not there, with the first place that has it.
 
     Parameters
     ----------
+    owner, name
+        Whose attribute was asked for.
     places
-        Paths from the owner, the dataclass of what stands there, and what a run needs to have it.
+        Paths from the owner, the dataclass found there, and what a run needs to have it, such as
+        ``("observed", Observed, ", of a run with quantities")``.
     """
     found = [
         f"; write {path}.{name}{needs}"

@@ -1,8 +1,8 @@
 """How a command ends: exit codes, and messages on standard error.
 
 Exit codes: 0 done; 1 a run failed unexpectedly; 2 a request or configuration that cannot be carried
-out; 3 a check did not hold; 130 interrupted. Standard output
-carries results, standard error everything else.
+out; 3 a check did not hold; 130 interrupted; 141 the reader of standard output ended. Standard
+output carries results, standard error everything else.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import typer
 
 from fvi_cli.errors import FviError, RequestError
 
-DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 3, 141, 130
+DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 3, 130, 141
 
 P = ParamSpec("P")
 
@@ -77,7 +77,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 
 
 def _keeps_runs(options: Mapping[str, object]) -> bool:
-    """Whether the command stores runs: then it has the option to ignore those (``--fresh``)."""
+    """Whether the command stores runs: those that do have the option ``--fresh``."""
     return "fresh" in options and not options.get("check") and not options.get("dry_run")
 
 

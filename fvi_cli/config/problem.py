@@ -26,12 +26,15 @@ from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import PROBLEM
 from fvi_cli.scenes.structures.matrix_keys import matrix_size
 
-# Where an expression is tried: inside of the steps of any grid that people use. On their points,
-# where a quotient such as sin(t - 1)/(t - 1) has no value, it must not be infinite.
-_TRIALS: Final = 97
-_GRID: Final = 720
-_EXPANDED_TO: Final = 4.0  # above the power of t itself, which a quotient would lose
-_NO_TIME: Final[dict[str, Any]] = {"final_time": INVALID}
+# A force is tried at two sets of times. A prime number of parts: no usual grid has points there,
+# and it must be finite. 720 = 6! parts: points of most grids lie there, and a quotient such as
+# sin(t - 1)/(t - 1), which has no value at one of them, is allowed; infinite ones are not.
+_PRIME_PARTS: Final = 97
+_PARTS: Final = 720
+# Powers up to this one are found of a force that is infinite at its beginning: its own is -1 or
+# below, and quotients of series lose as many powers as their denominators begin with.
+_EXPANDED_TO: Final = 4.0
+_NO_TIME: Final[dict[str, Any]] = {"final_time": INVALID}  # as if none could be read
 _OTHER_NAMES: Final = {
     "initial_position": ("initial", "position"),
     "initial_velocity": ("initial", "velocity"),
@@ -39,7 +42,7 @@ _OTHER_NAMES: Final = {
 
 
 def problem_keys(problem: Mapping[str, Any], built: object = None) -> Kind:
-    """The keys of a problem that was read; of one of no known kind those of a linear equation."""
+    """The keys of a problem; for an unknown kind those of a damped oscillator."""
     found = PROBLEM.build(problem) if built is None else built
     if isinstance(found, Kind):
         return found
@@ -47,7 +50,7 @@ def problem_keys(problem: Mapping[str, Any], built: object = None) -> Kind:
 
 
 def _force_key(problem: Kind) -> str:
-    """The key under which the force of a problem stands."""
+    """The key under which the force of a problem stands: the first name that is not its default."""
     forces = problem.forces
     given = [name for name in forces[1:] if getattr(problem, name, "0") != "0"]
     return given[0] if given and getattr(problem, forces[0], "0") == "0" else forces[0]
@@ -58,7 +61,7 @@ def _force(problem: Kind) -> Any:
 
 
 def _pieces(force: object) -> list[tuple[Any, Any]]:
-    """Ends and values of the pieces of a force, as far as they were read; else INVALID."""
+    """End and value of each piece of a force, INVALID where they could not be read."""
     pieces = force.get("pieces") if isinstance(force, Mapping) else None
     return [
         (piece.get("until"), piece.get("value")) if isinstance(piece, Mapping) else (INVALID,) * 2
@@ -122,7 +125,7 @@ def _decimal_comma(at: Cursor, count: int) -> str:
         and one.place.line == other.place.line > 0
         and other.place.column == one.place.column + len(one.text) + 1
     ]
-    # of numbers with blanks behind their commas, those without one are meant as one
+    # in [0,5, 1,2] blanks separate the numbers, and a comma without a blank is a decimal one
     if len(nodes) != len(at.items()) or not tight or len(nodes) - len(tight) != count:
         return ""
     first = ",".join(tight[0])
@@ -216,13 +219,15 @@ def _try(
 
 @functools.lru_cache(maxsize=1024)
 def _objection(text: str, begin: float, end: float, *, is_force: bool) -> str:
-    """What is wrong with an expression on an interval; nothing: it is finite where it must be.
+    """What is wrong with an expression on an interval; empty if it is finite where it must be.
 
-    A force must be finite behind `begin` but for quotients without a value, and integrable; what
-    is known of a motion must be finite at `begin` too.
+    A force must be finite inside, but for quotients that have no value at single times, and
+    integrable; a known solution or function must be finite at both ends too.
     """
-    inside = _instants(begin, end, _TRIALS)
-    times = np.concatenate([inside, _instants(begin, end, _GRID)] if is_force else [[0.0], inside])
+    inside = _instants(begin, end, _PRIME_PARTS)
+    if is_force:
+        inside = inside[:-1]
+    times = np.concatenate([inside, _instants(begin, end, _PARTS)] if is_force else [[0.0], inside])
     try:
         expression = Expression.parse(text, variables=("t",))
         found = np.asarray(expression.evaluate({"t": times}))
@@ -238,12 +243,12 @@ def _objection(text: str, begin: float, end: float, *, is_force: bool) -> str:
 
 
 def _instants(begin: float, end: float, count: int) -> Array:
-    """Times behind `begin` up to `end`, in equal steps."""
+    """Ends of `count` equal parts of an interval."""
     return begin + (end - begin) * np.arange(1, count + 1) / count
 
 
 def _limited_impulse(expression: Expression, begin: float) -> str:
-    """A force may be infinite at the beginning of its piece, but not its integral."""
+    """A complaint if the integral of a force is infinite at the beginning of its piece, or ""."""
     if np.isfinite(expression.evaluate({"t": np.array([begin])})).all():
         return ""
     # few forces call for it, and its special functions take long to import

@@ -22,11 +22,13 @@ DIAGONAL_TOLERANCE = 1e-13
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decoupling:
-    """How components of the scene map to a batch of q systems of e coupled components."""
+    """How d components of the scene map to a batch of q systems of e coupled components.
+
+    By `modes`: a matrix Phi, ``(d, d)``, or where the components are uncoupled as they stand its
+    diagonal, ``(d,)``: q = d and e = 1. None if everything is coupled: q = 1 and e = d.
+    """
 
     mass: Array  # M, shape (d, d)
-    # the matrix Phi, shape (d, d), or its diagonal, shape (d,), where the components are uncoupled
-    # as they stand; then q = d and e = 1. None: q = 1 and e = d
     modes: Array | None
 
     @property
@@ -36,7 +38,7 @@ class Decoupling:
 
     @property
     def has_modes(self) -> bool:
-        """Whether the systems are modes, and no components as they stand."""
+        """Whether the systems are modes that mix the components."""
         return self.modes is not None and self.modes.ndim == 2
 
     def matrices(self, matrix: Array) -> Array:
@@ -96,8 +98,8 @@ def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -
     scaled = [form / size for form in reduced if (size := float(np.abs(form).max())) > 0]
     if not scaled:
         return Decoupling(mass=mass, modes=inverse.T)
-    # a generic combination has the common eigenvectors as its only ones, except where all the
-    # forms are degenerate together
+    # eigenvectors of a combination with unequal weights are common ones, unless these weights
+    # make two eigenvalues equal by chance; then the check below fails, and all stays coupled
     mixed = sum(
         (np.sqrt(2.0 + 3.0 * index) * form for index, form in enumerate(scaled)),
         start=np.zeros((d, d)),
@@ -130,5 +132,5 @@ def _join(values: Array) -> Array:
 
 
 def _rows(matrix: Array, values: Array) -> Array:
-    """A matrix on every row: one product for all rounds by their number."""
+    """Multiply every row by a matrix, row by row: the last digits do not depend on their number."""
     return np.asarray(np.matmul(matrix, values[..., None])[..., 0])

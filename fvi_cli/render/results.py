@@ -1,4 +1,4 @@
-"""What is printed, drawn, written and compared of results of whatever kind."""
+"""How results of every kind are printed, drawn, written and compared."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ Found: TypeAlias = Sequence[Any]
 class ResultKind:
     """A kind of result, and what is made of results of it."""
 
-    # of a name and the results; None where there are none
+    # called with a name and the results; None for kinds without a report or without figures
     report: Callable[[str, Found], Report] | None = None
     figures: Callable[[str, Found], Mapping[str, Figure]] | None = None
     # what a terminal shows in place of the summary of the report
@@ -61,13 +61,13 @@ class ResultKind:
     # a line for each unexpected failure, and for each claim that does not hold
     failures: Callable[[Found], list[str]] = lambda found: []
     violations: Callable[[Found], list[str]] = lambda found: []
-    words: str = "runs failed unexpectedly"
+    words: str = "runs failed unexpectedly"  # said after the number of failures
     folder: str = "tables"
     is_written: bool = True  # whether files are kept of it
     is_compared: bool = True  # whether these are the same on every run
-    # writes further files: given their beginning and the results
+    # writes further files, given the beginning of their paths and the results
     further: Callable[[Path, Found], list[Path]] = lambda beginning, found: []
-    # of a JSON document that says more than the report: its key, and what it holds of a result
+    # where a JSON document says more than the report: its key, and the values for one result
     key: str = ""
     values: Callable[[Any], list[object]] = lambda one: []
 
@@ -101,7 +101,9 @@ KINDS: Mapping[type, ResultKind] = {
         values=lambda outcome: [run_as_json(one) for one in outcome.finished],
     ),
     PlannedRun: ResultKind(text=plans_as_text, is_written=False, is_compared=False),
-    StoredFile: ResultKind(text=lambda found: contents_as_text(found[0]), is_written=False),
+    StoredFile: ResultKind(
+        text=lambda found: contents_as_text(found[0]), is_written=False, is_compared=False
+    ),
     Report: ResultKind(report=lambda name, found: found[0]),
     OrderTable: ResultKind(report=order_report),
     StabilityTable: ResultKind(
@@ -180,12 +182,12 @@ def as_text(results: Results, *, name: str | None = None) -> str:
 
 
 def show(results: Results, *, name: str | None = None) -> None:
-    """Print what :func:`as_text` gives of a report; on a terminal within its width."""
+    """Print the summary of the report on `results`; on a terminal within its width."""
     show_blocks(report_on(results, name).summary)
 
 
 def report_on(results: Results, name: str | None = None) -> Report:
-    """The report on results of one kind; of outcomes that on their orders."""
+    """The report on results of one kind; for outcomes the report on orders."""
     kind, found = result_kind(results)
     if kind.report is None:
         raise RequestError("plans and contents of result files have no report")
@@ -266,11 +268,14 @@ def compare(
     Raises
     ------
     RequestError
-        If there is more than one experiment and no name, or for costs and plans.
+        If there is more than one experiment and no name, or for costs, plans and what a file holds.
     """
     kind, found = result_kind(results)
     if not kind.is_compared:
-        raise RequestError("costs and plans cannot be compared: times differ from run to run")
+        raise RequestError(
+            "costs cannot be compared, as times differ from run to run, nor plans and what a "
+            "result file holds"
+        )
     folder, title = Path(output), name or _only_name(found)
     drawn = kind.figures(title, found) if kind.figures else {}
     differences = reports.compare(folder / kind.folder, report_on(results, title))
@@ -305,7 +310,7 @@ def order_tables(outcomes: Outcome | Sequence[Outcome]) -> list[OrderTable]:
 
 
 def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None) -> Report:
-    """Quantities and events of all runs, and a table of designs, as ``fvi quantities`` has them.
+    """Quantities and events of all runs and a table of named members, as of ``fvi quantities``.
 
     The rows stand in its sheets; :func:`as_text` shows it, :func:`write` makes files of it.
 

@@ -1,4 +1,4 @@
-"""Files of a report: whether stored ones are those that the program makes now, and new ones."""
+"""Compare the stored files of a report with what the program makes now, and write new ones."""
 
 from __future__ import annotations
 
@@ -23,8 +23,11 @@ MOST_LINES = 50
 FOLLOWS = Within(relative=1e-6, absolute=1e-6)
 """For stored numbers that follow from other stored ones: slopes from errors."""
 
-_ROUGH, _NEAR = "\u00fe", "\u00ff"
-"""Stand for digits of numbers that no file has in full, and need no escape in any form."""
+_ANY, _NEAR = "\u00fe", "\u00ff"
+"""Stand for digits that may differ: any number, or one that is equal up to its last digit.
+
+They are for numbers that no file has in full, and need no escape in any form.
+"""
 _NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 
 Key = tuple[str, ...]
@@ -43,11 +46,11 @@ Differences = dict[Path, list[str]]
 def compare(directory: Path, report: Report) -> list[str]:
     """One line for everything in which stored files differ from `report`.
 
-    Every row of the CSV files is compared with the fresh one, column by column, as far as the
-    column asks for it, and what follows from other numbers must follow from those beside it. The
-    Markdown and LaTeX forms must be, letter by letter, those that the stored rows make; numbers
-    that no file has in full may differ in their last digit, and those that round-off decides at
-    will. The LaTeX and JSON forms are compared where they are there.
+    Every row of the CSV files is compared with the fresh one within the tolerance of each column.
+    Numbers that follow from others must follow from those stored beside them. The Markdown and
+    LaTeX forms must be, letter by letter, those that the stored rows make, but for numbers that no
+    file has in full: they may differ in their last digit, and in all where they are round-off. The
+    LaTeX and JSON forms are compared where they are there.
     """
     found, _ = compare_files(directory, report)
     return [line for path, lines in found.items() for line in _first_lines(path, lines)]
@@ -56,7 +59,7 @@ def compare(directory: Path, report: Report) -> list[str]:
 def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]:
     """What :func:`compare` finds in each file, and the report that the files should hold.
 
-    That is the one on the stored rows, where these agree with the fresh ones.
+    Where the stored rows agree with the fresh ones it is the report on the stored rows.
     """
     found: Differences = {}
     stored: dict[str, dict[Key, Row]] = {}
@@ -67,17 +70,17 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
     try:
         expected = report.on([_laid_over(one, stored) for one in report.sheets])
     except LookupError:
-        expected = None  # rows are missing
+        expected = None  # a row or a file of them is missing
     except ValueError as error:
         found[next(iter(paths.values()))].append(str(error))
         expected = None
     for place, sheet in enumerate(report.sheets):
         if rows := stored.get(sheet.name):
-            own = None if expected is None else expected.sheets[place]
-            found[paths[sheet.name]] += _differences(rows, sheet, own, report)
+            remade = None if expected is None else expected.sheets[place]
+            found[paths[sheet.name]] += _differences(rows, sheet, remade, report)
     is_same = not any(found.values())
     blocks = (expected or report).blocks
-    marked = forms(report.name, blank(blocks, _ROUGH, _NEAR))
+    marked = forms(report.name, blank(blocks, _ANY, _NEAR))
     for file, fresh in forms(report.name, blocks).items():
         path = directory / file
         text = _read(path, found, is_needed=file.endswith(".md"))
@@ -91,7 +94,7 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
 
 
 def _laid_over(sheet: Sheet, stored: Mapping[str, Mapping[Key, Row]]) -> Sheet:
-    """The sheet with stored rows, with what only the JSON form has from the fresh ones."""
+    """The sheet with its stored rows; columns that only the JSON form has stay fresh."""
     if not sheet.is_file:
         return sheet
     rows, fresh = stored[sheet.name], _fresh(sheet)
@@ -100,7 +103,7 @@ def _laid_over(sheet: Sheet, stored: Mapping[str, Mapping[Key, Row]]) -> Sheet:
 
 def _read(path: Path, found: Differences, *, is_needed: bool = True) -> str | None:
     if not path.is_file():
-        found[path] = ["missing"] * is_needed
+        found[path] = ["missing"] if is_needed else []
         return None
     try:
         return path.read_text(encoding="utf-8")
@@ -171,9 +174,9 @@ def _json(text: str, report: Report) -> list[str]:
 
 
 def _differences(
-    stored: Mapping[Key, Row], sheet: Sheet, own: Sheet | None, report: Report
+    stored: Mapping[Key, Row], sheet: Sheet, remade: Sheet | None, report: Report
 ) -> Iterator[str]:
-    """Numbers that are not the fresh ones, or do not follow from those of their `own` sheet."""
+    """Stored numbers that differ from the fresh ones, or from those `remade` of stored ones."""
     names = [column.name for column in sheet.columns if column.name in sheet.keys]
     fresh = _fresh(sheet)
     if report.is_partial:
@@ -184,11 +187,13 @@ def _differences(
     yield from (f"{_place(names, key)}: not stored" for key in fresh if key not in stored)
     for place, (key, row) in enumerate(fresh.items()):
         old = stored.get(key, {})
-        free = sheet.below_floor(old, row) if old else ()
+        round_off = sheet.below_floor(old, row) if old else ()
         for column in (column for column in sheet.columns if column.name in old):
             found, now, within = old[column.name], row[column.name], column.compared
-            given = own.rows[place][column.name] if own is not None and column.follows else found
-            if within and column.name not in free and not _agree(found, now, within):
+            given = found
+            if remade is not None and column.follows:
+                given = remade.rows[place][column.name]
+            if within and column.name not in round_off and not _agree(found, now, within):
                 words = f"is stored, now {now!r}"
             elif not _agree(found, given, FOLLOWS):
                 words = f"is stored; its own rows give {given!r}"
@@ -238,9 +243,9 @@ def _squeezed(line: str) -> str:
 
 def _is_same(found: str, fresh: str, marked: str) -> bool:
     """Whether two lines are the same but for the numbers that are marked in a third one."""
-    pattern = re.sub(f"{_ROUGH}+ to {_ROUGH}+", _ROUGH, re.escape(marked).replace(r"\ ", " "))
-    # of a range whose ends are shown alike there is one number
-    pattern = re.sub(f"{_ROUGH}+", lambda _: f"{_NUMBER}(?: to {_NUMBER})?", pattern)
+    # a range, "1.2 to 1.3", is shown as one number, "1.2", where its ends are shown alike
+    pattern = re.sub(f"{_ANY}+ to {_ANY}+", _ANY, re.escape(marked).replace(r"\ ", " "))
+    pattern = re.sub(f"{_ANY}+", lambda _: f"{_NUMBER}(?: to {_NUMBER})?", pattern)
     pattern = re.sub(f"{_NEAR}+", lambda _: f"({_NUMBER})", pattern)
     matches = [re.fullmatch(pattern, one) for one in (found, fresh)]
     if not all(matches):
@@ -288,7 +293,7 @@ def write(directory: Path, report: Report, *, anew: bool = False) -> list[Path]:
         directory.mkdir(parents=True, exist_ok=True)
     for place, text in texts.items():
         with explain_os_error(place):
-            # where rows are others all files are; else those that do not belong to the rows
+            # if rows changed all files are written, else those that do not belong to the rows
             if kept is report or place in stale or not place.is_file():
                 replace_file(place, text.encode("utf-8"))
     return list(texts)

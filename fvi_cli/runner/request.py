@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 STORED_SUFFIX = ".h5"
 MOST_DESIGNS = 20
-"""Designs that are looked at for what is not plausible."""
+"""So many of a sweep's named members (designs) are searched for implausible settings."""
+EXCITING = frozenset({"initial", "forcing", "ground_acceleration", "parameters"})
+"""Keys of a problem that can set it in motion: at rest by itself, a sweep of these may move it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,15 +38,14 @@ class Request:
 
 
 def plausibility_remarks(request: Request) -> list[str]:
-    """What is valid in the experiments and surely not meant, each once."""
+    """Settings of the experiments that are valid and surely not meant, each once."""
     found: list[str] = []
-    moving = {"initial", "forcing", "ground_acceleration", "parameters"}
     for experiment in request.loaded.experiments:
-        # of a sweep the first says what holds for all
+        # named members differ as their author chose; ranges are judged by what is not swept
         members = [one for one in experiment.members if one.name][:MOST_DESIGNS]
         specified = [one.specification for one in members]
         specified = specified or [dict(experiment.problem_specification)]
-        is_swept = any(key.split(".")[1] in moving for key in experiment.swept) and not members
+        is_swept = any(key.split(".")[1] in EXCITING for key in experiment.swept) and not members
         problems = [one.problem for one in members] or [experiment.problem]
         for problem, given in zip(problems, specified, strict=True):
             if isinstance(problem, Problem):
@@ -66,11 +67,11 @@ Source = str | Path | Mapping[str, Any] | LoadedConfig | Request
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What a command would compute other than runs: of which experiment, what, and of what."""
+    """One thing other than a run that a command would compute, such as a fit."""
 
     experiment: str
-    action: str
-    of: str
+    action: str  # such as "fit zener"
+    of: str  # what it is done with: "damping.0.order to decay.csv"
 
 
 def gather(
@@ -84,9 +85,9 @@ def gather(
 ) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
-    `over` is swept in place of their own sweeps (:func:`ranges`). Of a sweep those members are
-    checked that `checks_member` says; what `results`, the result file of a configuration by its
-    name, has was checked before it was made.
+    `over` is swept in place of their own sweeps (:func:`ranges`). `checks_member` says which
+    members of a sweep are checked. `results` gives the result file for the name of a configuration:
+    a configuration that is stored there was checked before, and its members are not checked again.
 
     Raises
     ------
@@ -105,7 +106,7 @@ def gather(
                 _request(source, changes, checks_member, results, allow_unstable=allow_unstable)
             )
         except RequestError as error:
-            mistakes.extend(_of_ranges(line, over) for line in error.complaints)
+            mistakes.extend(_about_over(line, over) for line in error.complaints)
     if mistakes:
         raise RequestError(*mistakes)
     names = [request.name for request in requests]
@@ -121,7 +122,7 @@ def ranges(over: Sequence[str]) -> list[str]:
     Raises
     ------
     RequestError
-        For another form, and for more than two keys, which no picture shows.
+        For another form, and for more than two keys: figures show two swept keys at most.
     """
     if len(over) > 2:
         raise RequestError("--over: at most two keys are varied")
@@ -142,8 +143,8 @@ def ranges(over: Sequence[str]) -> list[str]:
     return [f"sweep={{{', '.join(entries)}}}"] if entries else []
 
 
-def _of_ranges(line: str, over: Sequence[str]) -> str:
-    """A complaint about a range, said of ``--over``."""
+def _about_over(line: str, over: Sequence[str]) -> str:
+    """A complaint about ``--set: sweep.KEY``, which stands for a range, said of ``--over: KEY``."""
     for key in (text.partition("=")[0].strip() for text in over):
         for start in (f"--set: sweep.{key}:", f"--set: {key}:", f"--set: sweep.{key}."):
             line = line.replace(start, f"--over: {key}{start[-1]}", 1)
@@ -167,7 +168,7 @@ def _request(
         # most commands are given no result file, and reading one takes long to import
         from fvi_cli.storage import read_configuration
 
-        # the file's own configuration, or with changes that of other runs in it
+        # without changes the file's own configuration; with them that of other runs in the file
         loaded = load_stored(
             _as_written(read_configuration(path)),
             source,
@@ -182,7 +183,8 @@ def _request(
 def _known(
     path: Path, overrides: Sequence[str], results: Callable[[str], Path], allow_unstable: bool
 ) -> LoadedConfig | None:
-    """The configuration, if there are no members to check: none, or those of its result file."""
+    """The configuration if no member has to be checked: it has none, or its result file has it."""
+    # mistakes are reported by the caller, which loads it again with all checks
     with contextlib.suppress(FviError):
         loaded = load_config(path, overrides=overrides, checks_member=no_member)
         stored = results(loaded.name)

@@ -68,8 +68,18 @@ def test_anchors_cannot_multiply_without_limit():
     assert "counting repeated anchors" in line
 
 
-@pytest.mark.parametrize("force", ["t**-0.9", "log(t)", "sin(t)/t", "(1 - cos(t))/t**2"])
-def test_forces_that_are_infinite_or_undefined_at_their_start_may_have_an_integral(force):
+@pytest.mark.parametrize(
+    "force",
+    [
+        "t**-0.9",
+        "log(t)",
+        "sin(t)/t",
+        "(1 - cos(t))/t**2",
+        "sin(t - 1)/(t - 1)",
+        "sin(t - 2)/(t - 2)",
+    ],
+)
+def test_forces_that_are_infinite_or_undefined_at_single_times_may_have_an_integral(force):
     text = PENDULUM.replace("2.0}", f"2.0, forcing: {force}}}")
     (experiment,) = parse_config(text, "f.yaml").experiments
     assert experiment.problem.scene.forcing is not None

@@ -24,7 +24,7 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 MOST_SHORTEST = 256.0
-"""Adaptive runs take fewer steps of their shortest size than this."""
+"""Bound on ``shortest_step * sum(1 / h_n)`` of an adaptive run, for which its memory is chosen."""
 INFINITE = "the force may be infinite"
 TOO_LONG = "no step is short enough for the local error"
 UNKEPT = "the local error cannot be kept"
@@ -65,7 +65,7 @@ class AdaptiveSource:
             isinstance(potential, ExpressionPotential)
             and potential.energy_expression.system.is_entire
         ):
-            # its forces say as much, and are looked at
+            # where such an energy overflows its forces do too, and the examiner looks at them
             potential = None
         self._potential, self._most_steps = potential, steps.most_steps
         self.failure: Failure | None = None
@@ -92,7 +92,8 @@ class AdaptiveSource:
         if controller.is_stuck or self._done >= self._most_steps:
             self.failure = Failure.in_step(self._done, begin, error)
             return None
-        return Proposal(begin, controller.propose(), 1, 1, controller.is_fresh, begin)
+        h, is_fresh = controller.propose(), controller.is_fresh
+        return Proposal(begin, h, n_steps=1, total=1, is_fresh=is_fresh, origin=begin)
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The end of a step that keeps the local tolerance; None rejects it."""

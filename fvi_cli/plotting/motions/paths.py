@@ -1,4 +1,4 @@
-"""Where a scene goes: phase portraits, paths in space, and the shapes of chains and strings."""
+"""Where a scene goes: phase portraits, paths in the plane, and shapes of chains and strings."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
-_MOST_LINES = 24
-_SHAPES = 17
-_POINTS = 201
-_SHARE = 0.85  # of the distance of two lines: what they fill of it
+_MOST_LINES = 24  # of a chain or frame with more masses every n-th is drawn
+_SHAPES = 17  # times at which the shape of a string is drawn
+_POINTS = 201  # of each shape
+_SHARE = 0.85  # of the gap between two lines, filled by the largest displacements
 WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
 
@@ -66,12 +66,17 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
 
 
 def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the path in the plane of the first two coordinates; of a double pendulum, in space."""
+    """Draw the path in the plane of the first two coordinates.
+
+    For a double pendulum, whose coordinates are angles, in the plane in which it swings.
+    """
     shown = select_runs(finished)
-    labels = ["horizontal position", "vertical position"]
     if experiment.problem.kind == "double-pendulum":
         curves = _pendulum(experiment, most_accurate(shown).trajectory.position)
-        labels = [with_unit(label, experiment.units, "length") for label in labels]
+        labels = [
+            with_unit(label, experiment.units, "length")
+            for label in ("horizontal position", "vertical position")
+        ]
     else:
         curves = _paths(shown, [tuple(one.trajectory.position[:, :2].T) for one in shown])
         if experiment.problem.kind == "kepler":
@@ -90,10 +95,10 @@ def position_label(experiment: Experiment, name: str) -> str:
 
 def _paths(shown: Sequence[FinishedRun], pairs: Sequence[tuple[Array, ...]]) -> list[Curve]:
     """One curve for every run, and a star at the start."""
-    names = method_looks([item.run.method for item in shown])
+    looks = method_looks([item.run.method for item in shown])
     curves = []
     for item, (x, y) in zip(shown, pairs, strict=True):
-        own, finite = names[item.run.method.case], np.isfinite(x) & np.isfinite(y)
+        own, finite = looks[item.run.method.case], np.isfinite(x) & np.isfinite(y)
         look = replace(own.look, width=0.9) if len(pairs) == 1 else own.look
         curves.append(Curve(x=x[finite], y=y[finite], label=own.label, look=look))
     star = Look(colour=INK, marker="*", has_line=False, is_filled=False, size=9.0)
@@ -127,10 +132,10 @@ def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
 
 @journal_style()
 def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the most accurate run of a chain, a frame or a string as lines one above the other.
+    """Draw the most accurate run as lines one above the other.
 
-    Of chains and frames there is a line over time for every mass (for up to 24 of them), lifted to
-    its place; of a string there are its shapes, lifted to their times.
+    For chains, frames and structures a line over time for every coordinate (up to 24), lifted to
+    its number; for a string its shapes, lifted to their times.
     """
     kind = experiment.problem.kind
     best = most_accurate(select_runs(finished))
@@ -140,7 +145,7 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
         return figure
     ground = _ground_acceleration(experiment, best.trajectory.time)
     figure = new_figure(3.6 if ground is None else 4.4)
-    what = "mass" if kind == "chain" else "storey"
+    what = {"chain": "mass", "frame": "storey"}.get(kind, "coordinate")
     if ground is None:
         axes = last = figure.subplots()
     else:
@@ -156,7 +161,7 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
 
 
 def _ground_acceleration(experiment: Experiment, time: Array) -> Array | None:
-    """Of a frame that the ground shakes: its acceleration, from the force on the first storey."""
+    """The acceleration of a shaken ground, from the force on the first storey; else None."""
     problem = experiment.problem
     if "ground_acceleration" not in experiment.problem_specification:
         return None
@@ -203,7 +208,7 @@ def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
 
 
 def _lift(values: Array, spacing: float) -> float:
-    """Factor by which no column, filled to its level, touches the next one above at any time."""
+    """Largest factor with which no line (a column of values) touches the next one above it."""
     up, down = (np.where(sign * values > 0, sign * values, 0.0) for sign in (1, -1))
     room = max(up.max(), down.max(), (up[:, :-1] + down[:, 1:]).max(initial=0.0))
     return _SHARE * spacing / room if 0 < room < math.inf else 1.0

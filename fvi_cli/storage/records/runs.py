@@ -1,4 +1,4 @@
-"""What is stored of a finished run, and the finished run again."""
+"""Finished runs as records of the result file, and read back from them."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ _MADE: Final[Mapping[tuple[str, ...], type]] = {
     ("trajectory", "observed", "events", "*"): Occurrences,
     ("assurance",): Assurance,
 }
-"""What is made of the fields below a path."""
+"""The class that is made of the fields below a path."""
 
 
 def stored_record(finished: FinishedRun) -> StoredRecord:
-    """What is stored of a finished run; the grid is thinned as its experiment asks for.
+    """The record of a finished run; its grid is thinned as its experiment asks for.
 
-    Of a member of a sweep there is no point off the grid that all members share.
+    For a member of a sweep only points on the grid that all members share are stored.
     """
     run = finished.run
     attributes: dict[str, Any] = {}
@@ -65,6 +65,7 @@ def stored_record(finished: FinishedRun) -> StoredRecord:
                 axes[name] = tuple(named_as(name, axis) for axis in one.axes)
             elif (written := _written(one, value)) is not None:
                 attributes[name] = written
+    # a trajectory with `every` was thinned while it was integrated
     every = 1 if finished.trajectory.every > 1 else run.experiment.store_every
     if every > 1:
         kept = kept_points(arrays[TIME].size, every)
@@ -75,6 +76,7 @@ def stored_record(finished: FinishedRun) -> StoredRecord:
         arrays = {n: v[: own.size] if axes[n][0] == TIME else v for n, v in arrays.items()}
         arrays[TIME] = own
     request = request_of(run)
+    # asked for again with ``allow_unstable`` it is another request, and is integrated
     if finished.status == "refused" and finished.predicted == "unstable":
         request = refusal_of(request)
     return record_for(run, request, specification_of(run), attributes, arrays, axes)
@@ -92,6 +94,7 @@ def record_for(
     text, inputs = specification[0], dict(specification[1])
     of_member: dict[str, Any] = {}
     if run.member is not None:
+        # long lists of numbers are moved to `inputs`
         of_member = {key: stowed(value, inputs) for key, value in run.member.values.items()}
         of_member[SWEPT] = json.dumps(swept_by(run))
     made_by = {"solver_version": SOLVER_VERSION, "code": own_code().text, **origin()}
@@ -126,6 +129,7 @@ def _values(one: Field, finished: FinishedRun) -> Iterator[tuple[str, Any]]:
 def _written(one: Field, value: Any) -> Any:
     """An attribute as it is written; None for nothing at all."""
     if one.form == "json":
+        # that a run has no remarks is stored too
         return json.dumps(value, ensure_ascii=False) if value or one.name == "remarks" else None
     if isinstance(value, tuple):
         return [float(number) for number in value] or None
@@ -133,7 +137,10 @@ def _written(one: Field, value: Any) -> Any:
 
 
 def _times_on_grid(run: Run, time: NDArray[Any]) -> NDArray[Any]:
-    """The first points that lie on the grid of the experiment, bit by bit those of the grid."""
+    """Leading times of a run that lie on its experiment's grid, as the grid has them bit by bit.
+
+    A search for a tolerance finds its own mesh: without output times all of it.
+    """
     grid = run.experiment.observations.times
     if grid is None and run.experiment.accuracy is not None:
         return time
@@ -155,7 +162,10 @@ def kept_points(points: int, every: int) -> NDArray[np.intp]:
 
 
 def finished_of(record: StoredRecord, run: Run) -> FinishedRun:
-    """The finished run in the norm of its experiment; what is not there takes its default."""
+    """The finished run of a record; fields that the record lacks take their defaults.
+
+    Errors are stored in all norms: where the experiment asks for another one, it is judged anew.
+    """
     tree: dict[str, Any] = {}
     for name, value in itertools.chain(record.attributes.items(), record.arrays.items()):
         one = field_named(name)
@@ -183,7 +193,7 @@ def _put(tree: dict[str, Any], one: Field, name: str, value: Any) -> None:
     if one.form == "json":
         value = json.loads(value)
     elif one.form == "words":
-        value = escape_text(value)
+        value = escape_text(value)  # the file may be a stranger's, and terminals obey
     *above, last = _path_of(name)
     for part in above:
         tree = tree.setdefault(part, {})
@@ -205,9 +215,9 @@ def _made(node: Any, path: tuple[str, ...]) -> Any:
 
 
 def run_of(requested: Run, attributes: Mapping[str, Any]) -> Run | None:
-    """The run that a search for a tolerance came to, any other as it is.
+    """The run of a record: with a tolerance the one that the search chose, else `requested`.
 
-    None where the method is none of those that may be chosen, as where all were refused.
+    None where the stored method is no candidate of the search, as where all were refused.
     """
     accuracy, n_steps = requested.experiment.accuracy, int(attributes["n_steps"])
     if accuracy is None:

@@ -192,7 +192,7 @@ class _Search:
         before, still, failed, doubted = math.inf, 0, 0, False
         for _ in range(MOST_ROUNDS):
             run = coarse = runs.run(local, self.first_step)
-            words = f"gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
+            words = f"Gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
             if coarse.status == "ok" and coarse.steps is not None:
                 mesh = coarse.steps.mesh(self.scene.break_points)
                 if is_rough:
@@ -260,7 +260,7 @@ class _Search:
             differences=differences,
             at_points=at_points,
             between=between,
-            line=f"{words}, gauss{run.steps.tables.degree} on {steps} differs by "
+            line=f"{words}, Gauss{run.steps.tables.degree} on {steps} differs by "
             f"{difference:.2g}: errs by {at_points:.2g} at points, {between:.2g} between them",
         )
 
@@ -288,7 +288,7 @@ class _Search:
         while per_interval <= MOST_PER_INTERVAL and per_interval * len(knots) <= MOST_STEPS:
             mesh = knot_mesh(self.scene, knots, per_interval)
             coarse = run_on(self.scene, degree, mesh, self.checkpoints)
-            line = f"gauss{degree}, {mesh.n_steps} steps between the samples"
+            line = f"Gauss{degree}, {mesh.n_steps} steps between the samples"
             if coarse.status != "ok" or coarse.steps is None:
                 self._note(Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
                 return None

@@ -237,8 +237,8 @@ def test_a_record_of_2000_samples_on_the_shipped_frame(tmp_path):
     run = fvi.solve(scene, relative=1e-6)
     assert run.outcome == "met"
     (attempt,) = run.assessment.attempts
-    assert attempt.startswith("gauss3, ")
-    assert "gauss5 on the same" in attempt
+    assert attempt.startswith("Gauss3, ")
+    assert "Gauss5 on the same" in attempt
     by_hand = fvi.integrate(scene, "gauss3-graded", 1999)
     # stages of both runs
     assert (3 + 5) * run.n_steps <= 3 * 3 * by_hand.n_steps
