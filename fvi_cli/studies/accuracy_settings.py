@@ -1,4 +1,4 @@
-"""What a tolerance in place of a ladder asks for, and what it came to."""
+"""The tolerance that an experiment gives in place of a ladder, and the result of its search."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MeshChoice = Literal["adaptive", "uniform"]
 USUAL_CANDIDATES: tuple[AnyMethod, ...] = tuple(
     Method(cq="gauss", degree=degree, start="graded") for degree in (4, 3, 2)
 )
-"""The methods of which one is chosen where a configuration names none."""
+"""The candidate methods of a configuration that names none."""
 
 
 RULES: tuple[ForcingQuadrature, ...] = ("exact", "galerkin")
@@ -25,11 +25,11 @@ ADAPTIVE_CANDIDATES: tuple[AnyMethod, ...] = tuple(
     for degree in (10, 8, 6, 5, 4, 12)
     for rule in RULES
 )
-"""The methods that runs on adaptive meshes come to."""
+"""The methods that a run on an adaptive mesh may end with."""
 
 
 class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
-    """A tolerance in place of numbers of steps, and the methods of which one is chosen."""
+    """A tolerance in place of numbers of steps, and the candidate methods."""
 
     candidates: ClassVar[tuple[AnyMethod, ...]] = USUAL_CANDIDATES
     tolerance: Positive | None = key(
@@ -71,7 +71,7 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
 
 @dataclass(frozen=True, kw_only=True)
 class Assurance:
-    """What is known of the error of a run that was chosen for a tolerance."""
+    """The error of a run that was chosen for a tolerance, as far as it is known."""
 
     tolerance: float  # what was asked for, a length
     estimate: float  # estimated error; nan where there was nothing to compare
@@ -80,4 +80,4 @@ class Assurance:
     outcome: Outcome = "met"
     """``met``, ``unreliable`` or ``refused``."""
     relative: float | None = None
-    """What was asked for as a share of the largest position; None: a length."""
+    """The tolerance as a share of the largest position; None: it was given as a length."""

@@ -45,7 +45,7 @@ SEARCHES = 3
 
 @dataclass(frozen=True, kw_only=True)
 class CostRow:
-    """One method on one number of steps; by default nothing could be measured."""
+    """One method on one number of steps; the defaults stand for a run without measurements."""
 
     n_steps: int
     step_size: float
@@ -54,7 +54,7 @@ class CostRow:
     floor: float = 0.0
     """In the experiment's norm; errors below the floor are round-off or the reference's own."""
     setup_seconds: float = math.nan
-    """Everything of a run but its steps (weights, rates, matrices): least of the repeats."""
+    """Time of a run before its first step (weights, rates, matrices): least of the repeats."""
     stepping_seconds_min: float = math.nan
     stepping_seconds_median: float = math.nan
     storage_seconds: float = math.nan
@@ -90,22 +90,22 @@ class CostCase:
 
 @dataclass(frozen=True, kw_only=True)
 class ToleranceRow:
-    """An accuracy that is asked for by tolerance, search and all."""
+    """The cost of a run for a tolerance, its search included."""
 
     tolerance: float
-    """What was asked for: the largest error of the position at any time, in its unit."""
+    """Largest permitted error of the position at any time, in the unit of the position."""
     outcome: Outcome
     error: float
     """At the points of the finest ladder, in the experiment's norm."""
     estimate: float
-    """What the search says of the error at any time."""
+    """The error at any time, as the search estimates it."""
     n_steps: int
     degree: int
     """Steps and stages of the run that was delivered."""
     rounds: int
     """Runs of the search."""
     seconds: float
-    """Of the whole search, from a cold start; least of the repeats."""
+    """Time of the whole search, from a cold start; least of the repeats."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,11 +124,11 @@ class CostTable:
     cases: tuple[CostCase, ...]
     """One per method, in the order of the configuration."""
     by_tolerance: tuple[ToleranceRow, ...] = ()
-    """Accuracies that were asked for by tolerance, beside the ladders."""
+    """The runs for tolerances, in addition to the ladders."""
     has_laws: bool = False
-    """Whether laws take part in the damping."""
+    """Whether relaxation laws are part of the damping."""
     expect: Mapping[str, str] = field(default_factory=dict)
-    """Failures that are known, as of the experiment."""
+    """Known failures, as in :attr:`Experiment.expect`."""
     units: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -158,10 +158,10 @@ Store = Callable[[FinishedRun], object]
 def measure_cost(
     run: Run, store: Store | None = None, reference: Reference | None = None
 ) -> CostRow:
-    """Time, memory and work of one run; `store` writes it, and its time is taken.
+    """Time, memory and work of one run; with `store` also the time to write it.
 
-    It is computed once before: imports, and pages of memory that the process has not touched
-    before, are no part of what is measured. A `reference` that is not given is found here.
+    The run is computed once before: imports, and first access to pages of memory, are not part of
+    the measurement. A `reference` that is not given is found here.
     """
     finished = execute(run, reference=reference)
     trajectory = finished.trajectory
@@ -198,7 +198,7 @@ def measure_cost(
 def measure_tolerance(
     finest: Run, tolerance: float, reference: Reference | None = None
 ) -> ToleranceRow:
-    """Search for a tolerance, timed; the error is that at the points of the `finest` run.
+    """Time the search for a tolerance; its error is taken at the points of the `finest` run.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def measure_tolerance(
 def cost_table(
     experiment: Experiment, rows: Sequence[CostRow], by_tolerance: Sequence[ToleranceRow] = ()
 ) -> CostTable:
-    """The rows of all runs by method, steps increasing, and those that a tolerance came to."""
+    """The rows of all runs by method, steps increasing, and the rows of the tolerances."""
     first, count = experiment.runs()[0], len(experiment.steps)
     return CostTable(
         experiment=experiment.name,
@@ -264,7 +264,7 @@ def cost_table(
 def timed_run(action: Callable[[], Trajectory]) -> tuple[float, float]:
     """Wall time of `action` from a cold start, and the stepping time that its result states."""
     clear_caches()
-    # what the last run left is young; a whole collection takes longer than many a run
+    # objects of the last run are young; a full collection would take longer than many runs
     gc.collect(1)
     was_enabled = gc.isenabled()
     gc.disable()
@@ -281,7 +281,7 @@ def _timings(run: Run) -> list[tuple[float, float]]:
     """Wall and stepping times of repeats; none where no step could be made."""
     found: list[tuple[float, float]] = []
     while len(found) < MOST_REPEATS:
-        # without the factors of its mass, which an earlier run has left in the scene
+        # the copy lacks the factors of the mass that an earlier run has left in the scene
         scene = replace(run.scene, inertia=copy.copy(run.scene.inertia))
         found.append(timed_run(functools.partial(integrate, scene, run.method, run.steps)))
         is_enough = len(found) >= LEAST_REPEATS and sum(wall for wall, _ in found) > ENOUGH_SECONDS

@@ -1,4 +1,4 @@
-"""Curves of cost: how long a method takes to an accuracy, what a digit costs, who is cheapest."""
+"""Curves of cost: the time of a method for an accuracy and for a digit, the cheapest method."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ FINEST_ROWS = 4
 """Exponents of time are fitted to this many rows, the finest above the floor."""
 
 MOST_FIXED = 0.5
-"""Rows in which more than this share of the time is no steps' are in no fit of times."""
+"""Fits of times omit rows that spend more than this share of their time on other than steps."""
 
 LEAST_DECREASE = 1.2
-"""Errors that fall less than this from row to row do not lead anywhere."""
+"""No time is extrapolated where errors fall by less than this factor from row to row."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CostCurve:
-    """The runs of one method that reached something, as points of error and time.
+    """The usable runs of one method, as points of error and time.
 
     ``dop853`` chooses its own steps: its runs of all tolerances are one curve.
     """
@@ -49,9 +49,9 @@ class CostCurve:
 
     @property
     def is_exact_by_chance(self) -> bool:
-        """Whether there is nothing but round-off from the coarsest of three runs or more on.
+        """Whether there are three runs or more and the errors of all are round-off.
 
-        That says something of the solution. Such a method is not rated among the others.
+        The reason is then the solution, not the method, which is not rated among the others.
         """
         return len(self.points) > 2 and all(p.status == "floor" for p in self.points)
 
@@ -69,7 +69,7 @@ class CostCurve:
         return min(reached, default=math.nan)
 
     def extrapolated_seconds(self, accuracy: float) -> float:
-        """Time to an accuracy that no run reached, along the finest rows; nan where that is vain.
+        """Time to an accuracy that no run reached, along the finest rows; nan if they give none.
 
         A guess, and for methods with a sum over the past a low one: their time exponent still
         grows towards 2.
@@ -80,7 +80,7 @@ class CostCurve:
         if any(b.error > a.error / LEAST_DECREASE for a, b in itertools.pairwise(last)):
             return math.nan
         cost = self.cost_of_a_digit
-        # time that does not rise yet cannot be continued
+        # a time that does not rise yet cannot be extrapolated
         if not cost > 1:
             return math.nan
         decades = math.log10(last[-1].error / accuracy)
@@ -99,10 +99,10 @@ class CostCurve:
 
     @property
     def fixed_seconds(self) -> float:
-        """What a run without steps would take: a of the nearest a + b N + c N^2.
+        """Time of a run without steps: the constant a of the fit a + b N + c N^2.
 
-        None of the three is negative, and every run counts by its relative distance. Nan where
-        tolerances make the curve.
+        The fit minimises relative distances with a, b and c >= 0. Nan where tolerances make the
+        curve.
         """
         if self.is_by_tolerance:
             return math.nan
@@ -114,7 +114,7 @@ class CostCurve:
         return float(nnls(powers / seconds[:, None], np.ones(seconds.size))[0][0])
 
     def _stepping(self) -> tuple[CostRow, ...]:
-        """Of the finest rows those whose steps take most of the time; none of less than three."""
+        """The finest rows whose steps take most of the time; none if these are less than three."""
         fixed = 0.0 if self.is_by_tolerance else self.fixed_seconds
         kept = [
             point
@@ -125,7 +125,7 @@ class CostCurve:
 
     @property
     def has_hidden_slopes(self) -> bool:
-        """Whether there are rows enough for slopes of time, but for what is no steps' in them."""
+        """Whether there are no slopes of time only because set-up takes too much of the rows."""
         return bool(self._finest()) and not self._stepping()
 
     @property
@@ -153,7 +153,7 @@ class CostCurve:
 
     @property
     def cost_of_a_digit(self) -> float:
-        """Factor in time for a tenth of the error, over the same rows; nan with less."""
+        """Factor in time for a tenth of the error, over the same rows; nan with less than three."""
         last = self._stepping()
         if not last:
             return math.nan
@@ -197,17 +197,17 @@ class Band:
 
 SAMPLES_PER_DECADE = 40
 DECADES = 13
-"""Who is cheapest is asked for errors from 1 down to 1e-13; what is below is round-off."""
+"""The cheapest method is found for errors from 1 down to 1e-13; smaller ones are round-off."""
 
 TIE = 1.1
-"""Times that differ by less than this factor are taken for equal."""
+"""Times that differ by less than this factor count as equal."""
 
 
 def cheapest_bands(curves: Sequence[CostCurve]) -> list[Band]:
-    """Who is cheapest from an error of 1 down to 1e-13; gaps that no method reaches.
+    """The cheapest methods from an error of 1 down to 1e-13; no band where no method gets there.
 
-    A method stays in its band until another one is quicker by a tenth: less is within what times
-    scatter. Methods that are exact by chance are not asked.
+    A band ends where another method is quicker by a tenth: smaller differences are scatter.
+    Methods that are exact by chance are left out.
     """
     rated = [curve for curve in curves if not curve.is_exact_by_chance]
     count = SAMPLES_PER_DECADE * DECADES
@@ -245,7 +245,7 @@ def cheapest_at(bands: Sequence[Band], error: float) -> CostCurve | None:
 
 
 def unbeaten(runs: Iterable[T], of: Callable[[T], tuple[float, float]]) -> list[T]:
-    """The runs that no other is as accurate as for less, the cheapest first.
+    """The runs for which no cheaper run is as accurate, the cheapest first.
 
     `of` gives the error and the cost of a run.
     """

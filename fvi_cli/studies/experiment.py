@@ -47,7 +47,7 @@ FIGURE_KINDS = (
 )
 """What ``Experiment.figures`` may name."""
 UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
-"""What has a unit beside coordinates and quantities."""
+"""Keys of ``units`` other than names of coordinates and quantities."""
 NEEDS_LADDER = (
     "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"
 )
@@ -61,7 +61,7 @@ class Experiment:
     name: str
     """Used for files: letters, digits, ``-`` and ``_``."""
     problem: AnyProblem
-    """Scene and exact solution; of a sweep those of the first member."""
+    """Scene and exact solution; for a sweep those of the first member."""
     problem_specification: Mapping[str, Any]
     """The resolved mapping that made the problem (JSON values only); it enters the identity."""
     methods: tuple[AnyMethod, ...]
@@ -73,7 +73,7 @@ class Experiment:
     norm: Norm = "max"
     """Norm of the error."""
     expect: Mapping[str, str] = field(default_factory=dict)
-    """Failures that are known: case name, or its first part such as ``bdf5``, to ``unstable``."""
+    """Known failures: from a case name, or its first part such as ``bdf5``, to ``unstable``."""
     allow_unstable: bool = False
     """Compute runs that are predicted to blow up."""
     store_every: int = 1
@@ -83,11 +83,11 @@ class Experiment:
     figures: tuple[str | FigureSettings, ...] = ()
     """Which figures to draw: ``convergence``, ``trajectory``, or something against a swept key."""
     members: tuple[Member, ...] = ()
-    """The members of a sweep; none: the experiment has the one problem."""
+    """The members of a sweep; empty: the experiment has one problem."""
     stability: StabilitySettings = USUAL
-    """What is looked at beside the runs where stability is studied."""
+    """What ``fvi stability`` computes in addition to the verdicts on the runs."""
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS
-    """What is computed and stored beside every trajectory."""
+    """What is computed and stored with every trajectory."""
     observations: Observations = field(default_factory=Observations)
     """Times, quantities and events requested of every run."""
     accuracy: Accuracy | None = None
@@ -96,8 +96,8 @@ class Experiment:
     fit: FitSettings | None = None
     """What is fitted to which measurements; None: no fit."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Names of units for figures and tables, of what :data:`UNITS` names, coordinates and
-    quantities; labels without conversion."""
+    """Units for figures and tables by the words of :data:`UNITS`, names of coordinates and names
+    of quantities; they are labels, numbers are not converted."""
 
     def __repr__(self) -> str:
         """Name, methods and steps; the scene is too long for a line."""
@@ -111,7 +111,7 @@ class Experiment:
         return self.accuracy is not None and not self.steps
 
     def chosen_run(self, method: AnyMethod, n_steps: int, member: Member | None = None) -> Run:
-        """The run that was chosen for the tolerance, of an experiment that has no other."""
+        """The run that was chosen for the tolerance; its experiment has no other run."""
         chosen = replace(self, methods=(method,), steps=(n_steps,))
         return Run(experiment=chosen, method=method, n_steps=n_steps, member=member)
 
@@ -123,7 +123,7 @@ class Experiment:
     def runs(self) -> list[Run]:
         """Every run, method by method, steps increasing, then member by member.
 
-        Where method and number of steps are still to be chosen, a search for every scene.
+        Where method and number of steps are still to be chosen: one search for every scene.
         """
         if self.accuracy is not None and self.needs_search:
             first = self.chosen_run(self.accuracy.candidates[0], 1)
@@ -180,12 +180,12 @@ class Subject:
 
     @property
     def scene(self) -> Scene:
-        """What moves.
+        """The scene of the problem.
 
         Raises
         ------
         ValueError
-            For a fractional derivative, where nothing does.
+            For a fractional derivative, which has no motion.
         """
         scene = self.problem.scene
         if scene is None:
@@ -216,7 +216,7 @@ class Run(Subject):
 
     @property
     def steps(self) -> int | Mesh:
-        """What `integrate` is asked for: N, or the graded mesh of N steps."""
+        """The steps for `integrate`: N, or the graded mesh of N steps."""
         grading, scene = self.experiment.grading, self.problem.scene
         if grading == 1.0 or scene is None:
             return self.n_steps
@@ -224,7 +224,7 @@ class Run(Subject):
 
     @property
     def times(self) -> NDArray[np.float64]:
-        """The points that a whole run reports, shape ``(N + 1,)``."""
+        """The times that a complete run reports, shape ``(N + 1,)``."""
         steps, scene = self.steps, self.problem.scene
         if isinstance(steps, int) and scene is not None and not fits_break_points(scene, steps):
             steps = uniform_mesh(scene.final_time, steps, scene.break_points)
@@ -253,7 +253,7 @@ class Run(Subject):
         return {"problem": problem, **self.settings()}
 
     def settings(self) -> dict[str, Any]:
-        """What determines the numbers beside the problem, as JSON values."""
+        """What determines the numbers apart from the problem, as JSON values."""
         experiment = self.experiment
         method = {key: value for key, value in vars(self.method).items() if key != "quadrature"}
         quadrature = getattr(self.method, "quadrature", None)
@@ -282,9 +282,9 @@ class FinishedRun:
     """A run with its trajectory and error."""
 
     run: Run
-    """What was asked for."""
+    """The run that was requested."""
     trajectory: Trajectory
-    """What came out."""
+    """Its result."""
     error: float
     """In the experiment's norm; nan when it has no meaning."""
     floor: float
@@ -298,10 +298,10 @@ class FinishedRun:
     reference: str = "unknown"
     """What the error is measured against."""
     assurance: Assurance | None = None
-    """Estimate and choice, of a run for a tolerance."""
+    """Error estimate and choice of steps; None unless the run was for a tolerance."""
     measured: Measured | None = None
-    """The error in every norm, and what it is held against; None where it is an estimate, or
-    nothing was computed."""
+    """The error in every norm, and the numbers from which its floor follows; None where the error
+    is an estimate or the run was not computed."""
 
     def __repr__(self) -> str:
         """The run in one line, with its error."""
@@ -309,7 +309,7 @@ class FinishedRun:
 
 
 def finest_of_members(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
-    """Of every member the run on the finest grid by the first method."""
+    """For every member the run on the finest grid by the first method."""
     found: dict[int, FinishedRun] = {}
     first: dict[int, str] = {}
     for one in finished:

@@ -1,4 +1,4 @@
-"""Figures that say what they draw: against a swept key, a section, quantities, an ensemble."""
+"""Figures with settings: a quantity against a swept key, a section, quantities, an ensemble."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import NotNegative, Setting, key
 
 EXTENTS: Final = ("peak", "rms", "least", "greatest")
-"""What is known of a quantity over a whole run: ``plot: peak_drift``."""
+"""Numbers of a quantity over a whole run; ``plot: peak_drift`` is the peak of `drift`."""
 LONGEST_NAME: Final = 100
-"""Characters of what stands behind the name of the experiment in that of a file."""
+"""Most characters that the name of a file has after the name of the experiment."""
 _QUANTITIES: Final = ListOf(
     shape=Text(what="the name of a quantity"), most=12, example="[drift, base_shear]"
 )
@@ -43,7 +43,7 @@ MEANT: Final[Mapping[str, str]] = {
     **dict.fromkeys(("phase-plane", "phase-portrait", "phase-space"), "write phase"),
     **dict.fromkeys(("loop", "loops", "hysteresis-loop"), "write hysteresis"),
 }
-"""What to write for words of other programs that are figures here, or no kinds of problems."""
+"""What to write for words of other programs, which name no figure and no kind of problem here."""
 _NO_KEYS: Final = ("poincare", "bifurcation", "mean")
 
 
@@ -65,7 +65,7 @@ class FigureSettings(
         "kind": "not a key: write the word alone, such as figures: [trajectory]",
     },
 ):
-    """A figure of what an experiment observes."""
+    """A figure of the outputs, quantities and events of an experiment."""
 
     plot: Annotated[str | None, Text(what="peak_<quantity> or the name of an event")] = key(
         "What is drawn: peak_, rms_, least_ or greatest_ before the name of a quantity, or an "
@@ -115,13 +115,13 @@ class FigureSettings(
 
     @property
     def extent(self) -> tuple[str, str]:
-        """Which extent of which quantity is drawn; two empty words: none of a quantity."""
+        """Extent and quantity of `plot`, (``peak``, ``drift``); two empty words: it names none."""
         found = re.fullmatch(rf"({'|'.join(EXTENTS)})_(.+)", self.plot or "")
         return (found[1], found[2]) if found else ("", "")
 
     @property
     def file_name(self) -> str:
-        """What stands behind the name of the experiment in those of files."""
+        """The part of file names that follows the name of the experiment."""
         words = f"section-{self.section}"
         word, several = "quantities", self.quantities
         if self.ensemble is not None:

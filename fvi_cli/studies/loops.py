@@ -1,4 +1,4 @@
-r"""Force of a damper against its deformation, and what the last loop says of it.
+r"""Force of a damper against its deformation: stiffness and loss factor of its last loop.
 
 With the work W of the loop, its amplitude a, half the range of the deformation, and the forces at
 the largest and the least deformation,
@@ -7,7 +7,7 @@ the largest and the least deformation,
           \eta = \frac{W}{2 \pi \cdot \tfrac12 k a^2}, \qquad W = \oint f\, dy,
 
 the equivalent stiffness and the loss factor, the energy of the loop over 2 pi times that of a
-spring k at its peak (R.W. Clough, J. Penzien, *Dynamics of Structures*, 2003, section 3-7). Of a
+spring k at its peak (R.W. Clough, J. Penzien, *Dynamics of Structures*, 2003, section 3-7). For a
 linear law in steady harmonic motion these are :math:`\mathrm{Re}\,g` and
 :math:`\mathrm{Im}\,g / \mathrm{Re}\,g` at its frequency.
 """
@@ -25,25 +25,27 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 SAMPLES = 4000
-"""Points of the closed polygon whose area is the work of a loop: it errs by (2 pi / n)^2 / 6."""
+"""Points of the closed polygon whose area is the work of a loop; error (2 pi / n)^2 / 6."""
 LEAST_AMPLITUDE = 1e-3
-"""Part of the largest range below which a loop is of the decay behind a test, not of the test."""
+"""Share of the whole range below which a loop belongs to the decay after the test."""
 WIDER = 1.01
-"""By so much the largest loop is wider than the last one, or not worth a row of its own."""
+"""The largest loop has a row of its own if it is wider than the last one by this factor."""
 LAST, LARGEST = "last", "largest"
 LEAST_POINTS = 20
-"""Stored points of a loop: of 20, the stiffness of a viscous damper errs by 0.002 of its size."""
+"""Least stored points of a loop: with 20 the stiffness of a viscous damper errs by 0.002 of its
+size."""
 MOST_DIFFERENCE = 0.05
-"""Between a loop and what every other point says of it; its own error is about an eighth."""
+"""Largest relative difference between a loop and the same loop through every other point; the
+error of the loop is about an eighth of it."""
 LEAST_STIFFNESS = 1e-6
-"""Part of the size of the force below which it is the error of the run that is seen."""
+"""Stiffnesses below this share of force range over deformation range are error of the run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DamperLoop:
-    """What the last loop of a damper says; numbers in the units of force and deformation.
+    """Numbers of one loop of a damper, in the units of force and deformation.
 
-    By default those of a loop of which the points do not say enough.
+    The defaults stand for a loop with too few points.
     """
 
     begin: float
@@ -55,7 +57,7 @@ class DamperLoop:
 
 
 def forces_of(experiment: Experiment) -> tuple[str, ...]:
-    """Quantities that are the force of a damper, or a component of it."""
+    """Names of the quantities that are the force of a damper, or a component of it."""
     scene, quantities = experiment.problem.scene, experiment.observations.quantities or {}
     if scene is None:
         return ()
@@ -67,8 +69,8 @@ def forces_of(experiment: Experiment) -> tuple[str, ...]:
 
 
 def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
-    """Deformation and force of the damper of a quantity, at the stored times, ``(n,)`` each."""
-    # what a damper acts on may differ between members
+    """Deformation and force of the damper that a quantity names, at stored times, ``(n,)`` each."""
+    # members may differ in the coordinate that a damper acts on
     scene, trajectory = item.run.scene, item.trajectory
     observed, quantities = trajectory.observed, item.run.experiment.observations.quantities or {}
     if observed is None:
@@ -83,16 +85,16 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
     """The loop between the last two rises of the deformation through the middle of its range.
 
     Between the points both are cubic polynomials. Loops of less than a thousandth of the range,
-    such as those that round-off makes of rest, do not count; None where there is no other. Of too
-    few points its numbers are nan. A stiffness that is not known from 0 is 0, its loss factor inf.
+    such as round-off at rest, do not count; None where there is no other. With too few points the
+    numbers are nan. A stiffness below the error of the run is 0, its loss factor infinite.
     """
     return last_and_largest_loop(time, deformation, force).get(LAST)
 
 
 def last_and_largest_loop(time: Array, deformation: Array, force: Array) -> dict[str, DamperLoop]:
-    """:func:`last_loop`, and in the same way that of the widest deformation where it is wider.
+    """:func:`last_loop`, and the same of the widest loop where that is wider.
 
-    By the words :data:`LAST` and :data:`LARGEST`; empty where there is no loop.
+    Keys are :data:`LAST` and :data:`LARGEST`; empty where there is no loop.
     """
     finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
     t, y, f = time[finite], deformation[finite], force[finite]
@@ -113,7 +115,7 @@ def last_and_largest_loop(time: Array, deformation: Array, force: Array) -> dict
 
 
 def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) -> DamperLoop:
-    """The loop between the rises behind two points."""
+    """The loop between the rises through the middle that follow the points `first` and `last`."""
     if last - first < LEAST_POINTS:
         return DamperLoop(begin=float(t[first]), end=float(t[last]))
     # a few points more on both sides, for the slopes
@@ -123,7 +125,7 @@ def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) ->
     amplitude, stiffness, work = _around(t, y, f, begin, end)
     size = float(np.ptp(f) / np.ptp(y))
     noise = LEAST_STIFFNESS * size
-    # what every other point says of the same loop differs by more than it errs
+    # every other point gives the same loop with a larger error: the difference bounds the error
     for skipped in (0, 1):
         kept = np.ones(t.size, dtype=bool)
         kept[1 + skipped : -1 : 2] = False
@@ -149,7 +151,7 @@ def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) ->
 
 
 def _rise(t: Array, y: Array, middle: float, place: int) -> float:
-    """Where the deformation rises through the middle behind a point, to round-off."""
+    """The time after a point at which the deformation rises through the middle, to round-off."""
     # most commands find no loops, and need not wait for these imports
     from scipy.interpolate import CubicHermiteSpline
     from scipy.optimize import brentq
@@ -164,7 +166,7 @@ def _around(t: Array, y: Array, f: Array, begin: float, end: float) -> tuple[flo
 
     # with the slopes of parabolas through three points
     moved, forced = (CubicHermiteSpline(t, one, np.gradient(one, t)) for one in (y, f))
-    # the largest of many values is beside the peak, where the force of a viscous damper is not 0
+    # the largest sample is not quite at the peak, where alone the force of a viscous damper is 0
     turns = moved.derivative().roots(extrapolate=False)
     turns = turns[(turns >= begin) & (turns <= end)]
     if not turns.size:

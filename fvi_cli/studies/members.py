@@ -14,17 +14,17 @@ from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
 
 MOST_TOGETHER = ((16, 1024), (128, 32), (math.inf, 4))
-"""Up to so many degrees of freedom so many members are computed together at most; twice as many
-problems, with their square matrices, are kept in memory."""
+"""Pairs (most degrees of freedom, most members that are computed together); twice as many problems,
+with their square matrices, are kept in memory."""
 
 BATCH_BYTES = 2**29
 """Memory that members which are computed together may take."""
 
 DOUBLES_PER_STEP = 60
-"""What a degree of freedom takes in memory for every step, by the hungriest method."""
+"""Numbers in memory per degree of freedom and step, by the method that needs most."""
 
 MOST_VALUES = 6
-"""Values of a swept key that are listed one by one."""
+"""Up to so many values of a swept key are listed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
@@ -33,13 +33,14 @@ class Member:
 
     number: int  # place in the sweep, from 0
     values: Mapping[str, Any]
-    """Key paths such as ``problem.damping.0.order`` with the value (JSON) that this member has."""
+    """JSON values of this member by key path, such as ``problem.damping.0.order``."""
     template: str
-    """The resolved ``problem`` mapping of any member, as JSON text; what is not swept is taken from
-    it."""
+    """The resolved ``problem`` mapping of any member, as JSON text: the source of all values that
+    are not swept."""
     dimension: int = 1  # number of degrees of freedom, the same for all members
     name: str = ""
-    """Of the design; it stands for the values of `named` and changes no number."""
+    """Name of a design; in labels it stands for the values of the keys `named`. It changes no
+    number."""
     named: tuple[str, ...] = ()
 
     @property
@@ -54,7 +55,7 @@ class Member:
 
     @property
     def label(self) -> str:
-        """The name and the values that it does not stand for in words, for messages."""
+        """The name, and in words the values for which it does not stand; for messages."""
         return ", ".join(filter(None, (self.name, values_in_words(self.unnamed))))
 
     @property
@@ -63,7 +64,7 @@ class Member:
         return {key: value for key, value in self.values.items() if key not in self.named}
 
     def __reduce__(self) -> tuple[Callable[..., Member], tuple[object, ...]]:
-        """Travel to another process, where the same member comes out as the same object."""
+        """Pickle for another process, in which equal members become one object."""
         # texts of one template are one for pickle
         fields = {name: getattr(self, name) for name in self.__slots__ if name != "template"}
         return _arrived, (self.template, json.dumps({**fields, "values": dict(self.values)}))
@@ -76,12 +77,12 @@ def label_of(member: Member | None) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OfMember:
-    """What was found of the scene of an experiment, or of one member."""
+    """A result on the scene of an experiment, or of one member."""
 
     name: str = ""
-    """Of the experiment."""
+    """Name of the experiment."""
     of_member: Member | None = None
-    """The member of a sweep, or design, to which it belongs."""
+    """The member of a sweep, or design, to which the result belongs."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Labels of units for figures."""
 
@@ -111,7 +112,7 @@ _BUILT: Mapping[int, Callable[[Member], AnyProblem]] = {
 
 
 def members_at_a_time(n_steps: int, dimension: int) -> int:
-    """How many members of so many degrees of freedom are computed together in so many steps."""
+    """How many members with `dimension` degrees of freedom are computed together."""
     each = 8 * DOUBLES_PER_STEP * n_steps * dimension
     return max(1, min(_most_together(dimension), BATCH_BYTES // each))
 
@@ -174,7 +175,7 @@ def _index(part: str) -> int:
 
 
 def value_at(specification: Mapping[str, Any], path: str) -> Any:
-    """What stands at a key path that begins with ``problem.``."""
+    """The value at a key path that begins with ``problem.``."""
     node: Any = specification
     for part in path.split(".")[1:]:
         node = node[_index(part)] if isinstance(node, list | tuple) else node[part]
@@ -182,7 +183,7 @@ def value_at(specification: Mapping[str, Any], path: str) -> Any:
 
 
 def leads_somewhere(specification: Mapping[str, Any], path: str) -> bool:
-    """Whether something stands at a key path that begins with ``problem.``."""
+    """Whether a value stands at a key path that begins with ``problem.``."""
     try:
         value_at(specification, path)
     except (LookupError, TypeError, ValueError):
@@ -191,7 +192,7 @@ def leads_somewhere(specification: Mapping[str, Any], path: str) -> bool:
 
 
 def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
-    """The mapping with ``swept`` in place of what members differ in: the same for all of them."""
+    """The mapping with ``swept`` in place of the swept values, and so equal for all members."""
     return with_values(template, dict.fromkeys(keys, "swept"))
 
 

@@ -17,21 +17,21 @@ NORMS: Final[tuple[Norm, ...]] = ("max", "final", "l2")
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """How far a run is from its reference, in every norm; its points need not be kept for that."""
+    """Errors of a run in every norm, kept so that the points of the run need not be."""
 
     max: float
     final: float
     l2: float
     largest: float  # position of the reference, or of the run where there is no reference
-    round_off: float  # error by round-off, relative to that
+    round_off: float  # error by round-off, relative to `largest`
     reference: float  # error of the reference in the maximum norm; nan: there is none
 
     def unit(self, norm: Norm, final_time: float) -> float:
-        """What an error of one everywhere comes to: in l2 it grows with the length of the run."""
+        """The norm of an error of one everywhere: in l2 it grows with the length of the run."""
         return math.sqrt(final_time) if norm == "l2" else 1.0
 
     def scale(self, norm: Norm, final_time: float) -> float:
-        """The error of a run that does not move."""
+        """The error of a run that stays at zero."""
         return self.unit(norm, final_time) * self.largest
 
     def floor(self, norm: Norm, final_time: float) -> float:
@@ -43,13 +43,13 @@ class Measured:
 
 
 def round_up(bound: float) -> str:
-    """A bound with two digits, rounded upwards, so that it still is one but for round-off."""
+    """A bound with two digits, rounded upwards so that it stays a bound up to round-off."""
     digits = Context(prec=2, rounding=ROUND_CEILING).create_decimal(f"{bound:.12g}")
     return f"{float(digits):.1e}"
 
 
 def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:
-    """Lengths of time that points stand for in l2; kept ones reach half-way to their neighbours."""
+    """Weights of points in l2, times: of thinned points half-way to the neighbours each."""
     if every > 1:
         gaps = np.diff(time, prepend=time[0] - step_size, append=time[-1] + step_size)
         return np.asarray(0.5 * (gaps[:-1] + gaps[1:]))

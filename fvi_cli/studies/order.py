@@ -21,14 +21,14 @@ from fvi_cli.studies.members import Member, with_values
 from fvi_cli.studies.norms import Norm
 
 WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
-"""Endings of keys of a problem that no order of its damping depends on."""
+"""Endings of problem keys whose values do not change the orders of the damping."""
 
 LEAST_SPAN, SAME_ORDER = 2, 0.5
-"""Factor in N over which errors say an order though round-off ends the ladder; over less the slope
-and the order of the two finest must be so close."""
+"""A ladder that round-off cuts short has an order if its errors span this factor in N; otherwise if
+its slope and the order of its two finest rows differ by no more than the second number."""
 
 NEAR_FLOOR = 1000.0
-"""Errors within this factor of their floor are partly round-off, other digits on other machines."""
+"""Errors within this factor of their floor are partly round-off and differ between machines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class OrderRow:
     expected_order: float
     message: str = ""
     remarks: tuple[str, ...] = ()
-    """What happened, in words, and what the reader should know."""
+    """Events of the run and warnings, in words."""
 
     @property
     def is_near_floor(self) -> bool:
@@ -61,7 +61,7 @@ class OrderRow:
 
 @dataclass(frozen=True, kw_only=True)
 class OrderCase:
-    """One method's rows with the slope through those that are used."""
+    """The rows of one method, with the slope through the rows that are used in the fit."""
 
     method: AnyMethod
     rows: tuple[OrderRow, ...]
@@ -88,7 +88,7 @@ class OrderCase:
     def pairwise_order(self, index: int) -> float:
         """log(e_previous / e) / log(N / N_previous) of a row.
 
-        Nan of the first row, after rows without an error, and where either error is near the floor.
+        Nan for the first row, after rows without an error, and where an error is near the floor.
         """
         before, row = self.rows[max(index - 1, 0)], self.rows[index]
         if before.is_near_floor or row.is_near_floor:
@@ -97,10 +97,10 @@ class OrderCase:
 
     @property
     def has_order(self) -> bool:
-        """Whether the errors that are used say an order.
+        """Whether the errors that are used determine an order.
 
-        Where finer ones are next to round-off, those that are left must span a factor of two in N,
-        or lie on a line.
+        Where the errors of finer rows are near round-off, the remaining rows must span a factor of
+        two in N, or lie on a line.
         """
         used = [row.n_steps for row in self.rows if row.used_in_fit]
         if len(used) < 2 or used[-1] >= LEAST_SPAN * used[0]:
@@ -110,7 +110,8 @@ class OrderCase:
 
     @property
     def last_pair(self) -> int | None:
-        """Index of the finer of the last two neighbouring rows that are used; None without."""
+        """Index of the finer of the last two neighbouring rows that are used; None: there are none.
+        """
         pairs = [
             index
             for index, (before, row) in enumerate(itertools.pairwise(self.rows), start=1)
@@ -120,7 +121,7 @@ class OrderCase:
 
     @property
     def last_order(self) -> float:
-        """Pairwise order between these two; nan without."""
+        """Pairwise order of the rows of :attr:`last_pair`; nan if there are none."""
         return math.nan if self.last_pair is None else self.pairwise_order(self.last_pair)
 
     @property
@@ -146,11 +147,11 @@ class OrderTable:
     final_time: float
     cases: tuple[OrderCase, ...]
     member: Member | None = None
-    """Of a sweep."""
+    """The member of a sweep; None: there is no sweep."""
 
     @property
     def swept(self) -> Mapping[str, Any]:
-        """Of a member of a sweep: its values by key path."""
+        """Swept values of the member by key path; empty without a sweep."""
         return {} if self.member is None else self.member.values
 
     @property
@@ -160,7 +161,7 @@ class OrderTable:
 
 
 def tables_of_members(experiment: Experiment, finished: Iterable[FinishedRun]) -> list[OrderTable]:
-    """The table of `experiment`; of a sweep, one for every member that has finished runs."""
+    """The table of `experiment`; for a sweep, one for every member that has finished runs."""
     if not experiment.members:
         return [order_table(experiment, finished)]
     by_member: dict[Member, list[FinishedRun]] = {}
@@ -237,7 +238,7 @@ def _orders_of_member(template: str, values: str) -> str:
     specification = with_values(json.loads(template), json.loads(values))
     if specification["kind"] == "fractional-derivative":
         return f"{specification['order']:.15g}"
-    # without the search for a closed form that comes with the problem
+    # the scene alone: building the problem would search for a closed form
     return _orders_of(build_scene(specification))
 
 

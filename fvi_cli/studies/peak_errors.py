@@ -1,4 +1,4 @@
-"""Errors of quantities in ladders: what their finer runs say of the coarser ones."""
+"""Errors of quantities in ladders, estimated by comparing runs of a ladder with finer ones."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from fvi_cli.studies.experiment import FinishedRun
 
 
 def with_peak_errors(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
-    """Runs of ladders with the errors of their peaks, where two runs of a method have come to T.
+    """Runs of ladders with the errors of their peaks, where two runs of a method reached T.
 
-    Of every run but the finest it is the difference to the finest one; of that one the difference
-    to the run before, which is larger than its error. Runs for a tolerance have their own.
+    The error of a run is its difference from the finest run; the error of the finest run is its
+    difference from the run before, which is larger than its error. Runs for a tolerance keep their
+    errors.
     """
     ladders: dict[tuple[object, ...], list[int]] = {}
     for index, one in enumerate(finished):

@@ -29,39 +29,39 @@ LEAST_STEPS = 256
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
 ROUGH = 1e-4
-"""Local tolerance of the runs that measure how large the motion is, relative to a guess."""
+"""Local tolerance of the runs that measure the size of the motion, relative to a guessed size."""
 TOLERANCES = (1e-13, 1e-11, 1e-9)
-"""Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
+"""Local tolerances of refined adaptive runs, relative to the motion; the first that succeeds."""
 HELD_STEPS = (64, 128)
-"""Steps of the two runs against which exact solutions are held."""
+"""Steps of the two runs with which exact solutions are checked."""
 HELD = 1e-9
-"""Part of the motion by which these may differ from them."""
+"""An exact solution may differ from these runs by this share of the motion."""
 MARGIN = 10.0
-"""By so much a difference exceeds the error of the run that it is blamed on another."""
+"""A difference of more than so many errors of a run is not due to that run."""
 WITHOUT_END = "none (no exact solution is known"
 MOST_GRIDS = 32
-"""Grids on which values are kept; a guess: more than a usual ladder has."""
+"""Number of grids on which values are cached; guessed: more than a usual ladder has."""
 TIMES_DIFFER = 1e-12
 """Times of runs may differ by round-off, relative to the last."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference:
-    """Values to compare with on the grids of a ladder."""
+    """Values with which the runs of a ladder are compared."""
 
     values: Callable[[Array], Array]
     """Function of times, shape ``(n,)`` to ``(n, d)``: an exact solution, polynomials of a run, or
     :class:`Tabulated`; nan where nothing is known."""
     error: float
-    """Estimated error of the values in the maximum norm: of an exact solution what round-off leaves
-    of it, nan where nothing is known."""
+    """Estimated error of the values in the maximum norm: for an exact solution its round-off; nan
+    where nothing is known."""
     source: str  # as the reader of a table sees it
     is_dense: bool = False
     """Whether there are values at any time."""
     _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
     def at(self, times: Array) -> Array:
-        """The values; on the grid of a run they are the same for all methods."""
+        """The values at times; those on one grid are computed once for all methods."""
         key = times.tobytes()
         if key not in self._evaluated:
             while len(self._evaluated) >= MOST_GRIDS:
@@ -75,7 +75,7 @@ class Reference:
         return not math.isnan(self.error)
 
     def tabulated(self, times: Array) -> Reference:
-        """The same at `times` alone, such that it can be stored and sent to another process."""
+        """The reference restricted to `times`, which can be stored and sent to another process."""
         values = Tabulated(time=times, position=self.values(times))
         return replace(self, values=values, is_dense=False)
 
@@ -98,7 +98,7 @@ class Tabulated:
 
 
 def needs_refined_run(run: Run) -> bool:
-    """Whether the error may be measured against a refined run, which is looked for."""
+    """Whether the error may have to be measured against a refined run."""
     problem = run.experiment.problem
     if run.is_search or run.experiment.observations.impacts or problem.exact_source == "none":
         return False
@@ -106,9 +106,9 @@ def needs_refined_run(run: Run) -> bool:
 
 
 def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
-    """Refined runs of the scenes of runs of one experiment, at the times of its whole ladder.
+    """A refined run for the scene of each run of one experiment, at the times of its whole ladder.
 
-    None for a scene whose exact solution holds.
+    None for a scene whose exact solution passed its check.
     """
     experiment, problems = runs[0].experiment, [run.problem for run in runs]
     found = find_references(problems, experiment.steps, grading=experiment.grading)
@@ -126,9 +126,9 @@ def _times_of_ladder(run: Run) -> Array:
 
 
 def reference_of(run: Run) -> Reference:
-    """What the error of `run` is measured against; made once for all runs of its problem.
+    """The reference for the error of `run`; computed once for all runs of its problem.
 
-    Exact solutions of members of a sweep are held against runs by :func:`refined_references`.
+    For members of a sweep :func:`refined_references` checks the exact solutions.
     """
     return _reference_of(run.experiment, run.member)
 
@@ -146,22 +146,23 @@ def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
 def find_reference(
     problem: AnyProblem, steps: tuple[int, ...], *, grading: float = 1.0
 ) -> Reference:
-    """The exact solution where it is known and holds, otherwise a refined run.
+    """The exact solution where it is known and passes a check, otherwise a refined run.
 
-    An exact solution is held against two short runs, and where these agree with each other but not
-    with it, against the refined one, which is taken where it is much better.
+    The check compares an exact solution with two short runs. If these agree with each other but
+    not with it, it is compared with the refined run, which replaces it where it differs by more
+    than ten times the error of that run.
 
     The refined run is made by the Gauss method of degree 4 with a graded start on a grid that
-    contains all grids of the ladder; it is doubled until two runs agree to 2e-14 of the largest
-    value, or further than that no more, or N reaches 16384. The difference of the last two is
-    stated as its error, although the finer one, which is used, is usually much better.
+    contains all grids of the ladder. N is doubled until two runs agree to 2e-14 of the largest
+    value, or come no closer, or N reaches 16384. The stated error is the difference of the last
+    two runs, although the finer one, which is used, is usually much better.
 
-    For graded meshes, for forces with narrow pulses, for break points between the points of the
-    smallest common grid, and where that is larger, the steps of the refined run are adaptive, and
-    its polynomials give the values between them; its difference from a run of another degree and
-    tolerance is stated as its error.
+    The steps of the refined run are adaptive for graded meshes, for forces with narrow pulses, for
+    break points off the smallest common grid, and where that grid has more than 16384 steps. Its
+    polynomials then give the values between the steps, and the stated error is its difference from
+    a run of another degree and tolerance.
 
-    A refined run that does not reach the end leaves nothing to compare with; the source says why.
+    If the refined run does not reach the end there are no values; the source says why.
     """
     (reference,) = find_references([problem], steps, grading=grading)
     return reference
@@ -170,7 +171,7 @@ def find_reference(
 def find_references(
     problems: Sequence[AnyProblem], steps: tuple[int, ...], *, grading: float = 1.0
 ) -> list[Reference]:
-    """What :func:`find_reference` finds for each problem; their refined runs are made together."""
+    """:func:`find_reference` for each problem; the refined runs are computed together."""
     common = math.lcm(*steps)
     has_grid = grading == 1.0 and common <= MOST_STEPS
     differences = _differences_from_exact(problems)
@@ -183,7 +184,7 @@ def find_references(
         elif scene is not None and source == "none":
             found[index] = _unknown(scene, "none, as asked for")
         if scene is not None and (index not in found or index in differences):
-            # times that steps have to end at, lest they pass over pulses of the force
+            # without steps that end at these times a run may step over pulses of the force
             pulses = pulses_that_move(scene, SUFFICIENT * likely_amplitude(scene)).points
             if has_grid and not pulses and fits_break_points(scene, common):
                 on_grids[index] = scene
@@ -204,7 +205,7 @@ def _exact(problem: AnyProblem, exact: Callable[[Array], Array]) -> Reference:
 
 
 def _chosen(problem: AnyProblem, refined: Reference, difference: float | None) -> Reference:
-    """The refined run, or the exact solution where that differs from runs by no more than these."""
+    """The exact solution where runs do not contradict it (`difference`), else the refined run."""
     if problem.exact is None or difference is None:
         why = problem.exact_source
     elif not MARGIN * refined.error < difference:
@@ -215,10 +216,10 @@ def _chosen(problem: AnyProblem, refined: Reference, difference: float | None) -
 
 
 def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
-    """By numbers of problems: differences of exact solutions from runs, where these say something.
+    """Differences of exact solutions from runs where they are significant, by index of problem.
 
-    They do where two of them agree to a tenth of it, and it is more than :data:`HELD` of the motion
-    and than round-off leaves of the solution.
+    A difference is significant if two runs agree to a tenth of it, and it is more than
+    :data:`HELD` times the motion and more than ten times the round-off of the exact solution.
     """
     held = {k: one for k, one in enumerate(problems) if isinstance(one, Problem) and one.exact}
     scenes = [one.scene for one in held.values()]
@@ -237,7 +238,7 @@ def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
 
 
 def _unknown(scene: Scene, source: str) -> Reference:
-    """No reference, and why."""
+    """A reference without values, with the reason."""
     dimension = scene.dimension
     return Reference(
         values=lambda times: np.full((times.size, dimension), np.nan),
@@ -247,19 +248,19 @@ def _unknown(scene: Scene, source: str) -> Reference:
 
 
 def _without_end(scene: Scene, run: Trajectory) -> Reference:
-    """No reference, for its run does not come to its end."""
+    """A reference without values, since its run does not reach the end."""
     words = f"the refined run {run.status}: {run.message}"
     return _unknown(scene, f"{WITHOUT_END}, and {words})")
 
 
 def _in_words(error: float, scale: float) -> str:
-    """A bound on the error, no closer than round-off lets the estimate be the same twice."""
+    """A bound on the error in words, so loose that round-off does not change it."""
     bound = max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300)
     return f"estimated error below {round_up(bound)}"
 
 
 def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
-    """Polynomials of a run with adaptive steps, whatever the times that are asked for."""
+    """Polynomials of a run with adaptive steps, for any times."""
     scale = likely_amplitude(scene) or 1.0
     points = tuple(sorted({*knots_of(scene), *pulses}))
     better, worse = (
@@ -288,7 +289,7 @@ def first_steps(common: int) -> int:
 
 
 def _refined_on_grids(scenes: Sequence[Scene], common: int) -> list[Reference]:
-    """Runs on multiples of a common grid, doubled for every scene as long as it pays."""
+    """Runs on multiples of a common grid; N is doubled for every scene while errors fall."""
     n_steps = first_steps(common)
     runs = _members(scenes, n_steps)
     errors = [math.inf] * len(runs)
@@ -327,7 +328,7 @@ def _members(
 def _on_grid(scene: Scene, run: Trajectory, error: float, common: int) -> Reference:
     if run.status != "ok":
         return _without_end(scene, run)
-    # what lies between the points of the common grid is never asked for
+    # values between the points of the common grid are never requested
     kept = np.ascontiguousarray(run.position[:: run.n_steps // common])
 
     def values(times: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What an experiment asks of ``fvi stability``."""
+"""The settings of an experiment for ``fvi stability``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fvi_cli.keys.scalars import Number, Schema, Shape
 from fvi_cli.keys.settings import Setting, key
 
 MOST_POINTS: Final = 250_000
-"""Points of one stability region."""
+"""Most points of one stability region."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class Region(Setting, expected="{orders: [...], stiffness: {...}, damping: {...}
     damping: Rising = key("Values of mu h**(2 - order) / m, the damping as one step sees it.")
 
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The values, where they are not too many."""
+        """The values, or a complaint where the region has too many points."""
         points = len(self.stiffness) * len(self.damping)
         if points > MOST_POINTS:
             return at.refuse(f"{points} points; at most {MOST_POINTS} are allowed")
@@ -63,7 +63,7 @@ class Region(Setting, expected="{orders: [...], stiffness: {...}, damping: {...}
 
 
 class StabilitySettings(Setting):
-    """What is looked at."""
+    """Regions and ranges that ``fvi stability`` examines."""
 
     observe: bool = key(
         "Run every method from random data and compare with what is predicted.", default=True
@@ -74,4 +74,4 @@ class StabilitySettings(Setting):
 
 
 USUAL = StabilitySettings.of({})
-"""What is examined by default."""
+"""The default settings."""

@@ -1,9 +1,9 @@
-"""Stability over steps and parameters: what is predicted, and what is seen.
+"""Stability over steps and parameters: predictions and observations.
 
 **Observed**: the scene without its forcing runs from random data for max(2000, 20 / growth) steps.
-It is unstable when the largest position in the last quarter of the steps exceeds that in the
-first a thousandfold, beside the growth of the exact scene between the two, and by a quarter more
-than that growth. A prediction for the same number of steps must say the same.
+The method is unstable when the largest position in the last quarter of the steps exceeds that in
+the first quarter by a factor of a thousand on top of the growth of the exact scene between the
+two, and by a quarter more than that growth. A prediction for the same number of steps must agree.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ from fvi_cli.studies.experiment import Experiment, Run
 
 FEWEST_STEPS = 2000
 MOST_STEPS = 200_000
-"""Steps of an observation; modes that grow more slowly than that shows are left unknown."""
+"""Most steps of an observation; slower growth than these steps can show is left unknown."""
 
 MOST_VALUES = 4_000_000
-"""Positions of an observation: larger scenes are observed for fewer steps."""
+"""Most numbers (steps times degrees of freedom) of an observation: larger scenes have fewer steps.
+"""
 
 LASTING = 1000
-"""So many times the time of the scene is long enough for every mode that grows at all to show."""
+"""After so many times the final time every mode that grows at all is thought to show."""
 
 _TIMES_E = 20.0
 _LARGEST_LOGARITHM = 600.0
@@ -51,20 +52,20 @@ _SEED = 20
 
 @dataclass(frozen=True, kw_only=True)
 class ObservedStability:
-    """What a run from random data did."""
+    """The observed growth of a run from random data."""
 
     verdict: Verdict
-    """By the definition of this module."""
+    """``stable``, ``unstable`` or ``unknown``, as the docstring of the module defines it."""
     n_steps: int
     growth_per_step: float
-    """Logarithm of the growth from the first to the last quarter, per step, up to where numbers
-    overflow."""
+    """Logarithm of the growth from the first to the last quarter, per step; for a run that
+    overflows up to there."""
     predicted: Verdict
     """The prediction for the same number of steps."""
 
     @property
     def agrees(self) -> bool | None:
-        """Whether both say the same; None where one of them says nothing."""
+        """Whether both verdicts are equal; None where one of them is unknown."""
         if "unknown" in (self.verdict, self.predicted):
             return None
         return self.verdict == self.predicted
@@ -78,18 +79,19 @@ class StabilityRow:
     prediction: StabilityPrediction
     """For the run as it is configured."""
     largest_stable_step: float
-    """Largest step of the method from which on smaller ones are stable, over the same time; nan
-    where there is none, or without a prediction."""
+    """Largest step of the method such that all smaller ones are stable over the final time; nan
+    where there is none, or no prediction."""
     lasting_step: float
-    """The same over a thousand times that time: up to it nothing grows, however slowly."""
+    """The same over :data:`LASTING` times that time: for smaller steps nothing grows, however
+    slowly."""
     observation: ObservedStability | None = None
-    """None where it was not asked for, or cannot be made."""
+    """None where it was not requested, or is not possible."""
     failure: str = ""
-    """What the program's own mistake was, where nothing came of it."""
+    """Message of an internal error that prevented a result; else empty."""
 
     @property
     def verdict(self) -> Verdict:
-        """The prediction, of a nonlinear scene that of its linearisation at the start."""
+        """The prediction; for a nonlinear scene that for its linearisation at the start."""
         if self.prediction.verdict == "unknown":
             return self.prediction.linearised_verdict
         return self.prediction.verdict
@@ -119,10 +121,10 @@ def stability_rows(
     with_observation: bool,
     failed: Callable[[Run, Exception], str] | None = None,
 ) -> Iterator[StabilityRow]:
-    """Every run of the experiment, looked at but not computed.
+    """The stability of every run of the experiment; the runs are not computed.
 
-    `failed` says in words what an exception other than a `ValueError` means; without it an
-    exception ends everything.
+    `failed` returns the message for an exception other than a `ValueError`, and the other runs are
+    still examined; without it the exception is raised.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def stability_rows(
 def _row(
     run: Run, limits: dict[tuple[str, int], tuple[float, float]], *, with_observation: bool
 ) -> StabilityRow:
-    """One run; `limits` are those of its method and member, found once."""
+    """One run; `limits` caches the largest stable steps by method and member."""
     scene = run.scene
     key = (run.method.case, run.member.number if run.member is not None else 0)
     if key not in limits:
@@ -178,13 +180,13 @@ def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
     longer = replace(scene, final_time=LASTING * scene.final_time)
     lasting = largest_stable_step(longer, method, fewest=LASTING) or math.nan
     if lasting >= scene.final_time:
-        # what grows over the shorter time grows over the longer one, too
+        # a step that is stable over the longer time is stable over the shorter one, too
         return scene.final_time, lasting
     return largest_stable_step(scene, method) or math.nan, lasting
 
 
 def observe_growth(scene: Scene, method: AnyMethod, n_steps: int) -> ObservedStability | None:
-    """What random data do in steps of T / `n_steps`.
+    """Observe how random data grow in steps of T / `n_steps`.
 
     None for a scene that cannot be linearised, and where the equations of a step have no unique
     solution.
@@ -204,7 +206,7 @@ def observe_growth(scene: Scene, method: AnyMethod, n_steps: int) -> ObservedSta
     if first.growth_per_step > first.exact_growth:
         count = int(max(count, _TIMES_E / (first.growth_per_step - first.exact_growth)))
     if first.exact_growth > 0:
-        # within the range of numbers
+        # so few steps that numbers do not overflow
         fastest = max(first.growth_per_step, first.exact_growth)
         count = int(max(8, min(count, _LARGEST_LOGARITHM / fastest)))
     count = min(count, MOST_STEPS, max(FEWEST_STEPS, MOST_VALUES // linear.dimension))
@@ -228,7 +230,7 @@ def observe_growth(scene: Scene, method: AnyMethod, n_steps: int) -> ObservedSta
 
 
 def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Array:
-    """Largest component at every time, up to the last that is a number."""
+    """Largest component at every time, up to the last finite one."""
     random = np.random.default_rng(_SEED)
     position, velocity = random.standard_normal((2, scene.dimension))
     with np.errstate(all="ignore"):
@@ -249,7 +251,7 @@ def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Ar
 
 
 def _growth_between_quarters(sizes: Array) -> float:
-    """Logarithm of the growth of the largest value from the first to the last quarter, a step."""
+    """Logarithm of the growth of the largest value from the first to the last quarter, per step."""
     quarter = max(1, sizes.size // 4)
     first, last = sizes[:quarter].max(), sizes[-quarter:].max()
     if sizes.size <= quarter or not first > 0:
@@ -271,7 +273,7 @@ def stability_maps(
 
 
 def distinct_regions(methods: Sequence[AnyMethod]) -> list[AnyMethod]:
-    """The methods without those that have the region of another: start and forcing do not count."""
+    """One method for each stability region: start and forcing do not change the region."""
     found: dict[object, AnyMethod] = {}
     for method in filter(has_patterns, methods):
         key: object = method

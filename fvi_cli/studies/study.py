@@ -1,4 +1,4 @@
-"""Runs with their errors: what an experiment lists is computed, and measured, here."""
+"""Runs with their errors: computes and measures the runs that an experiment lists."""
 
 from __future__ import annotations
 
@@ -39,22 +39,23 @@ from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 DIVERGED_RATIO = 10.0
 
 MUCH_WORSE, NOTICED = 10.0, 1e-4
-"""It is warned of outputs that err by so many times the error at points, and by so much of the
-motion (guessed)."""
+"""A warning is given for outputs that err by more than 10 times the error at points and by more
+than 1e-4 of the motion (guessed)."""
 
 KEPT_BYTES = 2**25
-"""Runs whose points take no more are kept whole until their error is measured."""
+"""Runs whose points take at most so many bytes are kept whole until their error is measured."""
 
 UNRELIABLE = 0.01
-"""A floor above this part of the largest value leaves no error to speak of."""
+"""If the floor is above this share of the largest value, errors say too little to be used."""
 
 
 def study(
     experiment: Experiment, finished: Callable[[Run], FinishedRun | None] = lambda run: None
 ) -> Iterator[FinishedRun]:
-    """Every run of `experiment`, method by method, steps increasing, or what `finished` has of it.
+    """Every run of `experiment`, method by method, steps increasing.
 
-    Where it asks for a tolerance, the run that the search comes to.
+    `finished` may return a stored run, which is then not computed. With a tolerance the only run
+    is the result of the search.
     """
     for run in experiment.runs():
         yield finished(run) or execute(run)
@@ -74,11 +75,11 @@ def execute_batch(
     available_bytes: int | None = None,
     log: Callable[[str], object] = lambda line: None,
 ) -> list[FinishedRun]:
-    """Compute runs by one method on one number of steps, members of a sweep together; or a search.
+    """Compute runs by one method on one number of steps, e.g. members of a sweep; or one search.
 
-    One that diverges does not disturb the others; one that is predicted to blow up is not computed
-    where that is not wanted. References that are not given are found here. A search for a tolerance
-    takes no more than `available_bytes` of memory, and `log` is given a line for every run.
+    A run that diverges does not disturb the others. A run that is predicted to blow up is computed
+    only with ``allow_unstable``. References that are not given are found here. A search for a
+    tolerance takes at most `available_bytes` of memory and gives `log` a line for every run.
     """
     if runs[0].is_search:
         return [
@@ -141,9 +142,9 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Pair:
 
 
 def _thinning(run: Run) -> int:
-    """n: every n-th point is in memory; 1 unless there is no room for all and the method can.
+    """n such that every n-th point is kept in memory; above 1 only where memory demands it.
 
-    Errors are those of all points wherever these are in memory, as they are of observed runs.
+    Errors are taken over all points in memory; observed runs keep all.
     """
     method = run.method
     is_memory_free = isinstance(method, Method) and method.history == "exponentials"
@@ -153,7 +154,7 @@ def _thinning(run: Run) -> int:
 
 
 def prediction_of(run: Run) -> StabilityPrediction:
-    """What is known of the run's stability before it is computed."""
+    """The predicted stability of a run."""
     scene = run.problem.scene
     if scene is None:
         return StabilityPrediction(verdict="unknown", reason="no motion to integrate")
@@ -163,7 +164,7 @@ def prediction_of(run: Run) -> StabilityPrediction:
 def assessed(
     run: Run, found: Pair, prediction: StabilityPrediction, reference: Reference
 ) -> FinishedRun:
-    """The run with its error against `reference` on its mesh, and what is to be said of it."""
+    """The run with its error against `reference` on its mesh, and with remarks on it."""
     trajectory, reported = found
     exact = reference.at(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
@@ -200,7 +201,7 @@ def assessed(
 
 
 def _unknown_error(reference: Reference) -> tuple[str, ...]:
-    """Why a run has no error that was wanted."""
+    """A remark where the refined run did not reach the end, so that the error is unknown."""
     is_lost = reference.source.startswith(WITHOUT_END)
     return (f"error: not known, reference: {reference.source}",) if is_lost else ()
 
@@ -208,9 +209,9 @@ def _unknown_error(reference: Reference) -> tuple[str, ...]:
 def _between_points(
     trajectory: Trajectory, reported: Trajectory, reference: Reference, measured: Measured
 ) -> tuple[str, ...]:
-    """A warning where outputs and events between the points of a mesh are much worse than points.
+    """A warning where outputs and events between points of the mesh err much more than the points.
 
-    A reference on a grid does not say, and neither do peaks of quantities.
+    There is none for a reference on a grid alone, nor for peaks of quantities.
     """
     events = reported.observed.events.values() if reported.observed else ()
     seen = [(reported.time, reported.position), *((one.time, one.position) for one in events)]
@@ -231,7 +232,7 @@ def _between_points(
 def _remarks(
     run: Run, trajectory: Trajectory, prediction: StabilityPrediction, measured: Measured
 ) -> tuple[str, ...]:
-    """What the reader of a table must know of a run."""
+    """Remarks on a run for the reader of a table."""
     experiment, scene, n_steps = run.experiment, run.problem.scene, run.n_steps
     found = list(trajectory.remarks)
     if trajectory.every > 1:
@@ -241,7 +242,7 @@ def _remarks(
     if not (experiment.diagnostics.is_empty or isinstance(run.method, Method)):
         found.append("no diagnostics: the method keeps no increments of its steps")
     if prediction.verdict == "unstable":
-        # that is what was predicted; from which N on it shows depends on round-off
+        # instability was predicted; round-off decides from which N on the energy shows it
         found = [one for one in found if not one.startswith(GAINS_ENERGY)]
     if scene is not None:
         found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
@@ -284,7 +285,7 @@ def judged(run: Run, status: Status, measured: Measured) -> dict[str, Any]:
     error, floor = getattr(measured, norm), measured.floor(norm, final_time)
     known: Observed = status
     if status == "ok" and not math.isnan(measured.reference):
-        # an error of ten times the whole solution is no approximation of it
+        # the error is many times the whole solution: this is no approximation
         if not np.isfinite(error) or error > DIVERGED_RATIO * measured.scale(norm, final_time) > 0:
             known = "diverged"
         elif error < floor:
@@ -303,7 +304,7 @@ def expected_order_of(run: Run) -> float:
 
 
 def _refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> FinishedRun:
-    """The run with its start and the reason why there is no more of it."""
+    """A run that was not computed: its start, and the reason."""
     message = refusal(run.scene, run.method, run.n_steps, prediction)
     return FinishedRun(
         run=run,

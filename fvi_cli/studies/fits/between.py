@@ -1,9 +1,9 @@
-"""What lies between the samples of a displacement, and how far it moves the estimates of a fit.
+"""How much estimates of a fit depend on the displacement between its samples.
 
 Straight lines between samples of a smooth motion have their slopes half an interval late, and a
-spline through few samples cuts its peaks. No residual shows it: the parameters follow. So the force
-is computed at the estimates on a spline of two degrees more as well, and the change of the
-estimates, in first order, is held against their standard errors.
+spline through few samples cuts its peaks. Residuals do not show this, since the parameters adapt.
+So the force at the estimates is computed a second time, on a spline of two degrees more, and the
+resulting change of the estimates, to first order, is compared with their standard errors.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from fvi_cli.studies.fits.profile import Minimum
 from fvi_cli.studies.fits.statistics import covariance
 
 NEGLIGIBLE: Final = 0.3
-"""Standard errors of an estimate up to which what lies between the samples does not matter: of
-unbiased intervals of 95 % such a bias leaves 94 %."""
+"""Bias of an estimate, in standard errors, that does not matter: with it intervals of 95 % still
+hold the true value in 94 % of the cases."""
 
 
 class _SmootherModel(MotionModel):
@@ -39,7 +39,7 @@ class _SmootherModel(MotionModel):
 
 
 def smoother_motion(motion: PrescribedMotion) -> PrescribedMotion | None:
-    """A displacement through the same samples on a spline of two degrees more; None: it has none.
+    """A displacement through the same samples, of two degrees more; None: it is no single spline.
 
     Splines are those of SciPy's ``make_interp_spline``, with not-a-knot ends.
     """
@@ -47,7 +47,7 @@ def smoother_motion(motion: PrescribedMotion) -> PrescribedMotion | None:
     component = pieces[0].components[0]
     if len(pieces) > 1 or not isinstance(component, SampledForce) or component.formula is not None:
         return None
-    # fits of dampers on the bench alone need it, and it takes long to import
+    # only fits of dampers with given displacements need this slow import
     from scipy.interpolate import PPoly, make_interp_spline
 
     values = motion.displacement(component.knots)[:, 0]
@@ -64,7 +64,7 @@ def smoother_motion(motion: PrescribedMotion) -> PrescribedMotion | None:
 
 
 def between_samples(best: Minimum, variance: float) -> tuple[str, ...]:
-    """What a smoother displacement would change of the best estimates, where that matters."""
+    """A warning where a smoother displacement would change the best estimates too much."""
     model, at = best.model, best.evaluation
     scene = model.scene(0, model.values(best.point))
     if scene.prescribed is None or smoother_motion(scene.prescribed) is None or at.jacobian is None:

@@ -29,21 +29,21 @@ from fvi_cli.studies.fits.statistics import (
 from fvi_cli.studies.fits.terms import needless_terms
 
 FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
-"""Of a step, relative to the size of the motion."""
+"""Tolerance of a step in the first and in the finest runs, relative to the size of the motion."""
 DISCRETISATION = 0.01
-"""Error of the runs that is allowed, relative to the residuals."""
+"""Permitted error of the runs, relative to the residuals."""
 LOOSE = 1e-4
 """Tolerance of a step while the minimum is looked for, relative to the size of the motion."""
 MOST_REWEIGHTINGS, ENOUGH = 20, 1e-3
-"""Of the noise of the columns, and their relative change at which they end."""
+"""Most iterations for the noise of the columns; they end when it changes by less, relative."""
 LEAST_FREEDOM = 0.5
 """Degrees of freedom of a column below which its noise cannot be estimated."""
 MOST_BETTER = 3
-"""Times that a fit begins again where a profile found less misfit."""
+"""How often a fit begins again because a profile found less misfit."""
 MOST_OTHERS = 3
-"""Minima beside the best that are looked at closely."""
+"""How many minima apart from the best are refined."""
 SEPARATION = 10.0
-"""Standard deviations by which the misfit of another minimum should be larger."""
+"""Points at least so many standard deviations away belong to another minimum."""
 NO_INFLUENCE = 1e-10
 POINTS_OF_CURVES = 400
 
@@ -51,7 +51,7 @@ Log = Callable[[str], None]
 
 
 class NoFitError(ValueError):
-    """Why no model could be fitted, and the last point that was tried."""
+    """No model could be fitted; holds the reason and the last point that was tried."""
 
     def __init__(self, message: str, point: Array) -> None:
         super().__init__(message)
@@ -186,7 +186,7 @@ def _scale(model: MotionModel) -> float:
 
 
 def _check_influence(model: MotionModel, scale: float) -> None:
-    """Refuse parameters that change nothing where the search begins."""
+    """Refuse parameters without influence on the data at the start of the search."""
     model.loosen(1e-5 * scale)
     try:
         jacobian = model.evaluate(model.start).jacobian
@@ -214,7 +214,7 @@ def _is_clean(model: MotionModel, at: Evaluation) -> bool:
 
 
 def _estimate_noise(model: MotionModel, point: Array, at: Evaluation) -> list[float]:
-    """Deviations of the series from the residuals."""
+    """Standard deviation of the noise of every series, from the residuals."""
     found = []
     for one, part, n in zip(
         model.series, model.split(at.residuals), own_freedoms(at, model.sizes).tolist(), strict=True
@@ -293,7 +293,7 @@ def _result(
 
 
 def _is_separated(at_best: Evaluation, direction: Array, variance: float) -> bool:
-    """Whether a point lies so far off that a misfit like the best one is another minimum's."""
+    """Whether a point with a misfit like the best one is too far off to belong to that minimum."""
     if at_best.jacobian is None:
         return False
     expected = at_best.jacobian @ direction
@@ -301,7 +301,7 @@ def _is_separated(at_best: Evaluation, direction: Array, variance: float) -> boo
 
 
 def _failed(model: MotionModel, message: str, point: Array) -> ModelFit:
-    """What is reported where nothing could be computed."""
+    """The result of a fit that failed, with the reason."""
     values = model.values(point)
     return ModelFit(
         model=model.model,

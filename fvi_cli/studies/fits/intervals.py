@@ -37,7 +37,7 @@ def estimates(
     Raises
     ------
     BetterMinimumError
-        If the first minimum is none.
+        If the first point is no minimum.
     """
     best, model = minima[0], minima[0].model
     _, errors, _ = covariance(best.evaluation, variance)
@@ -68,12 +68,12 @@ def estimates(
 
 
 def _check_minimum(best: Minimum, variance: float) -> None:
-    """Look for less misfit beside a minimum in logarithms: where a number should be 0 they end.
+    """Look for less misfit near a minimum: a search in logarithms may stop short of a zero.
 
     Raises
     ------
     BetterMinimumError
-        If there is less.
+        If there is a point with less misfit.
     """
     cost = best.evaluation.cost
     found = descend(best, best.point, best.evaluation, -1, cost)
@@ -91,7 +91,7 @@ def _by_curvature(best: Minimum, index: int, step: float) -> Side:
 def _farthest(
     minima: Sequence[Minimum], index: int, step: float, variance: float, threshold: float
 ) -> tuple[Side, bool]:
-    """The end farthest out of those of all minima, and whether it is another's than the first."""
+    """The farthest of the ends for all minima, and whether it is not that of the first minimum."""
     sign, least = math.copysign(1.0, step), minima[0].evaluation.cost
     sides = [
         profile_side(one, index, step, least=least, variance=variance, threshold=threshold)
@@ -120,7 +120,7 @@ def _estimate(
                 end = JUMP
                 jumps.append(name)
             else:
-                # beyond the values that are tried there is nothing else, or no limit
+                # the search ended at the bound that was given; infinite: there is no limit
                 end = given
                 if math.isfinite(given):
                     bounds.append(name)

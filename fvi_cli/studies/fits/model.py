@@ -21,7 +21,7 @@ from fvi_cli.studies.fits.settings import DataSet, FitModel
 from fvi_cli.studies.members import with_values
 
 MOST_STEPS, MORE_STEPS = 20_000, 100
-"""Of a run; and while parameters are looked for, beyond two for every measurement."""
+"""Most steps of a run; during the search: two for every measurement, and so many more."""
 COARSE = 64
 """Steps with which the size of a motion is found where no position was measured."""
 
@@ -33,7 +33,7 @@ class Evaluation:
     residuals: Array
     """(model - data) / deviation of every value, shape ``(n,)``."""
     jacobian: Array | None = None
-    """Derivatives by what the fit works with, ``(n, p)``; None where they were not asked for."""
+    """Derivatives with respect to inner parameters, ``(n, p)``; None: they were not requested."""
 
     @property
     def cost(self) -> float:
@@ -69,7 +69,7 @@ class MotionModel:
 
     @property
     def sizes(self) -> list[int]:
-        """The same of every series."""
+        """Number of values of every series."""
         return [one.values.size for one in self.series]
 
     def split(self, residuals: Array) -> list[Array]:
@@ -79,21 +79,21 @@ class MotionModel:
 
     @property
     def start(self) -> Array:
-        """Where the search begins, in what the fit works with."""
+        """Starting point of the search, inner parameters (logarithms of positive ones)."""
         return np.array([one.inner(one.start) for one in self.free])
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Of what the fit works with."""
+        """Lower and upper bounds of the inner parameters, ``(p,)`` each."""
         pairs = np.array([one.inner_bounds for one in self.free]).reshape(-1, 2)
         return pairs[:, 0], pairs[:, 1]
 
     def values(self, inner: Array) -> Array:
-        """The parameters themselves."""
+        """The parameters of a point in inner parameters."""
         return np.array([one.outer(u) for one, u in zip(self.free, inner, strict=True)])
 
     def slopes(self, inner: Array) -> Array:
-        """Derivatives of the parameters by what the fit works with."""
+        """Derivatives of the parameters with respect to the inner ones."""
         return np.array(
             [
                 value if one.is_positive else 1.0
@@ -152,7 +152,7 @@ class MotionModel:
                 self.evaluations += 1
 
     def size_at_start(self) -> float:
-        """Largest position in coarse runs where the search begins.
+        """Largest position in coarse runs at the starting point of the search.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class MotionModel:
         ]
 
     def evaluate(self, inner: Array, *, with_jacobian: bool = True) -> Evaluation:
-        """Residuals, and their derivatives, on the steps chosen last.
+        """Residuals and their derivatives, computed on the steps that were chosen last.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class MotionModel:
     def _predicted(
         self, number: int, data: DataSet, values: Array, own: Sequence[int]
     ) -> Predicted:
-        """What the model says about a data set, with derivatives by some of the parameters."""
+        """Values of the model for a data set, with derivatives by some of the parameters."""
         variations = [
             Variation(
                 family=partial(self.scene, number, values, index),
@@ -239,7 +239,7 @@ class MotionModel:
         return predict_motion(scene, self.meshes[number], data, variations, specified)
 
     def curves(self, inner: Array, count: int) -> list[Array]:
-        """For every series times and what was fitted, for a figure, shape ``(2, count)``."""
+        """For every series times and fitted values, for a figure, shape ``(2, count)``."""
         values, found = self.values(inner), []
         for number, data in enumerate(self.data):
             first = min(float(one.times[0]) for one in data.series) if data.forces else 0.0

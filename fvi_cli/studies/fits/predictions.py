@@ -1,4 +1,4 @@
-"""What a scene says about measured columns, with derivatives by parameters."""
+"""Values of measured columns as a scene predicts them, with derivatives by parameters."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.response import harmonic_force
 
 Predicted = list[tuple[Array, Array]]
-"""For every series values, ``(n,)``, and their derivatives by p parameters, ``(n, p)``."""
+"""For every series a pair: values, ``(n,)``, and derivatives by p parameters, ``(n, p)``."""
 Specified = Callable[[int, float], Mapping[str, Any]]
 """From the index of a parameter and its value to the ``problem`` mapping."""
 
 METHOD = Method(cq="gauss", degree=8, start="none")
-"""What motions are computed with."""
+"""The method by which motions are computed."""
 
 
 def predict_motion(
@@ -44,7 +44,7 @@ def predict_motion(
     variations: Sequence[Variation],
     specified: Specified,
 ) -> Predicted:
-    """What was measured of a motion.
+    """Predict the measured columns of a motion.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _predict_prescribed(
     variations: Sequence[Variation],
     specified: Specified,
 ) -> Predicted:
-    """What was measured of dampers whose displacement is given, the same for all parameters."""
+    """Predict forces of dampers whose displacement is given, the same for all parameters."""
     assert scene.prescribed is not None
     run = run_steps(scene, METHOD, steps)
 
@@ -135,7 +135,7 @@ def _resolve_names(
 def predict_response(
     scene: Scene, data: DataSet, variations: Sequence[Variation], ground_direction: Any = 1.0
 ) -> Predicted:
-    """What was measured of a response to harmonic forces, ``T(i omega) q = f``.
+    """Predict the measured columns of a response to harmonic forces, ``T(i omega) q = f``.
 
     Raises
     ------
@@ -181,7 +181,7 @@ def _displacements(
     left = np.zeros((*response.shape, len(variations)), dtype=complex)
 
     def unbalanced(varied: Scene, _: float) -> list[ComplexArray]:
-        # apart: their difference could not be separated from round-off
+        # as two terms: the change of their difference would be lost in round-off
         applied = _applied(DynamicStiffness(varied), s, response)
         return [np.broadcast_to(force(varied), applied.shape), -applied]
 
@@ -193,7 +193,7 @@ def _displacements(
 def _damper_stiffness(
     scene: Scene, s: ComplexArray, variations: Sequence[Variation]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """The complex stiffness g(s) of dampers whose displacement is given, in the same shapes."""
+    """Complex stiffness g(s) of dampers whose displacement is given; shapes of `_displacements`."""
 
     def stiffness(of: Scene, _: float = 0.0) -> list[ComplexArray]:
         total = np.zeros(s.shape, dtype=complex)
@@ -229,7 +229,7 @@ def _applied(stiffness: DynamicStiffness, s: ComplexArray, response: ComplexArra
 
 
 def _part(amplitude: Amplitude, values: ComplexArray, changes: ComplexArray) -> tuple[Array, Array]:
-    """A part of complex numbers and of their changes."""
+    """Magnitude, phase, real or imaginary part of complex numbers, and its changes."""
     if amplitude.part == "real":
         return values.real, changes.real
     if amplitude.part == "imaginary":

@@ -1,4 +1,4 @@
-"""Intervals by profile likelihood: how far one parameter can go when all others follow."""
+"""Intervals by profile likelihood: how far a parameter can move if all others are adjusted."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from fvi_cli.studies.fits.model import Evaluation, MotionModel
 
 CONFIDENCE = 0.95
 CLOSE = 0.01
-"""How close the root of the increase comes to its threshold, relative."""
+"""Relative accuracy with which the root of the increase of the misfit meets its threshold."""
 ALMOST = 0.03
-"""Share of the increase that may be left to gain when the other parameters have followed."""
+"""The other parameters are adjusted until another step would gain less than this share of the
+increase."""
 BETTER = 0.01
-"""Share of the variance by which a misfit must be less to be another minimum."""
+"""A misfit counts as another minimum if it is less by more than this share of the variance."""
 NARROW = 0.01
 """Width of a bracket, relative to its distance from the estimate, at which its search ends."""
 MOST_TRIALS = 24
 MOST_STEPS = 15
 FAR = 4.0
-"""Times the increase sought: beyond it the other parameters may have gone astray."""
+"""An increase of more than so many times the sought one is retried from another start."""
 LONGEST = 3.0
 """A logarithm falls by so much in one step at most."""
 RANK = 1e-7
-"""Singular values of scaled derivatives below this are zero to a step."""
+"""Singular values of scaled derivatives below this count as zero in a step."""
 DAMPING = (0.0, 1e-3, 0.1, 10.0, 1e3)
-"""Of a step (Levenberg and Marquardt), for scaled derivatives."""
+"""Damping of a step (Levenberg and Marquardt) for scaled derivatives, in the order of trial."""
 
 
 class BetterMinimumError(ValueError):
-    """A point, in what the fit works with, has less misfit than the minimum."""
+    """A `point`, in inner parameters, has less misfit than the minimum."""
 
     def __init__(self, point: Array) -> None:
         super().__init__("another minimum has less misfit")
@@ -43,7 +44,7 @@ class BetterMinimumError(ValueError):
 class Side:
     """One end of an interval."""
 
-    end: float  # in what the fit works with; nan where it was not found
+    end: float  # inner parameter; nan where it was not found
     is_bound: bool = False  # whether a bound of the parameter came first
     reached: float = math.nan  # the farthest value that is known to lie inside
     points: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -52,7 +53,7 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum:
-    """Where profiles begin."""
+    """A minimum of the misfit, where profiles begin."""
 
     model: MotionModel
     point: Array  # in what the fit works with
@@ -62,16 +63,16 @@ class Minimum:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Followed:
-    """Where parameters end when one is held, or none."""
+    """The end of a search in which one parameter was fixed, or none."""
 
-    point: Array  # in what the fit works with
+    point: Array  # inner parameters
     cost: float  # an upper bound of the misfit there
     is_minimum: bool
     jacobian: Array | None = None
 
 
 def quantile(freedom: float, *, is_known: bool) -> float:
-    """Of the normal distribution where the noise is known, otherwise of Student's."""
+    """Quantile of the normal distribution where the noise is known, otherwise of Student's t."""
     from scipy.special import ndtri, stdtrit
 
     share = 0.5 + 0.5 * CONFIDENCE
@@ -88,7 +89,7 @@ def profile_side(
     Raises
     ------
     BetterMinimumError
-        Where there is less misfit than the least that is known.
+        If there is less misfit than the least known so far.
     """
     sign = math.copysign(1.0, step)
     best = float(begin.point[index])
@@ -161,10 +162,10 @@ def profile_side(
 def _others(
     begin: Minimum, near: Followed, index: int, value: float, least: float, rise: float
 ) -> Followed | None:
-    """The point of least misfit with one parameter held; None: none could be computed."""
+    """The point of least misfit with one parameter fixed; None: no misfit could be computed."""
     starts = [near.point.copy()]
     if near.jacobian is not None:
-        # the others follow, to first order
+        # adjust the others to first order
         pushed = near.jacobian[:, index] * (value - near.point[index])
         starts.insert(0, _moved(begin, near.point, near.jacobian, pushed, index)[0])
     best: Followed | None = None
@@ -184,7 +185,7 @@ def _others(
 def descend(begin: Minimum, point: Array, now: Evaluation, index: int, least: float) -> Followed:
     """The least misfit near a point, by least squares within the bounds of a minimum.
 
-    The parameter of this index is held; -1: none is.
+    The parameter at `index` is fixed; -1: none is.
     """
     first = 0
     for _ in range(MOST_STEPS):
@@ -211,7 +212,7 @@ def descend(begin: Minimum, point: Array, now: Evaluation, index: int, least: fl
                 break
             after = None
         if after is None:
-            # no step helps: a minimum as far as can be computed
+            # no step reduces the misfit: this is a minimum up to round-off
             return Followed(point=point, cost=now.cost, is_minimum=True, jacobian=now.jacobian)
         point, now = trial, after
     return Followed(point=point, cost=now.cost, is_minimum=False, jacobian=now.jacobian)
@@ -227,8 +228,8 @@ def _moved(
 ) -> tuple[Array, float]:
     """The point after a step of least squares within bounds, and how much misfit it should gain.
 
-    Positive parameters move by shares of themselves, not by logarithms: they can leave 0, where
-    their logarithms have no influence, and come to it.
+    The step of a positive parameter is computed for the parameter, not for its logarithm: so it can
+    approach 0, and leave its neighbourhood, where the logarithm has no influence.
     """
     from scipy.optimize import lsq_linear
 

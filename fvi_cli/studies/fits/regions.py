@@ -19,7 +19,8 @@ ABOVE_JUMP = 1e-6
 def regions(model: MotionModel) -> list[tuple[Array, Array]]:
     """Bounds within which the motion is a smooth function of the parameters.
 
-    A Caputo derivative of order above 1 subtracts the start velocity: there the motion jumps.
+    A Caputo derivative of order above 1 subtracts the start velocity, so the motion jumps where an
+    order passes 1.
     """
     low, high = model.bounds
     values = model.values(model.start)
@@ -55,7 +56,7 @@ def region_of(model: MotionModel, point: Array) -> tuple[Array, Array]:
 
 
 def other_sides(best: Minimum, others: Sequence[Found]) -> list[Minimum]:
-    """The least misfit in every other region, those beside an order at which the motion jumps."""
+    """The least misfit in every other region, across an order at which the motion jumps."""
     found, model = [], best.model
     for bounds in regions(model):
         if np.array_equal(bounds, best.bounds):

@@ -1,4 +1,4 @@
-"""What came of a fit."""
+"""Results of a fit."""
 
 from __future__ import annotations
 
@@ -30,19 +30,20 @@ class Estimate:
     """The 95 % interval by profile likelihood; infinite where the data set no limit, nan where an
     end was not found."""
     at_bound: str = ""
-    """Which ends of it are bounds of the parameter: ``low``, ``high``, ``both`` or nothing."""
+    """Ends of the interval that are bounds of the parameter: ``low``, ``high``, ``both`` or empty.
+    """
     at_jump: str = ""
-    """The same for ends at order 1, where the motion jumps and the other side fits worse."""
+    """Ends of the interval at order 1, where the motion jumps and the other side fits worse."""
     over_jump: bool = False
-    """Whether values from both sides of such a jump lie in it."""
+    """Whether values from both sides of such a jump lie in the interval."""
     reached: tuple[float, float] = (math.nan, math.nan)
-    """The farthest values below and above that are known to lie in it."""
+    """The least and the largest value that are known to lie in the interval."""
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know of the interval."""
+        """Warnings about the interval."""
         found = []
         if self.at_bound:
             found.append(f"{self.name}: the interval ends at a bound ({self.at_bound})")
@@ -70,7 +71,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeriesFit:
-    """A measured column, and what the fit makes of it."""
+    """A measured column with its residuals and the fitted curve."""
 
     data: str
     series: Series
@@ -84,17 +85,17 @@ class SeriesFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFit:
-    """One model, fitted; by default as where nothing could be computed."""
+    """One model, fitted; the defaults stand for a fit that failed."""
 
     model: FitModel
     estimates: tuple[Estimate, ...]
     correlations: Array
-    """Of the estimates, ``(p, p)``."""
+    """Correlations of the estimates, ``(p, p)``."""
     evaluations: int
     message: str
-    """What is to be said: why not, or what the data cannot tell."""
+    """Why the fit failed, or which parameters the data do not determine."""
     assignments: tuple[dict[str, float], ...]
-    """For every data set the values by key path."""
+    """For every data set the fitted values by key path."""
     series: tuple[SeriesFit, ...] = ()
     """The data and the residuals."""
     misfit: float = math.inf
@@ -109,9 +110,9 @@ class ModelFit:
     others: tuple[tuple[float, ...], ...] = ()
     """Other minima that fit alike: values of the parameters."""
     needless: tuple[NeedlessTerm, ...] = ()
-    """Terms whose removal the data do not refuse."""
+    """Terms whose removal the data do not contradict."""
     between: tuple[str, ...] = ()
-    """Where it matters what lies between the samples of a displacement."""
+    """Warnings where the displacement between its samples matters."""
     is_converged: bool = False
 
     @property
@@ -121,7 +122,7 @@ class ModelFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know before believing the numbers, or why there may be none."""
+        """Warnings about the result, or the reason why there is none."""
         found = self._inseparable()
         if not self.is_converged:
             return (*found, *(one.words for one in self.needless))
@@ -161,11 +162,11 @@ class ModelFit:
         return found
 
     def _of_noise(self) -> list[str]:
-        """Warnings about a given noise that the residuals do not have."""
+        """Warnings where residuals contradict the noise that the configuration gives."""
         from scipy.special import chdtr, chdtrc
 
         freedom = self.n_values - len(self.estimates)
-        # where the noise is estimated the misfit is the number of degrees of freedom
+        # with estimated noise the misfit equals the degrees of freedom: it shows nothing
         if freedom < 1 or not math.isfinite(self.misfit) or self.misfit == freedom:
             return []
         ratio = math.sqrt(self.misfit / freedom)

@@ -1,8 +1,8 @@
 """Least squares from a coarse scan, on more and more of the data.
 
-The misfit of an oscillation has a valley for every phase that fits by chance, the narrower the more
-periods are measured. On a short beginning of the data there is one; what is found there is followed
-to longer and longer ones.
+The misfit of an oscillation has a valley for every phase that fits by chance; the valleys are the
+narrower the more periods are measured. A short beginning of the data has only one valley. Its
+minimum is then followed to longer and longer parts of the data.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ REACH = 1.0
 """Positive parameters are scanned over so many decades on either side of their start."""
 MOST_ITERATIONS = 100
 PATIENCE = 20
-"""Evaluations of a candidate on all data, before the best of them is looked at closely."""
+"""Most evaluations of a candidate on all data, before the best candidate is refined."""
 FIRST_ITERATIONS = 7
-"""Evaluations of a candidate on a part of the data."""
+"""Most evaluations of a candidate on a part of the data."""
 SAME = 0.01
-"""Candidates closer than this in every (inner) parameter are one."""
+"""Candidates closer than this in every inner parameter count as one."""
 ROUGH = 1e-3
 """Tolerance on a part of the data."""
 HOPELESS = 30.0
@@ -34,9 +34,9 @@ HOPELESS = 30.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """Where least squares ended."""
+    """A point at which least squares ended."""
 
-    point: Array  # in what the fit works with
+    point: Array  # inner parameters
     cost: float
     is_converged: bool  # whether it is a minimum, as far as is known
     message: str
@@ -50,9 +50,9 @@ def least_squares_from(
     most: int = MOST_ITERATIONS,
     tolerance: float = 1e-10,
 ) -> Found | None:
-    """Gauss-Newton in a trust region, with exact derivatives; None: it cannot even begin.
+    """Gauss-Newton in a trust region, with exact derivatives; None: the start has no misfit.
 
-    The tolerance is that of the parameters, relative; the misfit may still change by its square.
+    `tolerance` is that of the parameters, relative; the misfit may still change by its square.
     """
     from scipy.optimize import least_squares
 
@@ -65,7 +65,7 @@ def least_squares_from(
             try:
                 kept[key] = model.evaluate(point)
             except ValueError:
-                # no scene, or no run, there: the step was too long
+                # no scene or no run at this point: the step was too long
                 kept[key] = Evaluation(residuals=np.full(model.size, np.nan))
         return kept[key]
 
@@ -133,7 +133,7 @@ def search(model: MotionModel, bounds: tuple[Array, Array], scale: float) -> lis
 
 
 def distinct(found: Iterable[Found | None]) -> list[Found]:
-    """What was found, the best first, every minimum once."""
+    """The points found, the best first, each minimum once."""
     kept: list[Found] = []
     for one in sorted((o for o in found if o is not None), key=lambda o: o.cost):
         if all(np.abs(one.point - other.point).max() > SAME for other in kept):
@@ -165,7 +165,7 @@ def _cost(model: MotionModel, point: Array) -> float:
 
 
 def _scan(free: Sequence[FitParameter], bounds: tuple[Array, Array]) -> list[Array]:
-    """Points spread evenly (Halton's sequence) over what is likely."""
+    """Points spread evenly (Halton's sequence) over likely values."""
     from scipy.stats.qmc import Halton
 
     # the first point of the sequence is a corner

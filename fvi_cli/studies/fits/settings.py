@@ -1,4 +1,4 @@
-"""What an experiment asks of ``fvi fit``."""
+"""The settings of an experiment for ``fvi fit``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Amplitude:
 
     row: Array
     """The linear form of the coordinates that was measured, shape ``(d,)``."""
-    rate: int  # 0: itself; 1: its velocity; 2: its acceleration
+    rate: int  # 0: the form itself; 1: its velocity; 2: its acceleration
     part: str
     """One of :data:`PARTS`."""
 
@@ -34,29 +34,29 @@ class Series:
     """A measured column."""
 
     name: str
-    """What was measured: a coordinate, ``v`` and its name for a velocity, a quantity, an
-    expression; of a response the part as well."""
-    column: str  # where it stands in the file
+    """What was measured: a coordinate, its name after ``v`` for a velocity, a quantity or an
+    expression; for a response also one of :data:`PARTS`."""
+    column: str  # its column in the file
     times: Array
     values: Array
-    """Shape ``(n,)``, times (of a response frequencies) increasing."""
+    """Shape ``(n,)``; times (for a response frequencies) increase."""
     component: int = 0
     is_velocity: bool = False
-    """Number of the coordinate, from 0, and whether its velocity was measured."""
-    formula: Expression | None = None  # what was measured, in place of these, of a motion
-    amplitude: Amplitude | None = None  # what was measured of a response
+    """Index of the coordinate, from 0, and whether its velocity was measured."""
+    formula: Expression | None = None  # measured in a motion in place of a coordinate
+    amplitude: Amplitude | None = None  # measured in a response
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DataSet:
-    """What was measured in one motion, or of one response to harmonic forces."""
+    """Measurements of one motion, or of one response to harmonic forces."""
 
     name: str
     series: tuple[Series, ...]
     changes: Mapping[str, float] = field(default_factory=dict)
-    """What is different from the problem of the experiment, by key path."""
+    """Values that differ from the problem of the experiment, by key path."""
     forces: tuple[str, ...] = ()
-    """Harmonic forces of a response, as for ``fvi response``; empty: it is a motion."""
+    """Harmonic forces of a response, as for ``fvi response``; empty: a motion was measured."""
     coordinates: tuple[str, ...] = ()  # names of the coordinates in formulas and forces
 
     @property
@@ -82,7 +82,7 @@ class DataSet:
 
 @dataclass(frozen=True, kw_only=True)
 class FitParameter:
-    """A number of the problem that is fitted, or follows one that is."""
+    """A number of the problem that is fitted, or is a multiple of a fitted one."""
 
     key: str
     """Its key path, such as ``problem.damping.0.order``."""
@@ -92,26 +92,26 @@ class FitParameter:
     is_own: bool = False  # whether every data set has its own value
     tied_to: str = ""
     factor: float = 1.0
-    """It is `factor` times this parameter; empty: it is free."""
+    """The number is `factor` times the parameter of this key; empty: it is free."""
     place: str = ""  # where it stands in the configuration, for complaints
 
     @property
     def is_positive(self) -> bool:
-        """Whether the fit works with its logarithm."""
+        """Whether the inner parameter is the logarithm of the number."""
         is_wide = self.low >= 0 and self.start > 0 and self.high > 100 * max(self.low, 0.0)
         return is_wide and not self.key.partition("@")[0].endswith("order")
 
     def inner(self, value: float) -> float:
-        """What the fit works with."""
+        """The inner parameter, with which the fit works: the number, or its logarithm."""
         return math.log(value) if self.is_positive else value
 
     def outer(self, inner: float) -> float:
-        """The number itself."""
+        """The number of an inner parameter."""
         return math.exp(min(inner, 700.0)) if self.is_positive else inner
 
     @property
     def inner_bounds(self) -> tuple[float, float]:
-        """Bounds of what the fit works with."""
+        """Bounds of the inner parameter."""
         if not self.is_positive:
             return self.low, self.high
         low = max(self.low, LEAST_SHARE * self.start)
@@ -121,7 +121,7 @@ class FitParameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitModel:
-    """One description that is fitted."""
+    """One model of the problem that is fitted."""
 
     name: str  # of a model among several; empty: the only one
     specification: Mapping[str, Any]
@@ -131,7 +131,7 @@ class FitModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitSettings:
-    """What is fitted to what."""
+    """The models, the data to which they are fitted, and the noise."""
 
     data: tuple[DataSet, ...]
     models: tuple[FitModel, ...]  # the descriptions, one or several to be compared

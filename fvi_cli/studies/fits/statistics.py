@@ -1,4 +1,4 @@
-"""What the residuals of a fit say: errors, a criterion to compare models, a test for noise."""
+"""Statistics of residuals: errors, a criterion to compare models, a test for noise."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.model import Evaluation, rms
 
 SINGULAR = 1e-9
-"""Of the scaled derivatives: below it some parameters can be traded for others."""
+"""Singular values of the scaled derivatives below this: some parameters cannot be separated."""
 ROUND_OFF = 1e-9
-"""Of the data: residuals below it are round-off, not noise, and are not tested."""
+"""Residuals below this share of the data are round-off, not noise, and are not tested."""
 
 
 def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:
-    """Correlations and standard errors of what the fit works with, and whether there are any."""
+    """Correlations and standard errors of inner parameters; and whether they are determined."""
     jacobian = np.zeros((1, 0)) if at.jacobian is None else at.jacobian
     sizes = np.linalg.norm(jacobian, axis=0)
     p = sizes.size
@@ -32,12 +32,11 @@ def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:
 
 
 def own_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
-    r"""Values of every series less what parameters use up of them, ``(n_series,)``.
+    r"""Degrees of freedom of the residuals of every series, ``(n_series,)``.
 
-    With H the matrix that projects data onto the motions that the parameters make, these are
-    :math:`n_c - \mathrm{tr} H_{cc}`: residuals of a series have this many degrees of freedom
-    (Patterson and Thompson, *Recovery of inter-block information*, 1971: the variance of every
-    series by restricted likelihood).
+    With H the matrix that projects data onto the motions that the parameters make, and n_c values
+    in series c, these are :math:`n_c - \mathrm{tr} H_{cc}` (Patterson and Thompson, *Recovery of
+    inter-block information*, 1971: the variance of every series by restricted likelihood).
     """
     left, _ = _factors(at)
     ends = np.cumsum(sizes)[:-1]
@@ -48,8 +47,8 @@ def own_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
 def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     """Degrees of freedom with which the error of every parameter is known, ``(p,)``.
 
-    That of a sum of variances of the series, each by its share in the variance of the estimate
-    (Satterthwaite, *An approximate distribution of estimates of variance components*, 1946).
+    The variance of an estimate is a weighted sum of the variances of the series (Satterthwaite, *An
+    approximate distribution of estimates of variance components*, 1946).
     """
     own = np.maximum(own_freedoms(at, sizes), 1e-3)
     left, inverse = _factors(at)
@@ -60,7 +59,7 @@ def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
 
 
 def _factors(at: Evaluation) -> tuple[Array, Array]:
-    """An orthonormal basis of the scaled derivatives ``(n, r)``, and what takes it back."""
+    """An orthonormal basis of the scaled derivatives ``(n, r)``, and the map back to parameters."""
     jacobian = np.zeros((at.residuals.size, 0)) if at.jacobian is None else at.jacobian
     sizes = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     left, singular, right = np.linalg.svd(jacobian / sizes, full_matrices=False)
@@ -71,7 +70,7 @@ def _factors(at: Evaluation) -> tuple[Array, Array]:
 def criterion(
     left: Sequence[Array], deviations: Sequence[float], p: int, *, is_known: bool
 ) -> float:
-    """AICc of normal noise; deviations that are estimated count as parameters."""
+    """AICc for normal noise; estimated deviations count as parameters."""
     n = sum(one.size for one in left)
     if is_known:
         k = p

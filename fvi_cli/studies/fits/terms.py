@@ -1,4 +1,4 @@
-"""Terms of damping that the data do not need: likelihood ratios of fits with and without them."""
+"""Damping terms that the data do not need: likelihood ratios of fits with and without a term."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from fvi_cli.studies.members import value_at, with_values
 
 MOST_ITERATIONS = 25
 SURE = 3.0
-"""A term is not tried without if its size is so many thresholds of the test away from 0."""
+"""A term is needed without a test if its size is so many thresholds of the test away from 0."""
 SIZES = ("coefficient", "unrelaxed", "modulus")
 SPECTRUM = ("moduli", "times")
-"""Lists of a law whose entries at one place are a term of their own."""
+"""Lists of a law; the entries at one index of them count as a term of their own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +32,12 @@ class NeedlessTerm:
     parameters: int
     increase: float  # by how much the misfit grows without it, in variances of the noise
     probability: float
-    """Of such an increase, or a larger one, if there is no such term (likelihood ratio; F where the
-    noise is estimated)."""
+    """Probability of this increase or a larger one if the term does not exist (likelihood ratio; F
+    where the noise is estimated)."""
 
     @property
     def words(self) -> str:
-        """The warning about it."""
+        """The warning about the term."""
         return (
             f"{self.key} is not needed: without it ({self.parameters} parameters less) the misfit "
             f"grows by {max(self.increase, 0.0):.2g} variances of the noise (probability "
@@ -48,7 +48,7 @@ class NeedlessTerm:
 def needless_terms(
     best: Minimum, errors: Array, variance: float, *, is_known: bool
 ) -> tuple[NeedlessTerm, ...]:
-    """Terms whose removal is not refused by the data."""
+    """Terms whose removal the data do not contradict."""
     model, found = best.model, []
     values, freedom = model.values(best.point), model.size - len(model.free)
     for key, lists in _terms(model.model.specification, [one.key for one in model.free]):
@@ -86,11 +86,11 @@ def _probability(increase: float, count: int, freedom: int, *, is_known: bool) -
 
 
 _Lists = tuple[tuple[str, int], ...]
-"""Key paths of lists with the place in each that is left out."""
+"""Pairs (key path of a list, index of the entry that is left out)."""
 
 
 def _terms(specification: Mapping[str, Any], keys: Sequence[str]) -> Iterator[tuple[str, _Lists]]:
-    """Terms with fitted parameters: key paths, and the terms left out."""
+    """Terms with fitted parameters: key path of each, and the list entries that make it up."""
     seen: dict[str, _Lists] = {}
     for key in keys:
         parts = key.partition("@")[0].split(".")
@@ -114,7 +114,7 @@ def _is_size(key: str) -> bool:
 
 
 def _renamed(key: str, lists: _Lists) -> str | None:
-    """The key path of a number when a term is left out; None: it belonged to that term."""
+    """The key path of a number after a term is left out; None: it belonged to that term."""
     for path, place in lists:
         if not key.startswith(f"{path}."):
             continue
@@ -129,7 +129,7 @@ def _renamed(key: str, lists: _Lists) -> str | None:
 
 
 def _cost_without(best: Minimum, lists: _Lists, gone: list[int]) -> float:
-    """The least misfit without a term; infinite where there is none."""
+    """The least misfit without a term; infinite if it cannot be computed."""
     reduced = _without(best.model, lists)
     if reduced is None:
         return math.inf
@@ -149,7 +149,7 @@ def _cost_without(best: Minimum, lists: _Lists, gone: list[int]) -> float:
 
 
 def _without(model: MotionModel, lists: _Lists) -> tuple[FitModel, list[DataSet]] | None:
-    """The description and the data without a term; None: others follow it."""
+    """The model and the data without a term; None: other parameters are multiples of its own."""
     described = model.model
     changes = {}
     for path, place in lists:

@@ -1,1 +1,1 @@
-"""Hard cases: what must hold where integrators usually fail, measured for every method."""
+"""Hard cases: claims where integrators usually fail, measured for every method."""

@@ -1,4 +1,4 @@
-"""What a hard case is: scenes, and claims with a number that must not be exceeded."""
+"""A hard case: scenes, and claims with a number that must not be exceeded."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from fvi_cli.scenes.registry import build_scene
 Sense = Literal["at most", "at least"]
 
 FLAGSHIP = "Gauss3"
-"""The method for which everything must hold."""
+"""The method for which all claims must hold."""
 
 
 @dataclass(frozen=True)
 class CaseSetting:
-    """A problem and the truth about it, as JSON texts, and the number of steps that it gets."""
+    """A problem and its exact solution, as JSON texts, and the number of steps."""
 
     problem: str
     n_steps: int
@@ -39,7 +39,7 @@ class CaseSetting:
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """One number that must hold."""
+    """A limit that one measured number must keep."""
 
     quantity: str
     limit: float
@@ -75,7 +75,8 @@ class Finding:
     method: str
     """Name of the method in the report."""
     measured: float
-    """The number; infinite where a run did not come to its end, nan where it means nothing."""
+    """The number; infinite where a run did not reach its end, nan where the number has no meaning.
+    """
     limit: float
     sense: Sense
     holds: bool
@@ -83,12 +84,12 @@ class Finding:
     predicted: Verdict
     """The worst status of the runs, and the worst prediction for them."""
     is_comparable: bool = True
-    """The claim; not comparable as well are runs whose growth starts from round-off."""
+    """False where the claim is not comparable, and for runs whose growth starts from round-off."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HardCaseReport:
-    """The findings, case by case, for every claim and method, with the cases.
+    """The cases, and the findings for every claim and method, case by case.
 
     `is_partial`: some cases or methods were left out.
     """

@@ -1,7 +1,7 @@
-"""How claims are measured: against exact solutions, by energies, and against one another.
+"""How claims are measured: against exact solutions, by energies, and by comparing runs.
 
-A judge takes the settings of a claim, then what came of each: a trajectory, or for
-:data:`JUDGES_OF_PREDICTIONS` its stability prediction. Keywords are those of the claim.
+A judge takes the settings of a claim, then one result for each: a trajectory, or for
+:data:`JUDGES_OF_PREDICTIONS` a stability prediction. Keywords are those of the claim.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def exact_solution(setting: CaseSetting) -> Callable[[Array], Array]:
     """The exact positions at times of shape ``(n,)``, by the truth of the setting.
 
     A number, a formula in t, the specification of a problem with the same solution, or
-    ``{frequency: w}``; none: the Laplace transform of the scene itself.
+    ``{frequency: w}``; with ``null`` the Laplace transform of the scene itself.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def response_from_rest(order: float, coefficient: float, frequency: float) -> Li
 
 @functools.lru_cache(maxsize=512)
 def exact_positions(setting: CaseSetting, parts: int = 0) -> Array:
-    """The exact solution on the grid, or at the ends of so many parts of it."""
+    """The exact solution on the grid, or at the ends of `parts` equal parts of it."""
     step_size = setting.scene.final_time / setting.n_steps
     return exact_solution(setting)(step_size * _shown(setting, parts).astype(float))
 
@@ -79,7 +79,7 @@ def _shown(setting: CaseSetting, parts: int) -> Array:
 
 
 def largest_ratio(difference: Array, scale: Array) -> float:
-    """The largest absolute value of one over that of the other."""
+    """The largest absolute value of `difference` over that of `scale`."""
     return float(np.abs(difference).max() / np.abs(scale).max())
 
 
@@ -93,7 +93,7 @@ def error(settings: Settings, *runs: Trajectory, parts: int = 0) -> float:
 
 
 def error_over_step(settings: Settings, *runs: Trajectory) -> float:
-    """Largest error over the way that a velocity of 1 makes in a step."""
+    """Largest error over the distance that a velocity of 1 covers in a step."""
     return max(
         float(np.abs(run.position - exact_positions(setting)).max() / run.step_size)
         for setting, run in zip(settings, runs, strict=True)
@@ -107,31 +107,31 @@ def error_at(settings: Settings, run: Trajectory, *, time: float) -> float:
 
 
 def difference(settings: Settings, *runs: Trajectory, units: Sequence[float] = ()) -> float:
-    """Largest relative difference from the first run, each in its own unit of length."""
+    """Largest relative difference from the first run, each run in its own unit of length."""
     scales = units or [1.0] * len(runs)
     first, *others = [run.position / unit for run, unit in zip(runs, scales, strict=True)]
     return max(largest_ratio(other - first, first) for other in others)
 
 
 def error_of_difference(settings: Settings, first: Trajectory, second: Trajectory) -> float:
-    """Relative error of the second run less the first."""
+    """Relative error of the difference of the second run and the first."""
     exact = exact_positions(settings[0])
     return largest_ratio(second.position - first.position - exact, exact)
 
 
 def distance(settings: Settings, first: Trajectory, second: Trajectory) -> float:
-    """Largest distance of two runs."""
+    """Largest difference of the positions of two runs."""
     return float(np.abs(first.position - second.position).max())
 
 
 def energy_gain(settings: Settings, *runs: Trajectory) -> float:
-    """The largest energy over that at the start, in excess of 1."""
+    """The largest energy over the energy at the start, less 1."""
     energies = [_energy(run) for run in runs]
     return max(float(energy.max() / energy[0] - 1.0) for energy in energies)
 
 
 def energy_change(settings: Settings, run: Trajectory) -> float:
-    """The largest change of the energy over that at the start."""
+    """The largest change of the energy over the energy at the start."""
     energy = _energy(run)
     return largest_ratio(energy - energy[0], energy[:1])
 

@@ -1,1 +1,1 @@
-"""Runs whose error keeps a tolerance at all times, or that say why it does not."""
+"""Runs whose error keeps a tolerance at all times, or that state why it does not."""

@@ -1,9 +1,9 @@
-r"""How far a run is from the truth, by another one and by its own polynomials.
+r"""The error of a run, from a second run and from its own polynomials.
 
-On one mesh a run with two stages more is so much better that the difference is the error of the
-first one; by how much it is better follows from the fall of the Legendre coefficients of its
-velocity. Between the points of the mesh a polynomial errs by what its velocity leaves out, of
-which the momenta give the values at both ends of a step: they are as good as the positions there.
+On the same mesh a run with two stages more is so much better that the difference of the runs is the
+error of the first one; the decay of the Legendre coefficients of the velocity shows by how much it
+is better. Between the points of the mesh the error is that of the velocity polynomial. At both ends
+of a step it is known: there the momenta give the velocity as accurately as positions are.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 MEASURED = 3.0
-"""The error of a polynomial is estimated by so many times what it is found to miss."""
+"""The estimated error of a polynomial is so many times the error found at the ends of its step."""
 EPSILON = float(np.finfo(float).eps)
 HARDLY = 0.01
-"""Coefficients below this share of their neighbours belong to a parity that is hardly there."""
+"""Coefficients below this share of their neighbours do not count: their parity is nearly absent."""
 ROUNDED = 10.0
 """Round-off at the start, in units of :data:`EPSILON` times the position."""
 SHIFT = 1e-6
@@ -31,7 +31,7 @@ SHIFT = 1e-6
 
 
 def differences_of(coarse: Trajectory, fine: Trajectory) -> tuple[Array, Array]:
-    """Times of the mesh of one run, and differences of positions from another one there."""
+    """Mesh times of a run, and differences of its positions from another run at these times."""
     steps = coarse.steps
     if steps is None or coarse.status != "ok" or fine.status != "ok":
         return np.zeros(1), np.array([math.inf])
@@ -48,19 +48,19 @@ def between_points(scene: Scene, steps: RunSteps) -> Array:
         velocity = scene.velocity(steps.position, steps.momentum, steps.time)
     reached = np.einsum("re,nrd->end", ends, steps.velocity)
     missed = np.stack([velocity[:-1], velocity[1:]]) - reached
-    # (a + b x) P_m(x) vanishes at the stages, and is what is missed at both ends
+    # the error (a + b x) P_m(x) of the velocity vanishes at the stages and fits both ends
     left, right = (-1.0) ** m * missed[0], missed[1]
     shares = np.abs(np.stack([0.5 * (right + left), 0.5 * (right - left)]))
     measured = np.einsum("c,cnd->nd", _reaches(m), shares)
     last, fall = _tails(steps)
-    # where the velocity is singular at an end, its value there says nothing
+    # the tails bound it where the velocity is singular at an end and its value there is useless
     found = sizes * np.minimum(MEASURED * measured, last * np.sqrt(fall) / (2 * m + 1))
     return np.asarray(np.where(np.isfinite(found), found, math.inf).max(axis=1))
 
 
 @functools.cache
 def _reaches(m: int) -> Array:
-    """Largest integrals of P_m and x P_m from -1 on, halved, shape ``(2,)``."""
+    """Half the largest integrals of P_m and x P_m from -1 to any x, shape ``(2,)``."""
     polynomial = np.polynomial.Legendre.basis(m)
     x = np.linspace(-1.0, 1.0, 50 * m + 1)
     integrals = (
@@ -70,11 +70,11 @@ def _reaches(m: int) -> Array:
 
 
 def _tails(steps: RunSteps) -> tuple[Array, Array]:
-    """Larger one of the last two Legendre coefficients of velocities, and what they fall by.
+    """The larger of the last two Legendre coefficients of velocities, and their ratio of decay.
 
-    They may fall unevenly, by parity above all, so that each is compared with the one two before
-    it; coefficients of a parity that is hardly there say nothing. Where a coefficient is larger
-    than that, the remainder does not fall. Shapes ``(n, d)``.
+    Even and odd coefficients may decay differently, so each is compared with the one two places
+    before it, and coefficients of a parity that is nearly absent do not count. A ratio of 1 says
+    that coefficients do not decay. Shapes ``(n, d)``.
     """
     m = steps.tables.points.size
     kept = steps.tables.to_legendre[-min(4, m) :]
@@ -88,14 +88,14 @@ def _tails(steps: RunSteps) -> tuple[Array, Array]:
 
 
 def local_errors(steps: RunSteps) -> float:
-    """What all steps err by at their ends, but for a factor: the square of the neglected term."""
+    """Sum of the errors of all steps at their ends, up to a factor: squares of neglected terms."""
     last, _ = _tails(steps)
     speed = np.abs(steps.velocity).max(axis=1) + 1e-300
     return float(steps.step_size @ (last * np.minimum(1.0, last / speed)).max(axis=1)) + 1e-300
 
 
 def perturb_start(scene: Scene, run: Trajectory) -> Scene:
-    """The scene with a start that is a little off: by :data:`SHIFT` of what the run reaches.
+    """The scene with its start shifted by :data:`SHIFT` times the largest values of the run.
 
     With Riemann-Liouville derivatives of orders above 1 the position has to begin at 0.
     """
@@ -127,7 +127,7 @@ class Growth:
 
 
 def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: float) -> Growth:
-    """Where differences at these times leave the tolerance, and how they came to that."""
+    """When and where differences exceed the tolerance, and the factor by which they grew."""
     above = np.flatnonzero(~(differences <= tolerance))
     index = int(above[0]) if above.size else differences.size - 1
     scale = float(np.abs(run.position).max()) or 1.0

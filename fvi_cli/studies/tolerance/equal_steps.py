@@ -1,4 +1,4 @@
-"""A method and a number of equal steps for a tolerance, held against an adaptive run."""
+"""A method and a number of equal steps for a tolerance, checked against an adaptive run."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from fvi_cli.studies.tolerance.search import solve
 FIRST_STEPS: Final = 16
 MOST_STEPS: Final = 2**22
 WITNESS: Final = 0.1
-"""Tolerance of the adaptive run, as a share of the one that is asked for."""
+"""Tolerance of the adaptive run, as a share of the requested one."""
 ENOUGH: Final = 0.5
-"""An adaptive run that stops at round-off will do below this share of the tolerance."""
+"""An adaptive run that round-off limits is good enough below this share of the tolerance."""
 AIMED_AT: Final = 0.5
-"""Share of the tolerance at which a number of steps aims."""
+"""The number of steps is chosen for this share of the tolerance."""
 RESOLVED: Final = 0.1
-"""Errors below this share of the motion are thought to fall by the order of the method."""
+"""Errors below this share of the motion are assumed to fall with the order of the method."""
 FARTHEST: Final = 64
-"""No number of steps is more than so many times the one before."""
+"""Largest factor from one number of steps to the next."""
 STILL: Final = 0.7
-"""An error of more than this share of the one before has not fallen."""
+"""An error that is more than this share of the previous one counts as not fallen."""
 
 
 @dataclass(kw_only=True, eq=False)
 class _Candidate:
-    """A method with its finest run and where to go next; no step number: it is out."""
+    """A method with its finest run and its next number of steps; 0: it is given up."""
 
     method: AnyMethod
     next_steps: int
@@ -62,14 +62,14 @@ def solve_on_equal_steps(
     """Find a method and a number of equal steps whose error is below a tolerance.
 
     An adaptive run to a tenth of the tolerance (:func:`fvi_cli.studies.tolerance.search.solve`)
-    stands for the truth: what it sees cannot be missed by the equal steps. Every method is tried on
-    few steps; then the one that is thought to take the least time goes on, to the number of steps
-    that its error and its order ask for. N is a power of two times the least number of steps on
-    whose grid all break points of the forcing lie.
+    is the reference, so that equal steps cannot miss features which it resolves. Every method is
+    tried on few steps. Then the method with the least expected time is run again, with the number
+    of steps that follows from its error and its order. N is a power of two times the least number
+    of steps whose grid contains all break points of the forcing.
 
     The tolerance holds in `norm`, the first of equal methods is preferred, and where the tolerance
-    is out of reach the best run is returned. `log` is given a line for every run; every run has a
-    part of `checkpoints`. Beside method and run comes the adaptive one.
+    is out of reach the best run is returned. `log` is called with a line for every run; every run
+    has a part of `checkpoints`. Returned are the method, its run and the adaptive run.
     """
     unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
     witness = solve(
@@ -123,7 +123,7 @@ def solve_on_equal_steps(
             return result(one.method, run, "met", one.error + own)
         factor = 2
         if one.error < RESOLVED * unit * size:
-            # what falls no more below this is round-off
+            # an error below this that falls no more is round-off
             one.stalled += one.error > STILL * before
             order = expected_order(scene, one.method, norm, n_steps)
             wanted = (one.error / (AIMED_AT * target)) ** (1 / (order if order > 0 else 1.0))
@@ -141,10 +141,10 @@ def solve_on_equal_steps(
 
 
 def _first_steps(scene: Scene, method: AnyMethod) -> int:
-    """The least number of steps that is tried; 0: none puts every break point on the grid."""
+    """The least number of steps that is tried; 0: no grid contains every break point."""
     base = nearest_fitting(scene.break_points, scene.final_time, 1)[1]
     if not base and isinstance(method, Method) and method.cq == "gauss":
-        # Gauss methods take break points between the points of the grid
+        # Gauss methods allow break points between the points of the grid
         base = 1
     return base << max(0, math.ceil(math.log2(FIRST_STEPS / base))) if base else 0
 
@@ -152,7 +152,7 @@ def _first_steps(scene: Scene, method: AnyMethod) -> int:
 def _next_candidate(
     candidates: Sequence[_Candidate], scene: Scene, available_bytes: int | None
 ) -> _Candidate | None:
-    """The one whose next run takes least, after every one was tried once; None: no room for any."""
+    """The candidate with the cheapest next run, untried ones first; None: no run fits in memory."""
     options: list[tuple[float, _Candidate]] = []
     for one in candidates:
         if 0 < one.next_steps <= MOST_STEPS:

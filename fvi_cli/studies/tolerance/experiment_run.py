@@ -1,4 +1,4 @@
-"""The run of an experiment that asks for a tolerance in place of numbers of steps."""
+"""The run of an experiment with a tolerance in place of numbers of steps."""
 
 from __future__ import annotations
 
@@ -31,16 +31,17 @@ def run_for_tolerance(
     log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
 ) -> FinishedRun:
-    """Find the steps that the experiment's tolerance takes, and finish that run.
+    """Find the steps that the experiment's tolerance needs, and finish their run.
 
-    The tolerance holds at any time on adaptive meshes, so that it holds in every norm; in l2 it is
-    that of a length times the root of T. Its error is the true one where the exact solution is
-    known, at the times that are reported (in l2 on the mesh), otherwise the estimate. What is
-    reported between the points of the mesh is held against the polynomials of the run itself, on
-    equal steps against an adaptive run; where they differ by more than the tolerance it is not met.
+    On adaptive meshes the tolerance holds at any time, and so in every norm; in l2 it is
+    multiplied by the root of T. The error of the run is its true error at the reported times (in l2
+    on the mesh) where the exact solution is known, otherwise the estimate. Values that are reported
+    between the points of the mesh are compared with the polynomials of the run itself, on equal
+    steps with an adaptive run; if they differ by more than the tolerance it is not met.
 
-    The finished run is that of the experiment with what was chosen, with an assurance; its status
-    is ``refused`` where the tolerance is not kept. `available_bytes` limits runs on equal steps.
+    The finished run belongs to the experiment with the chosen method and steps, and has an
+    assurance; its status is ``refused`` where the tolerance is not kept. `available_bytes` limits
+    the memory of runs on equal steps.
     """
     experiment, scene, accuracy = search.experiment, search.scene, search.experiment.accuracy
     if accuracy is None:
@@ -119,7 +120,7 @@ def run_for_tolerance(
 
 
 def _diagnosed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Trajectory:
-    """The run, once more on its own mesh where it is wanted with its bookkeeping."""
+    """The run; if diagnostics are requested it is computed again on its own mesh, with them."""
     request = run.experiment.diagnostics
     if request.is_empty or found.status != "ok" or not isinstance(run.method, Method):
         return found
@@ -156,10 +157,10 @@ def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Tra
 def _with_errors(
     run: Run, reported: Trajectory, other: Trajectory | None, error: float
 ) -> Trajectory:
-    """The run with the errors of its quantities: what they differ by in the `other` run.
+    """The run with the errors of its quantities: their differences from the `other` run.
 
-    They are compared at the times that are reported and by their peaks, and enlarged by as much as
-    the estimated `error` of the position is larger than its difference.
+    Reported values and peaks are compared. The differences are enlarged by the factor by which the
+    estimated `error` of the position is larger than the difference of positions.
     """
     observed = reported.observed
     if observed is None or not observed.quantities or other is None or other.steps is None:
@@ -175,7 +176,7 @@ def _with_errors(
     factor = max(1.0, error / difference) if difference else 1.0
     for name, extent in observed.extents.items():
         gaps = observed.quantities[name] - there.observed.quantities[name][at]
-        # infinite forces at the start have no difference
+        # forces that are infinite at the start have no difference
         gaps = np.append(gaps[np.isfinite(gaps)], extent.peak - there.observed.extents[name].peak)
         extents[name] = replace(extent, error=factor * float(np.abs(gaps).max()))
     return replace(reported, observed=replace(observed, extents=extents))
@@ -184,7 +185,7 @@ def _with_errors(
 def _between_points(
     reported: Trajectory, truth: Trajectory | None, known: Assessment
 ) -> Assessment:
-    """What is known of the error at the times that are reported, held against polynomials."""
+    """The assessment with the error at the reported times, from polynomials of the run."""
     if truth is None or truth.steps is None or known.outcome != "met" or not reported.time.size:
         return known
     gaps = np.abs(reported.position - truth(reported.time)).max(axis=1)
@@ -209,7 +210,7 @@ def _between_points(
 def _held_against_exact(
     known: Assessment, error: float, tolerance: float, unit: float
 ) -> Assessment:
-    """What is known of a run whose error by an exact solution is known."""
+    """The assessment; unreliable where the exact solution differs by more than the tolerance."""
     if known.outcome != "met" or error <= tolerance:
         return known
     return replace(

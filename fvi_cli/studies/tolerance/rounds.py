@@ -1,4 +1,4 @@
-"""What a search for a tolerance knows of a run, and where it begins."""
+"""Rounds of a search for a tolerance, and where the search begins."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from fvi_cli.mathematics.arrays import Array
 
 LOOSE: Final = 30.0
 POWER: Final = 1.3
-"""The error of the delivered run is below (local tolerance)^1.3 / 30, relative to the motion."""
+"""A local tolerance e gives an error below e^1.3 / 30 of the delivered run, both relative to the
+motion."""
 COARSEST: Final = 0.01
-"""No local tolerance is larger than this share of the motion."""
+"""Largest local tolerance, as a share of the motion."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
-    """A run with what another one says of its error: differences at times, and shares of them."""
+    """A run with its differences from another run, and the error estimated from them."""
 
     run: Trajectory
     line: str
@@ -53,11 +54,11 @@ def amplitude_of(run: Trajectory) -> float:
 def first_local(target: float, amplitude: float) -> float:
     """Local tolerance to begin with, a length."""
     if target <= 0:
-        # the largest displacement is unknown, in every unit of length
+        # the size of the displacement is unknown: 1 in the user's unit of length
         return 1.0
     if amplitude <= 0:
         return target
-    # of less than the tolerance nothing is known
+    # the motion may be smaller than the tolerance: count it as equal
     amplitude = max(amplitude, target)
     share = (LOOSE * target / amplitude) ** (1 / POWER)
     return float(amplitude * min(COARSEST, share))
@@ -66,9 +67,9 @@ def first_local(target: float, amplitude: float) -> float:
 def likely_amplitude(scene: Scene) -> float:
     """Size of the positions of a run, a length; zero where nothing moves.
 
-    The start position, the way at the start velocity and the way under the largest force, both in
-    a quarter of the longest period (in the whole run where nothing pulls back). It does not change
-    with the units of mass and time, and decides nothing but where a search begins.
+    The start position, and the displacements by the start velocity and by the largest force in a
+    quarter of the longest period (in the whole run where there is no stiffness). It does not depend
+    on the units of mass and time, and determines only where a search begins.
     """
     time = _quarter_period(scene)
     found = float(np.abs(scene.initial_position).max())
@@ -94,7 +95,7 @@ def _quarter_period(scene: Scene) -> float:
             stiffness = np.diagonal(potential.hessian(scene.initial_position))
     if not np.isfinite(stiffness).all():
         return final_time
-    # the Rayleigh quotients of the axes are all that is needed of the slowest mode
+    # Rayleigh quotients of the coordinates estimate the slowest mode well enough
     squares = np.abs(stiffness) / scene.inertia.form.diagonal()
     slowest = float(squares[squares > 0].min(initial=math.inf))
     if not 0 < slowest < math.inf:

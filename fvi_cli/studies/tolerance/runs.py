@@ -20,9 +20,9 @@ from fvi_cli.integrator.trajectory import Trajectory
 
 MOST_STEPS = 200_000
 MOST_KINKED_STEPS = 20_000
-"""With kinks every step is dear, and some motions have no end of them."""
+"""Most steps of a run with kinks: each is expensive, and some motions have endlessly many kinks."""
 EQUAL = 1e-9
-"""Samples whose distances differ by less, relative to them, lie on equal steps."""
+"""Samples whose distances differ by less than this, relative, are equidistant."""
 HALVINGS = 24
 """Steps towards t = 0 within the first sample, each half as long as the next."""
 
@@ -35,7 +35,7 @@ def gauss(scene: Scene, degree: int) -> Method:
 
 
 class AdaptiveRuns:
-    """Runs of one scene by one Gauss method, whose steps keep one local tolerance each.
+    """Runs of one scene by one Gauss method; each run has one local tolerance.
 
     `points` are further points of the mesh; a run with more than `most_steps` fails.
     """
@@ -82,7 +82,7 @@ def run_on(
 
 
 def knots_of(scene: Scene) -> tuple[float, ...]:
-    """Times inside of the run at which samples of the forcing lie."""
+    """Times within the run at which the forcing has samples."""
     if scene.forcing is None:
         return ()
     found = {float(t) for one in scene.forcing.samples for t in one.knots}
@@ -97,7 +97,7 @@ def knot_mesh(scene: Scene, knots: Sequence[float], per_interval: int) -> Mesh:
     """
     breaks = set(scene.break_points)
     ends = np.array([0.0, *sorted({*knots, *breaks}), scene.final_time])
-    # points that round-off alone keeps apart are one
+    # points that differ by round-off alone are one
     is_distinct = np.concatenate([[True], np.diff(ends) > 1e-12 * scene.final_time])
     is_break = np.isin(ends, list(breaks))
     ends = ends[is_distinct | is_break]

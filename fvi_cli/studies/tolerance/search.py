@@ -1,9 +1,9 @@
-"""A run for a tolerance: steps by a local one, the error of the whole by a second run.
+"""A run for a tolerance: a local tolerance chooses the steps, a second run measures the error.
 
-A run with m stages finds its steps by a local tolerance; one with two stages more on the same mesh
-measures how far it is from the truth, and is the one that is delivered. Where forces have kinks, or
-are of the kind of which walls and pulses are made, it finds steps of its own: on one mesh both
-might miss the same. Forces by samples have the samples as points of the mesh.
+A run with m stages chooses its steps by a local tolerance. A second run with two stages more on the
+same mesh measures its error, and is the run that is delivered. Where forces have kinks, or are as
+steep as walls and pulses, the second run chooses its own steps: on one mesh both runs might miss
+the same feature. Samples of a force are points of the mesh.
 """
 
 from __future__ import annotations
@@ -48,34 +48,34 @@ from fvi_cli.studies.tolerance.runs import (
 
 MOST_ROUNDS: Final = 10
 FEW_DIGITS: Final = 7.0
-"""Up to so many digits the worse one of two runs has 8 stages, 10 beyond."""
+"""Up to so many digits the less accurate of two runs has 8 stages, beyond that 10."""
 LEAST_GAIN: Final = 0.03
-"""Least share of a difference by which the better of two runs is thought to err."""
+"""Least estimate of the error of the better of two runs, as a share of their difference."""
 SAMPLED_GAIN: Final = 0.3
-"""The same of two stages more on the samples of a record, where the slope of the force jumps."""
+"""The same on the samples of a record, where the slope of the force jumps."""
 PROBED: Final = 1e-9
-"""For tolerances below this share of a nonlinear motion it is looked how round-off grows."""
+"""For tolerances below this share of a nonlinear motion the growth of round-off is measured."""
 CAUTION: Final = 10.0
-"""By which local errors are compared with the errors of two runs."""
+"""Safety factor on the ratio of local errors, which estimates the ratio of errors of two runs."""
 AIMED_AT: Final = 0.3
-"""Share of the tolerance at which a new local tolerance aims."""
+"""A new local tolerance is chosen for this share of the tolerance."""
 SHRINKS_TO: Final = (1e-6, 0.3)
 """Least and largest factor from a local tolerance to the next."""
 UNRELATED: Final = 0.3
 """Local tolerance of a run on a mesh of its own, relative to that of the first one."""
 STILL: Final = 0.3
-"""An error of more than this share of the one before has not fallen."""
+"""An error that is more than this share of the previous one counts as not fallen."""
 LEAP: Final = 0.01
-"""Factor of the local tolerance where less of it has not helped."""
+"""Factor to the next local tolerance after one that did not reduce the error."""
 BY_ACCIDENT: Final = 0.2
-"""Share of the tolerance that is demanded of an error that does not fall with the steps."""
+"""An error that does not fall with the steps must be below this share of the tolerance."""
 SENSITIVE: Final = 1e3
 """Differences that grow by more than this in a run make it unreliable."""
 MOST_PER_INTERVAL: Final = 64
 FAR: Final = 1e3
-"""Errors of so many tolerances are not mended by two stages more."""
+"""Two stages more are not enough for errors of more than so many tolerances."""
 PER_HALVING: Final = 16.0
-"""What an error falls by when steps between samples are halved, after jumps of the slope."""
+"""Factor by which an error falls when steps between samples are halved, with jumps of slopes."""
 NEGLIGIBLE: Final = 0.01
 """Pulses that move the system by less than this share of the tolerance do not matter."""
 SHORTER_START: Final = 1e-12
@@ -92,8 +92,8 @@ def solve(
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
-    Any component may err by `tolerance`, a length, or by the share `relative` of the largest
-    position of the run. Steps are found on the way and a second run measures the error of the whole
+    The limit for any component is `tolerance`, a length, or the share `relative` of the largest
+    position of the run. Steps are chosen during the run, and a second run measures the error
     (``docs/explanation/tolerances.md``). `log` is called with a line about every run, and every run
     has a part of `checkpoints`.
 
@@ -120,7 +120,7 @@ def solve_by_two_runs(
     log: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, Trajectory | None]:
-    """As :func:`solve`, with the second run, which errs more."""
+    """As :func:`solve`, and the second, less accurate run; None: there is none."""
     wanted = Accuracy(tolerance=tolerance, relative=relative)
     search = _Search(scene=scene, wanted=wanted, log=log, checkpoints=checkpoints)
     run = search.result()
@@ -129,14 +129,14 @@ def solve_by_two_runs(
 
 @dataclass(kw_only=True, eq=False)
 class _Search:
-    """The rounds so far; the best is kept."""
+    """The state of a search: its rounds so far, of which the best is kept."""
 
     scene: Scene
     wanted: Accuracy
     log: Callable[[str], object]
     checkpoints: RunKeeper | None = None
     best: Round | None = None
-    given: Round | None = None  # what the result is made of
+    given: Round | None = None  # the round of the result
     worst_since: float = 0.0
     rounding: tuple[Array, Array] | None = None
     lines: list[str] = field(default_factory=list)
@@ -163,7 +163,7 @@ class _Search:
 
     @property
     def digits(self) -> float:
-        """What is asked for of the likely motion."""
+        """Requested digits of the likely motion."""
         target = self.target(self.guess)
         return math.log10(max(self.guess, 1e-300) / target) if target > 0 else 0.0
 
@@ -173,7 +173,7 @@ class _Search:
         if self.best is None or one.estimate < self.best.estimate:
             self.best, self.worst_since = one, 0.0
         elif one.run.status == "ok":
-            # a finer run that differs more shows that it was an accident
+            # a later run that differs more shows that the agreement was an accident
             self.worst_since = max(self.worst_since, one.at_points)
 
     def _adaptively(self, forces: SceneForces, knots: tuple[float, ...]) -> Trajectory:
@@ -186,7 +186,7 @@ class _Search:
             )
             for one in (degree, degree + 2)
         )
-        # on one mesh two runs may miss the same thing
+        # on one mesh two runs may miss the same feature
         is_rough = forces.has_kinks or forces.is_steep
         least_gain = 1.0 if is_rough else LEAST_GAIN
         before, still, failed, doubted = math.inf, 0, 0, False
@@ -226,7 +226,7 @@ class _Search:
                 continue
             if self.rounding is not None and self._rounded(run) > target:
                 return self._is_limited_by_rounding(one, target)
-            # what round-off makes of runs may agree by accident
+            # runs that are dominated by round-off may agree by accident
             if one.estimate <= (target if still == 0 else BY_ACCIDENT * target):
                 if not run.doubts:
                     return self._result(one, "met", "")
@@ -235,7 +235,7 @@ class _Search:
                 doubted = True
             factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
             if one.estimate > STILL * before:
-                # a little may change nothing; what does not help either is round-off
+                # a small reduction may change nothing; if LEAP does not help either it is round-off
                 still += 1
                 factor = min(factor, LEAP)
             if still > 2 or local <= 10 * EPSILON * amplitude:
@@ -245,7 +245,7 @@ class _Search:
         return self._given_up()
 
     def _compared(self, coarse: Trajectory, run: Trajectory, gain: float, words: str) -> Round:
-        """A run with its error by a worse one, of whose error it has a share `gain`."""
+        """A run with its error, the share `gain` of its difference from a less accurate run."""
         if run.steps is None:  # pragma: no cover - it was asked for
             raise ValueError("tolerance: a run without its polynomials")
         times, differences = differences_of(coarse, run)
@@ -265,7 +265,7 @@ class _Search:
         )
 
     def _rounded(self, run: Trajectory) -> float:
-        """What round-off at the start comes to, a length."""
+        """Error at any time by round-off at the start, a length."""
         own = ROUNDED * EPSILON
         grown = 0.0 if self.rounding is None else float(self.rounding[1].max()) / SHIFT
         return own * max(amplitude_of(run), grown)
@@ -282,7 +282,7 @@ class _Search:
         return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
 
     def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
-        """Equal steps between samples; None where these do not do."""
+        """A run on equal steps between samples; None where they do not meet the tolerance."""
         degree = 2 if self.digits < 3.5 else 3 if self.digits < 7.5 else 4
         per_interval, before = 1, math.inf
         while per_interval <= MOST_PER_INTERVAL and per_interval * len(knots) <= MOST_STEPS:

@@ -4,8 +4,8 @@ On :math:`q = v e^{st}` the equations of motion are :math:`T(s) v = \hat f` with
 
 .. math:: T(s) = s^2 M + \sum_j g_j(s) D_j + K,
 
-:math:`g_j(s) = s^{\gamma_j}` for a derivative and the complex modulus of a relaxation law, analytic
-but for the negative real axis, where memory has its branch cut.
+where :math:`g_j(s)` is :math:`s^{\gamma_j}` for a derivative, and the complex modulus for a
+relaxation law. It is analytic except on the negative real axis, the branch cut of the memory.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ SLOPE_STEP = 1e-5
 """Relative step of the central difference for the slopes of symbols."""
 
 LARGEST_DENSE = 40
-"""Degrees of freedom up to which sparse matrices are taken as dense ones."""
+"""Degrees of freedom up to which sparse matrices are converted to dense ones."""
 
 _MOST_ENTRIES = 2_000_000
-"""Entries of matrices that are held at a time."""
+"""Most entries of matrices that are in memory at a time."""
 
 
 class DynamicStiffness:
@@ -61,7 +61,7 @@ class DynamicStiffness:
         self._symbols += [one.symbol for one in scene.active_forces]
         self.forms += [one.form for one in scene.active_forces]
         self.is_sparse = scene.is_sparse and scene.dimension > LARGEST_DENSE
-        # largest sums of the sizes of a row, of sparse matrices too
+        # maximum row sums, which dense and sparse matrices both have
         sums = [abs(cast(Array, form)).sum(axis=1) for form in self.forms]
         self.norms = np.array([np.asarray(one).max() for one in sums])
         if self.is_sparse:
@@ -80,21 +80,21 @@ class DynamicStiffness:
         return self.dimension <= LARGEST_DENSE
 
     def symbols(self, s: complex) -> ComplexArray:
-        """What stands before every matrix, shape ``(number of matrices,)``."""
+        """The factors s^2, g_j(s) and 1 of the matrices, shape ``(number of matrices,)``."""
         return np.array([symbol(s) for symbol in self._symbols], dtype=complex)
 
     def symbols_over(self, s: ComplexArray) -> ComplexArray:
-        """The same at n places, shape ``(n, number of matrices)``."""
+        """The factors at n values of s, shape ``(n, number of matrices)``."""
         found = [np.broadcast_to(symbol(cast(complex, s)), s.shape) for symbol in self._symbols]
         return np.stack(found, axis=-1).astype(complex)
 
     def slopes(self, s: complex) -> ComplexArray:
-        """Derivatives of the symbols."""
+        """Derivatives of the factors by s."""
         step = SLOPE_STEP * abs(s)
         return (self.symbols(s + step) - self.symbols(s - step)) / (2.0 * step)
 
     def combined(self, factors: ComplexArray) -> ComplexArray | SparseMatrix:
-        """The matrices times factors, added up; sparse where the scene is."""
+        """The sum of the matrices times these factors; sparse where the scene is."""
         entries = self._entries.reshape(len(self.forms), -1)
         total = (factors.real @ entries + 1j * (factors.imag @ entries)).reshape(
             self._entries.shape[1:]
@@ -112,13 +112,13 @@ class DynamicStiffness:
         return self.combined(self.symbols(s))
 
     def log_determinants(self, s: ComplexArray) -> ComplexArray:
-        """Logarithms of det T(s), but for a constant, at places of shape ``(n,)``, any branch.
+        """Logarithms of det T(s) up to a constant, any branch, at values of s of shape ``(n,)``.
 
         Minus infinity where it is 0.
         """
         if self.is_sparse:
             return np.array([self._log_determinant(complex(one)) for one in s])
-        # rows and columns in the unit of each coordinate's own mass: graded matrices lose digits
+        # scale rows and columns by each coordinate's own mass: graded matrices would lose digits
         d = self.dimension
         unit = 1.0 / np.sqrt(np.diagonal(self._entries[0]))
         entries = (unit[:, None] * self._entries * unit).reshape(len(self.forms), -1)
@@ -140,13 +140,13 @@ class DynamicStiffness:
     def number_below(self, rate: float) -> int:
         """Number of modes without damping that are slower than s = i `rate`.
 
-        All of them where an elimination breaks down.
+        Returns the number of all modes if the elimination breaks down.
         """
         real = self.symbols(1j * rate).real.astype(complex)
         matrix = self.combined(real)
         if isinstance(matrix, np.ndarray):
             return int((np.linalg.eigvalsh(matrix.real) < 0).sum())
-        # sparse arrays have a real part, their common type of the stubs does not
+        # sparse arrays have a real part, but the type in the stubs does not
         real_part: SparseMatrix = matrix.real  # type: ignore[attr-defined]
         return negative_pivots(cast(SparseMatrix, as_csr(real_part)))
 
@@ -165,7 +165,7 @@ class DynamicStiffness:
 
 
 class Factors:
-    """A complex matrix, dense or sparse, by its factors; `solve` takes right-hand sides.
+    """The LU factors of a complex matrix, dense or sparse; `solve` takes right-hand sides.
 
     Raises
     ------
@@ -178,7 +178,7 @@ class Factors:
             from scipy.linalg import lu_factor, lu_solve
 
             with warnings.catch_warnings():
-                # reported below
+                # a singular matrix is reported below
                 warnings.simplefilter("ignore")
                 pair = lu_factor(matrix, check_finite=False)
             self._pivots = np.diagonal(pair[0])
@@ -218,7 +218,7 @@ def _exchanges(permutation: NDArray[np.signedinteger[Any]]) -> int:
 
 
 def _on_one_pattern(forms: Sequence[Form]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
-    """All matrices on one common pattern, by columns: rows, ends of columns, entries of each."""
+    """Matrices on one common pattern by columns: row indices, ends of columns, entries of each."""
     from scipy.sparse import csc_array
 
     patterns = [abs(as_csr(form)).sign() for form in forms if form.nonzero()[0].size]

@@ -1,12 +1,12 @@
 r"""Modes of damped structures: the nonlinear eigenvalue problem T(s) v = 0.
 
-Starts are modes without damping, of the mass and the real part of :math:`K + \sum_j g_j D_j` at the
-frequency in question. Each is led to a solution by inverse iteration with a Rayleigh functional
+The starting vectors are undamped modes, of the mass and the real part of :math:`K + \sum_j g_j D_j`
+at the frequency in question. Inverse iteration with a Rayleigh functional leads each to a solution
 (Schwetlick, Schreiber, *Nonlinear Rayleigh functionals*, 2012; T is complex symmetric, and the
-convergence cubic). Whether any is missing is counted by the argument principle: of small problems
-on a sector that holds all modes, whatever was found (:mod:`fvi_cli.studies.vibration.region`), of
-large ones on a sector around those that are asked for. The sector is divided until the missing
-modes are found in their parts by contour integrals.
+convergence cubic). The argument principle counts the modes in a sector and so shows whether any is
+missing. For small problems the sector holds all modes (:mod:`fvi_cli.studies.vibration.region`),
+for large ones it lies around the requested modes. The sector is divided until contour integrals
+find the missing modes in its parts.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_
 from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
 
 EXTRA: Final = 4
-"""Modes beyond those that are wanted, to see where they end."""
+"""Number of modes computed beyond the requested ones, to see where these end."""
 Reach = Literal["all", "faster", "around"]
 RATIOS: Final = (LARGEST_RATIO, 0.9946, 0.9953, 0.9942)
-"""Damping ratios up to which modes are counted: the first, unless a mode lies at the edge."""
+"""Damping ratios up to which modes are counted: the next one where a mode lies at the edge."""
 CELL: Final = 1.3
-"""Extent of the parts of a sector in which contour integrals find modes."""
+"""Contour integrals look for modes in parts of a sector of at most this extent: that of log |s|, and
+of the argument in radians."""
 SMALLEST_CELL: Final = 1e-4
 CUTS: Final = (0.5, 0.43, 0.57, 0.36, 0.64)
-"""Where a sector is divided: at the first, unless a mode lies there."""
+"""Shares at which a sector is divided: the next one where a mode lies at the cut."""
 CONVERGED: Final = 1e-15
 RESIDUAL_LIMIT: Final = 1e-12
 MOST_SWEEPS: Final = 30
 SAME: Final = 1e-5
-"""Relative distance of frequencies, and of shapes, of modes that are one."""
+"""Modes whose frequencies and shapes differ by less than this, relative, are one mode."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,23 +87,23 @@ class ModeTable(OfMember):
     sector: Sector | None
     """The region of complex frequencies in which modes were counted; None: they were not."""
     counted: int | None
-    """How many are in it; None where that is unknown."""
+    """How many modes are in the sector; None where that is unknown."""
     inside: int
-    """How many of `modes` are in it."""
+    """How many of `modes` are in the sector."""
     reach: Reach = "around"
-    """``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor are
-    faster ones; ``around``: it was chosen around the modes that were asked for."""
+    """``all``: modes outside of the sector have larger damping ratios; ``faster``: no faster modes
+    are outside of it; ``around``: it lies around the requested modes."""
 
     @property
     def is_complete(self) -> bool:
-        """Whether it is known that none is missing."""
+        """Whether it is known that no mode of the sector is missing."""
         return self.counted is not None and self.counted == self.inside
 
 
 def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTable:
-    """At most `count` modes of lowest frequency, or nearest to one in oscillations per time.
+    """At most `count` modes, of lowest frequency or nearest to `near` (oscillations per time).
 
-    Solutions that do not oscillate (branch cut, rigid motions) are none.
+    Solutions that do not oscillate (branch cut, rigid motions) do not count as modes.
 
     Raises
     ------
@@ -123,7 +124,7 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
 
 
 def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mode | None:
-    """The mode to which a frequency and a shape lead; None where they lead to none."""
+    """The mode to which iterations from a frequency and a shape converge; None: they do not."""
     best: Mode | None = None
     for _ in range(MOST_SWEEPS):
         if not (math.isfinite(abs(s)) and abs(s) > 0):
@@ -143,14 +144,14 @@ def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mod
         is_better = best is None or residual < 0.3 * best.residual
         if best is None or residual < best.residual:
             best = Mode(frequency=s, shape=vector, residual=residual)
-        # cubic convergence: what gets no better is round-off
+        # convergence is cubic: a residual that falls no more is round-off
         if not is_better and residual <= RESIDUAL_LIMIT:
             break
     if best is None or best.residual > RESIDUAL_LIMIT:
         return None
     real, imaginary = best.frequency.real, best.frequency.imag
     best = Mode(
-        # what is less than the last digit is no damping
+        # a real part below the last digit is no damping
         frequency=complex(real if abs(real) > CONVERGED * abs(imaginary) else 0.0, abs(imaginary)),
         shape=best.shape.conj() if imaginary < 0 else best.shape,
         residual=best.residual,
@@ -168,7 +169,7 @@ def _functional(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -
         if slope == 0 or not math.isfinite(abs(value)):
             return None
         change = complex(value / slope)
-        # no farther than the plane without the branch cut allows
+        # the step must not cross the branch cut
         largest = 0.3 * abs(s)
         if abs(change) > largest:
             change *= largest / abs(change)
@@ -179,7 +180,7 @@ def _functional(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -
 
 
 def _is_same(mode: Mode, other: Mode) -> bool:
-    """Whether two modes are one: equal frequencies may have several shapes."""
+    """Whether two modes are the same one: equal frequencies may have several shapes."""
     if abs(other.frequency - mode.frequency) > SAME * abs(mode.frequency):
         return False
     sizes = np.linalg.norm(other.shape) * np.linalg.norm(mode.shape)
@@ -188,22 +189,22 @@ def _is_same(mode: Mode, other: Mode) -> bool:
 
 @dataclass(kw_only=True, eq=False)
 class _Search:
-    """The modes of a scene that are found, and those that are missing."""
+    """A search for modes of a scene: those that are found so far, and counts of missing ones."""
 
     stiffness: DynamicStiffness
-    count: int  # of the modes that are wanted
-    centre: float  # the frequency near which they are, 1/time
+    count: int  # number of requested modes
+    centre: float  # the frequency near which modes are requested, 1/time
     found: list[Mode] = field(default_factory=list)
 
     def add(self, starts: Iterable[tuple[complex, ComplexArray]]) -> None:
-        """Keep the modes to which frequencies and shapes lead."""
+        """Refine pairs of a frequency and a shape, and keep the modes that are new."""
         for s, vector in starts:
             mode = refine(self.stiffness, s, vector)
             if mode is not None and not any(_is_same(mode, other) for other in self.found):
                 self.found.append(mode)
 
     def undamped(self, rate: float, wanted: int) -> list[tuple[complex, ComplexArray]]:
-        """Modes without damping, with the stiffness that it has at a frequency, 1/time."""
+        """Undamped modes with the dynamic stiffness at the frequency `rate`, 1/time."""
         stiffness, d, mass = self.stiffness, self.stiffness.dimension, self.stiffness.mass
         factors = stiffness.symbols(1j * max(rate, 1e-30)).real.astype(complex)
         factors[0] = 0.0
@@ -220,7 +221,7 @@ class _Search:
                 as_csc(combined.real),  # type: ignore[attr-defined]
                 k=wanted,
                 M=as_csc(mass),
-                # beside the spectrum, since a free structure has modes at 0
+                # not at 0, which is an eigenvalue of a free structure
                 sigma=self.centre**2 if self.centre else -1e-9 * scale,
                 which="LM",
                 v0=np.random.default_rng(5).standard_normal(d),
@@ -235,14 +236,14 @@ class _Search:
         ]
 
     def stiffened(self) -> list[tuple[complex, ComplexArray]]:
-        """Modes without damping, with the stiffness that it has at frequencies of known modes."""
+        """Undamped modes with the dynamic stiffness at frequencies of known modes."""
         rates = sorted(abs(mode.frequency) for mode in self.found)
         wanted = min(self.count + EXTRA, self.stiffness.dimension)
         chosen = [rates[index] for index in (0, len(rates) // 2, -1) if rates]
         return [start for rate in dict.fromkeys(chosen) for start in self.undamped(rate, wanted)]
 
     def table(self) -> ModeTable:
-        """The modes that are wanted, with those that a count says are missing."""
+        """The requested modes, after a search for those that a count says are missing."""
         sector, reach, counted = self.counted()
         for attempt in range(4):
             before = len(self.found)
@@ -257,7 +258,7 @@ class _Search:
             sector, reach, counted = self.counted()
         found = self.found
         if self.stiffness.is_small:
-            # what is outside is a rigid motion, whose s is round-off
+            # modes outside are rigid motions, whose s is round-off
             found = [one for one in found if sector.least < abs(one.frequency) < sector.largest]
         found = sorted(found, key=self.distance)
         return ModeTable(
@@ -270,15 +271,15 @@ class _Search:
         )
 
     def distance(self, mode: Mode) -> float:
-        """From the frequency near which modes are wanted, 1/time."""
+        """Distance of a mode from the frequency near which modes are requested, 1/time."""
         return abs(abs(mode.frequency) - self.centre)
 
     def inside(self, sector: Sector) -> int:
-        """How many of the modes that are found lie in a sector."""
+        """How many of the found modes lie in a sector."""
         return sum(sector.holds(mode.frequency) for mode in self.found)
 
     def counted(self) -> tuple[Sector, Reach, int | None]:
-        """The sector in which modes are counted, and how many it holds; None: that is not known."""
+        """The sector in which modes are counted, its reach, and its number of modes or None."""
         reach: Reach = "around"
         self.found.sort(key=self.distance)
         known = [mode.frequency for mode in self.found]
@@ -295,7 +296,7 @@ class _Search:
         return sector, reach, None
 
     def sector_around(self, ratio: float) -> Sector:
-        """A sector around the modes that are wanted, with its arcs between modes."""
+        """A sector around the requested modes, with its arcs between modes."""
         sizes = sorted(abs(mode.frequency) for mode in self.found)
         wanted = sorted(abs(mode.frequency) for mode in self.found[: self.count])
         above = [size for size in sizes if size > wanted[-1] * (1.0 + SAME)]
@@ -308,7 +309,7 @@ class _Search:
         )
 
     def look_in(self, sector: Sector) -> None:
-        """Find the modes of a sector that are missing, in ever smaller parts of it."""
+        """Find the missing modes of a sector, in smaller and smaller parts of it."""
         try:
             missing = self.missing(sector)
         except CountError:

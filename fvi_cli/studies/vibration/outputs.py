@@ -1,4 +1,4 @@
-r"""Outputs of steady responses: linear expressions in what a motion gives, at a frequency.
+r"""Outputs of steady responses: linear expressions in the variables of a motion, at a frequency.
 
 With :math:`q = \hat q e^{st}` a velocity is :math:`s \hat q`, an acceleration
 :math:`s^2 \hat q`, and the force of a damper its complex modulus times its deformation.
@@ -28,23 +28,23 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import Problem
 
 QUALITIES: Final = {"": "displacement", "v": "velocity", "a": "acceleration"}
-"""What an output of coordinates with one prefix is."""
+"""Quality of an output that is a sum of coordinates, by the prefix of their names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicOutputs:
-    """Linear forms of the amplitudes of coordinates that depend on the frequency."""
+    """Linear forms of the amplitudes of coordinates; the forms depend on the frequency."""
 
     names: tuple[str, ...]
-    qualities: tuple[str, ...]  # of each displacement, velocity, acceleration; else empty
+    qualities: tuple[str, ...]  # of each output: displacement, velocity, acceleration, or empty
     powers: Array  # factors of q, s q and s^2 q, shape ``(3, k, d)``
-    # complex moduli of dampers by s, each with the rows that it multiplies, ``(k, d)``
+    # pairs (complex modulus of a damper as a function of s, rows that it multiplies, ``(k, d)``)
     dampers: tuple[tuple[Callable[[complex], complex], Array], ...]
     ground: Array  # factor of the acceleration of the ground, shape ``(k,)``
 
     @property
     def forms(self) -> Array | Callable[[complex], Array | ComplexArray]:
-        """The forms, shape ``(k, d)``, or where they depend on it they by s."""
+        """The forms, shape ``(k, d)``, or where they depend on s the function :meth:`rows`."""
         return self.rows if self.powers[1:].any() or self.dampers else self.powers[0]
 
     def rows(self, s: complex) -> Array | ComplexArray:
@@ -64,7 +64,7 @@ def harmonic_outputs(
     problem: Problem,
     quantities: Mapping[str, Expression],
 ) -> HarmonicOutputs:
-    """What expressions in these names are at a frequency; names of quantities mean these.
+    """Linear forms of expressions in coordinates `names` and `quantities`, at a frequency.
 
     Raises
     ------

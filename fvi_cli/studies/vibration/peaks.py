@@ -1,8 +1,8 @@
 r"""Peaks of a harmonic response and their half-power widths.
 
-As a function of the frequency a response has poles at the modes, and bends within the distance to
-the next of them. So it is evaluated at multiples of the width of every mode around it, whatever the
-frequencies of the table are, and no peak falls between two points.
+As a function of the frequency a response has poles at the modes; it changes over lengths of the
+distance to the next pole. So it is evaluated around every mode at multiples of the width of the
+mode, independently of the frequencies of the table, and no peak falls between two points.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from fvi_cli.studies.vibration.modes import Mode, find_modes
 
 HALF_POWER: Final = math.sqrt(0.5)
 UNDAMPED: Final = 1e-13
-"""Damping ratio below which it is round-off."""
+"""A damping ratio below this is round-off."""
 _COUNTS = (4, 12, 36)
-"""Modes of a large structure that are looked for, until they cover the range."""
+"""Numbers of modes of a large structure that are searched, one after the other, until they cover
+the range."""
 _RATIO = 1.06
 """Largest ratio of two frequencies at which small structures are evaluated."""
 _MULTIPLES = np.array([0.25, 0.5, 0.75, 1.0, 1.4])
-"""Of the width of a mode; then powers of the last."""
+"""Distances from a mode in units of its width; further ones grow by the last as a factor."""
 _CLOSEST = 0.02
 """Smallest distance of two points, in distances from the next mode."""
 
@@ -39,15 +40,14 @@ class Peak:
     at: str
     hertz: float
     magnitude: float
-    """Where, in oscillations per unit of time, and how large; infinite at a mode without damping.
-    """
+    """Frequency in oscillations per unit of time, and size; infinite at a mode without damping."""
     low: float
     high: float
-    r"""Frequencies at both sides where the magnitude is :math:`1/\sqrt 2` of that; nan where it
+    r"""Frequencies on both sides where the magnitude is :math:`1/\sqrt 2` of the peak; nan where it
     does not fall so far in the range, or rises again before."""
     modes: int | None = None
-    """Number of modes that belong to it: those whose frequency lies between these two and that have
-    no other peak nearer. None: modes are not known."""
+    """Number of modes that belong to the peak: they lie between `low` and `high`, and no other peak
+    is nearer. None: modes are not known."""
 
     @property
     def loss_factor(self) -> float:
@@ -59,12 +59,12 @@ class Peak:
 class ModesInRange:
     """Modes in a range of frequencies."""
 
-    modes: tuple[Mode, ...]  # those that are known, in the range or next to it
+    modes: tuple[Mode, ...]  # the known modes in the range or next to it
     are_all: bool  # whether no mode with a damping ratio up to 0.995 is missing
 
     @property
     def growing(self) -> tuple[Mode, ...]:
-        """Those that grow: motions do not settle into a harmonic response."""
+        """The modes that grow: with them motions do not settle into a harmonic response."""
         return tuple(mode for mode in self.modes if mode.frequency.real > 0)
 
 
@@ -80,7 +80,7 @@ def modes_in_range(scene: Scene, low: float, high: float) -> ModesInRange:
         try:
             table = find_modes(scene, count, near=near)
         except ValueError:
-            # no mode oscillates; of a large structure it is not known
+            # no mode oscillates; for a large structure that is not certain
             return ModesInRange(modes=(), are_all=d <= LARGEST_DENSE)
         sizes = [abs(mode.frequency) / (2 * math.pi) for mode in table.modes]
         if near is None or max(abs(size - near) for size in sizes) > high - near:
@@ -89,7 +89,7 @@ def modes_in_range(scene: Scene, low: float, high: float) -> ModesInRange:
 
 
 def resolving_frequencies(hertz: Array, known: ModesInRange, *, is_small: bool) -> Array:
-    """Frequencies between the first and the last at which a response is resolved, ascending."""
+    """Frequencies that resolve a response between the first and the last of `hertz`, ascending."""
     low, high = float(hertz[0]), float(hertz[-1])
     points = [hertz]
     if is_small:
@@ -150,7 +150,7 @@ def _width(mode: Mode) -> float:
 
 
 def _endless(known: ModesInRange, hertz: float) -> float | None:
-    """Where a mode without damping lies, if it is here."""
+    """Frequency of an undamped mode at `hertz`; None: there is none."""
     for mode in known.modes:
         is_here = abs(mode.hertz - hertz) <= 100 * UNDAMPED * hertz
         if is_here and abs(mode.damping_ratio) <= UNDAMPED:
@@ -162,7 +162,7 @@ def _maximum(at: Callable[[float], float], left: float, right: float) -> tuple[f
     """Place and size of the maximum between two frequencies."""
     from scipy.optimize import minimize_scalar
 
-    # in parts of the interval: a tolerance relative to the frequency is more than a narrow peak
+    # as a share of the interval: a tolerance relative to the frequency may exceed a narrow peak
     found = minimize_scalar(
         lambda part: -at(left + part * (right - left)),
         bounds=(0.0, 1.0),
@@ -181,7 +181,7 @@ def _crossing(
         if here <= limit:
             return _bisected(at, limit, inside, place)
         if here > before:
-            # a valley between the points may reach down
+            # a valley between the points may reach down to the limit
             low, high = sorted((earlier, place))
             valley, depth = _maximum(lambda frequency: -at(frequency), low, high)
             return _bisected(at, limit, earlier, valley) if -depth <= limit else math.nan
@@ -190,7 +190,7 @@ def _crossing(
 
 
 def _bisected(at: Callable[[float], float], limit: float, inside: float, outside: float) -> float:
-    """Where the magnitude is a limit between two frequencies."""
+    """Frequency between two others at which the magnitude equals a limit."""
     from scipy.optimize import brentq
 
     length = outside - inside

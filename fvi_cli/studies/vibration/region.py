@@ -1,6 +1,6 @@
-r"""A region of complex frequencies that holds all modes, known before any of them.
+r"""A region of complex frequencies that holds all modes, derived before any mode is known.
 
-On a mode, :math:`v^H T(s) v = 0`. With the mass as the unit of all matrices and
+For a mode, :math:`v^H T(s) v = 0`. With the mass as the unit of all matrices and
 :math:`|\arg s| \le \theta < \pi`:
 
 - Terms of positive semi-definite matrices with powers up to 1, the stiffness and relaxation laws
@@ -10,8 +10,9 @@ On a mode, :math:`v^H T(s) v = 0`. With the mass as the unit of all matrices and
 - The modulus of a law is :math:`\int s/(s + x) \rho(x) dx` with :math:`\rho \ge 0`, and
   :math:`\cos(\theta/2) \le |s + x| / (|s| + x) \le 1` bounds it by its value at :math:`|s|`.
 
-So no mode is as large as makes the first kind of the others too small, or as small as makes the
-other kind too small. Terms of other matrices count with their norms against both.
+So |s| of a mode is bounded from above, where the terms of inertia outweigh all others, and from
+below, where the terms of stiffness do. Terms of indefinite matrices count with their norms among
+the others, in both bounds.
 """
 
 from __future__ import annotations
@@ -34,21 +35,23 @@ from fvi_cli.studies.vibration.sector import Sector
 LARGEST_RATIO: Final = 0.995
 """Damping ratio up to which modes are counted, of decay and of growth."""
 DISSIPATIVE_ANGLE: Final = 0.45 * math.pi
-"""Where nothing feeds the scene no mode has a smaller argument than pi / 2."""
+"""Smallest argument of s, radians, for dissipative scenes, whose modes have arguments of pi / 2 or
+more."""
 _SEARCHED = 100.0
-"""Powers of e on both sides of the geometric mean of the frequencies."""
+"""Bounds are searched up to so many powers of e on both sides of the geometric mean of the
+frequencies."""
 _STEP = 0.5
 _BELOW = 7.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Terms:
-    """All terms but that of the mass, n of them, in units of the mass."""
+    """The n terms other than that of the mass, in units of the mass."""
 
     stiffness: DynamicStiffness
     matrices: Array  # (n, d, d)
     norms: Array  # (n,)
-    powers: Array  # of s, (n,); of laws 1
+    powers: Array  # of s, (n,); 1 for laws
     is_law: NDArray[np.bool_]  # (n,)
     is_semidefinite: NDArray[np.bool_]  # (n,)
 
@@ -74,11 +77,11 @@ class _Terms:
         )
 
     def sizes(self, r: float) -> Array:
-        """Of the factors before the matrices at |s| = r, ``(n,)``."""
+        """Sizes of the factors of the matrices at |s| = r, ``(n,)``."""
         return np.asarray(np.abs(self.stiffness.symbols(complex(r))[1:]))
 
     def bound(self, r: float, which: NDArray[np.bool_], cosine: float) -> float:
-        """The largest that the sum of some terms can be at |s| = r."""
+        """An upper bound on the sum of the terms `which` at |s| = r."""
         return float((self.sizes(r) * self.norms / np.where(self.is_law, cosine, 1.0))[which].sum())
 
     def mass_outweighs(self, r: float, cosine: float) -> bool:
@@ -88,11 +91,11 @@ class _Terms:
         return own > self.bound(r, ~helping, cosine)
 
     def stiffness_outweighs(self, r: float, cosine: float) -> bool:
-        """Whether no mode has |s| = r, since what does not grow like inertia is too large."""
+        """Whether no mode has |s| = r, since stiffness and similar terms are too large."""
         low = self.is_semidefinite & (self.powers <= 1.0)
         indefinite = ~low & (self.powers == 0.0)
         if indefinite.any():
-            # by the smallest singular value of a stiffness against all others
+            # the smallest singular value of the stiffness against all other terms
             values = np.sort(np.abs(np.linalg.eigvalsh(self.matrices[indefinite][0])))
             against = r * r + self.bound(r, ~indefinite, cosine)
             return bool(values[0] > max(SEMIDEFINITE_TOLERANCE * values[-1], against))
@@ -104,7 +107,7 @@ class _Terms:
         return bool(cosine * values[0] > r * r + self.bound(r, ~low, cosine))
 
     def slowest(self, largest: float) -> float:
-        """Where no bound is known, log |s| far below the slowest motion of the stiffness."""
+        """Substitute for an unknown bound: log |s| far below the slowest mode of the stiffness."""
         values = np.abs(np.linalg.eigvalsh(self.matrices[self.powers == 0.0]))
         is_there = values > SEMIDEFINITE_TOLERANCE * self.norms[self.powers == 0.0, None]
         slowest = float(0.5 * np.log(values[is_there].min())) if is_there.any() else largest
@@ -116,13 +119,13 @@ def region_of_all_modes(
 ) -> tuple[Sector, bool]:
     """A sector for all modes with damping ratios up to a largest one, and whether it holds all.
 
-    Where the stiffness is singular nothing may be known of slow modes; the sector then begins far
-    below the slowest motion that the stiffness makes.
+    Where the stiffness is singular there may be no bound on slow modes; the sector then begins far
+    below the slowest nonzero mode of the stiffness.
     """
     terms = _Terms.of(stiffness)
     last = math.pi - math.acos(largest_ratio)
     cosine = math.cos(0.5 * last)
-    # moduli between the fastest and the slowest oscillation that one term makes against the mass
+    # frequencies at which a single term balances the mass
     is_clear = (terms.norms > 0) & ~terms.is_law & (terms.powers < 1.5)
     rates = np.concatenate(
         [
@@ -146,11 +149,11 @@ def region_of_all_modes(
 
 
 def _until(logs: Sequence[float], holds: Callable[[float], bool]) -> float | None:
-    """The last of the logarithms of moduli up to which a bound holds; None: not at the first."""
+    """The last logarithm of |s| up to which a bound holds; None: it fails at the first."""
     kept = list(itertools.takewhile(lambda log: holds(math.exp(log)), logs))
     return kept[-1] if kept else None
 
 
 def first_angle(stiffness: DynamicStiffness, largest_ratio: float) -> float:
-    """Argument of s from which on modes are counted."""
+    """Least argument of s at which modes are counted."""
     return DISSIPATIVE_ANGLE if stiffness.scene.is_dissipative else math.acos(largest_ratio)

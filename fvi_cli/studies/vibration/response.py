@@ -44,9 +44,9 @@ class ResponseTable(OfMember):
     peaks: tuple[Peak, ...]
     """Maxima of the magnitudes inside of the range."""
     qualities: tuple[str, ...] = ()
-    """What every output is, ``displacement``, ``velocity`` or ``acceleration``; empty: another."""
+    """Of every output ``displacement``, ``velocity`` or ``acceleration``; empty: another."""
     known: ModesInRange = NO_MODES
-    """The modes by which peaks were looked for."""
+    """The modes around which peaks were searched."""
 
     @property
     def magnitude(self) -> Array:
@@ -72,8 +72,8 @@ def harmonic_response(
     """Amplitudes over ascending frequencies above 0, with peaks and their half-power widths.
 
     `load` is the amplitude of the force, ``(d,)``. `rows` are the linear forms of the `outputs`,
-    ``(k, d)``, or they by s; None: the coordinate that moves most, `outputs` being all coordinates.
-    The `offsets`, ``(k,)``, are what the load adds to them itself.
+    ``(k, d)``, or a function of s that returns them. None: `outputs` are all coordinates, and the
+    one that moves most is reported. The load itself adds `offsets`, ``(k,)``, to the outputs.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def harmonic_response(
             ) from None
 
     def near_modes(frequency: float) -> ComplexArray:
-        """The same, a little aside where a mode without damping lies."""
+        """Amplitudes; at the frequency of an undamped mode those at a frequency next to it."""
         try:
             return amplitudes(frequency)
         except ValueError:
@@ -145,13 +145,13 @@ def harmonic_force(
 ) -> Array:
     """The amplitude of a force, shape ``(d,)``.
 
-    `text` is a coordinate or combination of them, with ``=amplitude`` where that is not 1, or
-    ``ground``, an acceleration of 1; the direction says how much of it each coordinate has.
+    `text` is a coordinate or a combination of them, with ``=amplitude`` where that is not 1; or
+    ``ground``, an acceleration of 1, of which `ground_direction` gives the share per coordinate.
 
     Raises
     ------
     ValueError
-        For a text that says something else.
+        For any other text.
     """
     where, amplitude = _place_and_amplitude(text)
     if where == GROUND:
@@ -183,7 +183,7 @@ def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
     Raises
     ------
     ValueError
-        For texts that are none.
+        For texts that are neither.
     """
     try:
         return Directions.from_text(list(texts), coordinates).rows

@@ -1,9 +1,9 @@
-r"""How many modes a sector of the complex plane holds, and which.
+r"""Number of modes in a sector of the complex plane, and the modes themselves.
 
 The determinant of T(s) is analytic in :math:`r_1 < |s| < r_2`,
 :math:`\alpha_1 < \arg s < \alpha_2` with :math:`0 < \alpha_1, \alpha_2 < \pi`, so that its argument
-turns once around for every zero inside when s goes around the sector. Zeros that are known are
-divided out, so that what is followed turns quickly only where one is missing.
+turns once around for every zero inside when s goes around the sector. Known zeros are divided out,
+so that the argument turns quickly only where a zero is missing.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 FIRST_STEPS = 4
 FIRST_STEPS_AROUND = 16
 STEPS_PER_FOLD = 4
-"""Steps of an edge at first: at least so many, and for each e-fold of the modulus or radian."""
+"""First steps along an edge: so many, and as many for each radian or e-fold of the modulus."""
 NEAR_AXIS = np.array([0.002, 0.006, 0.02, 0.05, 0.1])
-"""Arguments beside that of the imaginary axis, where lightly damped modes are."""
+"""Distances (radians) of extra points from the imaginary axis, near lightly damped modes."""
 INTEGRATION_POINTS = 24
 """Gauss points of each edge of a contour integral."""
 RANK_TOLERANCE = 1e-9
@@ -32,14 +32,14 @@ RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Sector:
-    """A piece of a ring."""
+    """A part of an annulus, between two moduli and two arguments of s."""
 
     least: float
     largest: float
-    """Of the modulus of s, 1/time."""
+    """Bounds of the modulus of s, 1/time."""
     first: float
     last: float
-    """Of its argument, radians."""
+    """Bounds of the argument of s, radians."""
 
     def holds(self, s: complex) -> bool:
         """Whether s lies inside."""
@@ -58,7 +58,7 @@ class Sector:
 
     @property
     def extent(self) -> tuple[float, float]:
-        """How far the logarithm of the modulus, and the argument, reach."""
+        """Extent of the logarithm of the modulus, and of the argument in radians."""
         return math.log(self.largest / self.least), self.last - self.first
 
     def halves(self, part: float) -> tuple[Sector, Sector]:
@@ -84,19 +84,19 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
         If a mode lies on the edge.
     """
     zeros = np.array([*known, *np.conj(known)], dtype=complex)
-    # slower modes turn the argument evenly around a sector that does not hold 0
+    # modes far below the sector turn the argument evenly along it, as zeros at 0 do
     below = 0 if stiffness.is_small else stiffness.number_below(sector.least)
     if below >= stiffness.dimension:
         raise CountError("the number of modes slower than the region is unknown")
 
     def log_rest(s: ComplexArray) -> ComplexArray:
-        """Logarithm of det T without the zeros that are known."""
+        """Logarithm of det T(s) after the known zeros are divided out."""
         with np.errstate(divide="ignore"):
             divided = np.log(s[:, None] - zeros).sum(axis=1)
             divided += 2 * below * np.log(s)
             return np.asarray(stiffness.log_determinants(s) - divided)
 
-    # s^2d turns by less than half around in a step, lest whole turns pass unseen
+    # s^2d must turn by less than half a revolution per step, or whole turns are missed
     density = STEPS_PER_FOLD + (stiffness.dimension if stiffness.is_small else 0)
     total = 0.0
     for first, last in sector.edges():
@@ -112,7 +112,7 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
 
 
 def _first_parts(first: complex, last: complex, density: float) -> Array:
-    """Parts of an edge at first, more of them where it crosses the imaginary axis."""
+    """First points of an edge as shares of it, closer where it crosses the imaginary axis."""
     around = last.imag - first.imag
     steps = math.ceil(density * abs(last - first)) + (FIRST_STEPS_AROUND if around else FIRST_STEPS)
     parts = np.linspace(0.0, 1.0, steps + 1)
@@ -125,7 +125,7 @@ def _first_parts(first: complex, last: complex, density: float) -> Array:
 def modes_by_integrals(
     stiffness: DynamicStiffness, sector: Sector, count: int
 ) -> list[tuple[complex, ComplexArray]]:
-    r"""Approximations of the modes inside, by the moments of :math:`T(s)^{-1}` around the sector.
+    r"""Approximate modes inside, from contour integrals of :math:`T(s)^{-1}` around the sector.
 
     Beyn, *An integral method for solving nonlinear eigenvalue problems*, Linear Algebra Appl. 436
     (2012), with :math:`A_k = \oint s^k T(s)^{-1} V ds` for random columns V.
