@@ -110,8 +110,7 @@ class OrderCase:
 
     @property
     def last_pair(self) -> int | None:
-        """Index of the finer of the last two neighbouring rows that are used; None: there are none.
-        """
+        """Index of the finer of the last two neighbouring rows that are used, or None."""
         pairs = [
             index
             for index, (before, row) in enumerate(itertools.pairwise(self.rows), start=1)

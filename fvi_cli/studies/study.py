@@ -142,7 +142,7 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Pair:
 
 
 def _thinning(run: Run) -> int:
-    """n such that every n-th point is kept in memory; above 1 only where memory demands it.
+    """The number n such that every n-th point is kept in memory; above 1 to save memory.
 
     Errors are taken over all points in memory; observed runs keep all.
     """
