@@ -15,7 +15,7 @@ from fvi_cli.errors import StorageError
 _logger = logging.getLogger(__name__)
 
 UNFINISHED = ".part"
-"""Ending of files that are being written; remainders of them after a crash are of no use."""
+"""Ending of files that are being written; such a file that a crash leaves behind is useless."""
 
 
 _SECONDS_BETWEEN_TRIES = 0.2
@@ -30,7 +30,7 @@ def replace_file(path: Path, content: bytes) -> None:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove what processes that were killed have left of `path`; those alive hold theirs."""
+    """Remove files that killed processes have left of `path`; running ones hold theirs locked."""
     for leftover in path.parent.glob(f".{path.name}.*{UNFINISHED}"):
         with contextlib.suppress(OSError), leftover.open("rb+") as stream:
             _hold(stream.fileno())
@@ -38,7 +38,7 @@ def _remove_abandoned(path: Path) -> None:
 
 
 def _hold(handle: int) -> None:
-    """Hold a file as long as it is open."""
+    """Lock a file as long as it is open."""
     try:
         import fcntl
     except ModuleNotFoundError:  # Windows removes no file that is open
@@ -47,15 +47,15 @@ def _hold(handle: int) -> None:
 
 
 def _held_file(path: Path) -> tuple[int, str]:
-    """A new file beside `path` that no other process takes for one that is abandoned."""
+    """A new locked file in the folder of `path`; the lock shows that it is not abandoned."""
     while True:
         handle, name = _new_file(path)
-        # without locks this is unknown, and no file is removed
+        # a system without locks removes no abandoned files
         with contextlib.suppress(OSError):
             _hold(handle)
         if os.fstat(handle).st_nlink:
             return handle, name
-        # another process has held and removed it first
+        # another process has locked and removed it first
         os.close(handle)
 
 
@@ -65,24 +65,24 @@ def _new_file(path: Path) -> tuple[int, str]:
 
 @contextlib.contextmanager
 def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
-    """Descriptor of a new file beside `path` that takes its place when the block has ended.
+    """Descriptor of a new file that replaces `path` when the block has ended.
 
-    It is open for reading and writing. On any failure `path` stays as it was, and nothing is left.
-    Where `path` is a link, what it leads to is replaced. The new file may be held, so that who
-    removes abandoned ones of `path` leaves it.
+    It is open for reading and writing. On any failure `path` stays as it was, and the new file is
+    removed. Where `path` is a link, its target is replaced. With `is_held` the new file is locked,
+    so that no other process removes it as abandoned.
     """
     try:
         with _replacement(followed(path), is_held=is_held) as handle:
             yield handle
     except OSError as error:
-        # of a full disk the system says no name, of a folder that of the unfinished file
+        # for a full disk the system gives no name, for a folder the name of the unfinished file
         if error.errno and (not error.filename or str(error.filename).endswith(UNFINISHED)):
             error.filename = str(path)
         raise
 
 
 def followed(path: Path) -> Path:
-    """What a link leads to, whether that exists or not; any other path as it is."""
+    """The target of a link, whether it exists or not; any other path unchanged."""
     return path.resolve() if path.is_symlink() else path
 
 
@@ -95,7 +95,7 @@ def _replacement(path: Path, *, is_held: bool) -> Iterator[int]:
             yield handle
             os.fsync(handle)
         finally:
-            # some systems rename no file that is open
+            # some systems cannot rename an open file
             os.close(handle)
         # mkstemp gives the file to its owner alone; a result is as readable as other files
         mask = os.umask(0)
@@ -109,7 +109,7 @@ def _replacement(path: Path, *, is_held: bool) -> Iterator[int]:
 
 
 def _flush_folder(path: Path) -> None:
-    """Make a renaming last through a loss of power, where the file system can."""
+    """Make a renaming survive a loss of power, where the file system can."""
     if not hasattr(os, "O_DIRECTORY"):  # Windows opens no folders
         return
     handle = os.open(path, os.O_RDONLY)
@@ -132,7 +132,7 @@ def explain_os_error(path: Path) -> Iterator[None]:
 
 
 def reason(error: OSError) -> str:
-    """The reason of the operating system, without what libraries add."""
+    """The reason that the operating system gives, without additions of libraries."""
     return os.strerror(error.errno) if error.errno else str(error)
 
 
@@ -141,8 +141,8 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
     """Hold a result file, which need not exist, for one process alone.
 
     The lock is the kernel's, on the file ``.<name>.lock`` beside it. That file stays: removing it
-    would let two processes hold locks on two files of that name. Where another process holds it,
-    a process that `waits` goes on when that has ended.
+    would let two processes hold locks on two files of that name. With `waits` the caller waits
+    while another process holds the lock.
     """
     from filelock import FileLock, Timeout
 
@@ -150,7 +150,7 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
         path.parent.mkdir(parents=True, exist_ok=True)
     # links to one file share its lock
     place = followed(path)
-    # a lock that is a mere file, as is done where there are no others, would outlive a death
+    # the fallback, a lock by the mere existence of a file, would outlive a killed process
     lock = FileLock(place.with_name(f".{place.name}.lock"), timeout=0, fallback_to_soft=False)
     try:
         try:

@@ -1,4 +1,4 @@
-"""By which code numbers are made: neither a worker nor a stored run of another one is believed."""
+"""The identity of the code that computes; workers and stored runs of other code are not used."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ HASHED_PACKAGES = (
     "storage/records",
     "studies",
 )
-"""Where numbers come from, and what is stored of a run; configurations, tables and commands change
-neither."""
+"""Packages that determine numbers and the stored form of a run; configurations, tables and commands
+determine neither."""
 
 LIBRARIES = ("numpy", "scipy", "mpmath")
-"""Those that calculate."""
+"""The libraries that compute."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Code:
-    """What the last digits of a number depend on."""
+    """Versions and sources on which the last digits of a number depend."""
 
     fvi: str  # version of the program
     sources: str  # SHA-256 of the Python files of HASHED_PACKAGES, names and contents
-    # versions of the libraries that calculate; empty where an older version did not store it
+    # versions of the libraries that compute; empty where an older version did not store it
     numpy: str
     scipy: str
     mpmath: str = ""
 
     @functools.cached_property
     def text(self) -> str:
-        """In one line, as it is stored."""
+        """All of it as one line of JSON, as it is stored."""
         return json.dumps(asdict(self))
 
     @functools.cached_property
     def digest(self) -> str:
-        """SHA-256 of the sources and of the libraries, which make numbers."""
+        """SHA-256 of the sources and of the versions of the libraries."""
         made_by = [self.sources, *(getattr(self, name) for name in LIBRARIES)]
         return hashlib.sha256(json.dumps(made_by).encode()).hexdigest()
 
     def differences(self, other: Code) -> str:
-        """In words what `other` has in place of what is here; empty where nothing differs."""
+        """``numpy 2.4.1 in place of 2.4.0``: what `other` has in place of this; empty: equal."""
         found = [
             f"{name} {getattr(other, name)} in place of {getattr(self, name)}"
             for name in ("fvi", *LIBRARIES)

@@ -1,4 +1,4 @@
-"""What a result file holds, for people and for other commands."""
+"""The contents of a result file, for people and for other commands."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
 
 
 class Configuration(Protocol):
-    """What a file says of the configuration that made it."""
+    """The configuration, as far as a file stores it."""
 
     @property
     def text(self) -> str:
-        """Word for word."""
+        """The text of the configuration, word for word."""
 
     @property
     def resolved(self) -> Mapping[str, Any]:
-        """With every default filled in."""
+        """The configuration with every default filled in."""
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """Changes that were asked for beside it."""
+        """Changes ``key.path=value`` that the command made to it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,14 +43,14 @@ class StoredConfiguration:
     """The configuration that made a file."""
 
     text: str  # word for word
-    overrides: tuple[str, ...]  # changes ``key.path=value`` that were asked for beside it
-    # JSON text with every default filled in and every override applied; being YAML too, it is a
-    # configuration of the same experiments
+    overrides: tuple[str, ...]  # changes ``key.path=value`` that the command made to it
+    # JSON text with every default filled in and every override applied; since JSON is YAML, it is
+    # a configuration of the same experiments
     resolved: str
 
 
 def described(configuration: Configuration | StoredConfiguration, inputs: Inputs) -> dict[str, str]:
-    """What the root of a file says of the configuration; `inputs` learns its long lists."""
+    """Root attributes that describe the configuration; its long lists are added to `inputs`."""
     resolved = configuration.resolved
     values = json.loads(resolved) if isinstance(resolved, str) else resolved
     return {
@@ -63,7 +63,7 @@ def described(configuration: Configuration | StoredConfiguration, inputs: Inputs
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFile:
-    """What a file holds and where it comes from."""
+    """The runs of a file in one line each, and its provenance."""
 
     # attributes of the root without the configuration: versions, commit, platform, time, format
     provenance: Mapping[str, str]
@@ -89,9 +89,9 @@ def has_configuration(path: Path, configuration: Configuration) -> bool:
 
 
 def list_runs(path: Path | str) -> StoredFile:
-    """What a result file holds and where it comes from, without the numbers of the runs."""
+    """The runs and the provenance of a result file, without the numbers of the runs."""
     with contextlib.closing(ResultFile(Path(path))) as file:
-        if not file.is_sealed:  # whatever another program has changed
+        if not file.is_sealed:  # check every run, since another program has changed the file
             for entry in file.entries:
                 entry.record()
         provenance = {

@@ -1,6 +1,7 @@
-"""Digests: of what determines the numbers of a run, by which it is looked up, and of inputs.
+"""Digests of runs, by which they are looked up, and of long lists of numbers (inputs).
 
-Norms, names, figures, fits and permissions are no part of it.
+The digest of a run covers all that determines its numbers; norms, names, figures, fits and
+permissions do not.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ FORMAT = 3
 """Number of the file format; a program reads files of its own number."""
 
 SOLVER_VERSION = 18
-"""To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
+"""Raise it whenever the same run gives other numbers; stored runs are then computed again."""
 
 INPUT: Final = "input@"
-"""Key of what stands in the place of many numbers: their digest."""
+"""Key of a mapping that replaces a long list of numbers and holds the digest of the list."""
 
 MOST_INLINE: Final = 64
-"""Numbers of a list that are written where they belong; more are kept once, by their digest."""
+"""Up to so many numbers of a list are written in place; longer lists are kept once, by digest."""
 
 Inputs = dict[str, NDArray[Any]]
 """Lists of numbers by their digest."""
@@ -46,34 +47,34 @@ def sha256(text: str) -> str:
 
 
 def identity_of(run: Run) -> str:
-    """SHA-256 of what determines the numbers of a run: its values, and by which code they are made.
+    """SHA-256 of all that determines the numbers of a run: its request and the code.
 
-    That is the format, the version of the solver, its sources and the libraries that calculate. A
-    run for a tolerance has the identity of the search that chooses its method and steps.
+    The code is the format, the version of the solver, its sources and the libraries that compute.
+    A run for a tolerance has the identity of the search that chooses its method and steps.
     """
     return answered_by_own_code(request_of(run))
 
 
 def answered_by_own_code(request: str) -> str:
-    """The identity of what is asked for, as this code answers."""
+    """The identity of a request that this code computes: SHA-256 of both."""
     return sha256(f"{FORMAT} {SOLVER_VERSION} {own_code().digest} {request}")
 
 
 def request_of(run: Run) -> str:
-    """SHA-256 of what is asked for, by whatever code it is answered."""
+    """SHA-256 of the settings and the problem of a run, independent of the code."""
     settings = _settings_text(run.experiment, run.method, run.n_steps)
     return sha256(settings + canonical_json(problem_of(run)))
 
 
 def refusal_of(request: str) -> str:
-    """The request that a refusal answers, of a run that is predicted to blow up."""
+    """The request under which the refusal of a run is stored that is predicted to blow up."""
     return sha256(f"refused {request}")
 
 
 def specification_of(run: Run) -> tuple[str, Inputs]:
-    """What determines the numbers of a run as JSON text, and the long lists that it names.
+    """The specification of a run as JSON text, and the long lists that it names by digest.
 
-    Of a member of a sweep it is what all have in common, with ``swept`` in the place of values.
+    For a member of a sweep ``swept`` replaces the swept values: it is equal for all members.
     """
     return _specification(run.experiment, run.method, run.n_steps, *_template_of(run))
 
@@ -96,14 +97,14 @@ def _settings_text(experiment: Experiment, method: Any, n_steps: int) -> str:
 
 
 def problem_template_of(run: Run) -> tuple[Mapping[str, Any], Inputs]:
-    """The problem, of a member with ``swept`` in the place of values, and the lists it names."""
+    """The problem with ``swept`` in place of swept values, and the long lists that it names."""
     template, keys = _template_of(run)
     problem, inputs = _stowed_template(template, _changed(keys))
     return without_values(problem, keys), inputs
 
 
 def problem_of(run: Run) -> Mapping[str, Any]:
-    """The problem of a run, its long lists by their digests."""
+    """The problem of a run, with digests in place of its long lists."""
     template, keys = _template_of(run)
     changed = _changed(keys)
     found = _stowed_template(template, changed)[0]
@@ -114,7 +115,7 @@ def problem_of(run: Run) -> Mapping[str, Any]:
 
 
 def _template_of(run: Run) -> tuple[str, tuple[str, ...]]:
-    """A problem as JSON text, and the keys in which others that share it differ."""
+    """A problem as JSON text, and the keys in which members that share it differ."""
     if run.member is None:
         return _text_of(run.experiment), ()
     return run.member.template, tuple(run.member.values)
@@ -127,20 +128,20 @@ def _text_of(experiment: Experiment) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _changed(keys: tuple[str, ...]) -> frozenset[str]:
-    """The entries of a problem in which members differ."""
+    """The first-level keys below ``problem`` in which members differ."""
     return frozenset(path.split(".")[1] for path in keys)
 
 
 @functools.lru_cache(maxsize=64)
 def _stowed_template(template: str, changed: frozenset[str]) -> tuple[Mapping[str, Any], Inputs]:
-    """A problem, stowed but for the entries in which members differ."""
+    """A problem, :func:`stowed` except for the entries in which members differ; and its lists."""
     inputs: Inputs = {}
     values = json.loads(template)
     return {k: v if k in changed else stowed(v, inputs) for k, v in values.items()}, inputs
 
 
 def stowed(value: Any, inputs: Inputs | None = None) -> Any:
-    """JSON values with every long list of numbers replaced by its digest, which `inputs` learns."""
+    """JSON values with a digest in place of every long list; the lists are added to `inputs`."""
     if isinstance(value, Mapping):
         return {key: stowed(one, inputs) for key, one in value.items()}
     if not isinstance(value, list | tuple):
@@ -162,7 +163,7 @@ def digest_of(numbers: NDArray[Any]) -> str:
 
 
 def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
-    """A long list, or list of lists, as an array; None where that would change what it says."""
+    """A long list, or list of lists, as an array; None where an array would change its values."""
     rows = value if value and all(isinstance(one, list | tuple) for one in value) else [value]
     if len({len(row) for row in rows}) != 1 or len(rows) * len(rows[0]) <= MOST_INLINE:
         return None
@@ -173,7 +174,7 @@ def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
 
 
 def restored(value: Any, lookup: Callable[[str], NDArray[Any] | None]) -> Any:
-    """What :func:`stowed` was given; KeyError for a list that is not known."""
+    """The inverse of :func:`stowed`; KeyError for a list that `lookup` does not know."""
     if isinstance(value, Mapping):
         if value.keys() != {INPUT}:
             return {key: restored(one, lookup) for key, one in value.items()}

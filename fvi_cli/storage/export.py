@@ -1,4 +1,4 @@
-"""Result files in formats for those without HDF5: CSV, NumPy's npz, MATLAB's mat."""
+"""Export of result files for programs without HDF5: CSV, NumPy's npz, MATLAB's mat."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ MATLAB_NAME_LENGTH = 63
 DESIGN = "design"
 _LONG_FORM = ("member", "time")
 _DUST = 1e-13
-"""Stored times this near to k T / N, relative to T, are taken for it."""
+"""Stored times this near to k T / N, relative to T, count as k T / N."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoredArrays:
     """One group of a result file."""
 
-    experiment: str  # where it lies: /<experiment>/<case>/<name>
+    experiment: str  # its path in the file is /<experiment>/<case>/<name>
     case: str
     name: str
     attributes: Mapping[str, Any]  # text, integers, floats, or arrays of numbers
@@ -47,7 +47,7 @@ class StoredArrays:
 
 
 def stored_arrays(path: Path) -> Iterator[StoredArrays]:
-    """Every run of a result file, or batch of runs, one at a time in the order of the file."""
+    """The groups of a result file (runs or sweeps), one at a time in the order of the file."""
     with contextlib.closing(ResultFile(path)) as file, explain_damage(path):
         runs = (entry for entry in file.entries if not entry.is_reference)
         resolved = json.loads(str(file.root["resolved_config"]))
@@ -73,7 +73,7 @@ def stored_arrays(path: Path) -> Iterator[StoredArrays]:
 def _names_of_members(
     arrays: Mapping[str, NDArray[Any]], designs: Mapping[str, Mapping[str, Any]]
 ) -> NDArray[Any] | None:
-    """Names of designs by their values, which runs are stored by; None where nothing is named."""
+    """Name of the design of every member, found by its stored values; None without designs."""
     if not designs or "member" not in arrays:
         return None
     found = np.full(arrays["member"].size, "", dtype=object)
@@ -85,7 +85,7 @@ def _names_of_members(
 
 
 def _is(stored: object, value: object) -> bool:
-    """Whether a stored value is that of a configuration."""
+    """Whether a stored value equals one of a configuration."""
     return bool((json.loads(stored) if isinstance(stored, str) else stored) == value)
 
 
@@ -104,19 +104,19 @@ def export_file(path: Path | str, form: str, directory: Path | str) -> list[Path
         Result file.
     form
         ``csv``: one file for every run, ``<experiment>-<case>-n000016.csv``, with a column for
-        every coordinate (``x1``, its momentum ``p_x1``), and beside it ``.json`` with what else is
-        known of the run; a batch of a sweep is one file with a column ``member`` and the swept
-        values, and beside it ``...-members.csv`` with what is known of each member. The numbers are
-        those that were stored, to the last digit; times k T / N are rounded once. ``npz``: one
+        every coordinate (``x1``, its momentum ``p_x1``), and with it ``.json`` with the attributes
+        of the run; a sweep is one file with a column ``member`` and the swept values, and with it
+        ``...-members.csv`` with the attributes of each member. The numbers are the stored ones to
+        the last digit; times k T / N are rounded once. ``npz``: one
         file with arrays named ``<experiment>/<case>/n000016/position`` and the attributes as JSON
-        beside them. ``mat``: one file (MATLAB 5) of nested structures.
+        in the same file. ``mat``: one file (MATLAB 5) of nested structures.
     directory
-        Folder; it is made when it is missing.
+        Folder; it is created if it does not exist.
 
     Returns
     -------
     list of Path
-        What was written.
+        The files that were written.
     """
     if form not in FORMATS:
         raise RequestError(f"--to {form}: is not one of {', '.join(FORMATS)}")
@@ -148,11 +148,11 @@ def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
 
 
 def _csv(run: StoredArrays, along: Sequence[str]) -> str:
-    """One row for every time of every member, or every member."""
+    """One row for every time of every member, or for every member."""
     text = io.StringIO()
     columns = dict(_columns(run, [axis for axis in along if axis in run.arrays]))
     if OCCURRENCE in columns:
-        # members in which an event happens less often than in others
+        # nan pads members in which an event happens less often than in others
         happened = np.isfinite(columns["time"])
         columns = {name: values[happened] for name, values in columns.items()}
     writer = csv.writer(text, lineterminator="\n")
@@ -162,7 +162,7 @@ def _csv(run: StoredArrays, along: Sequence[str]) -> str:
 
 
 def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Columns of equal length: axes first, then what depends on them."""
+    """Columns of equal length: first the axes `along`, then the arrays that depend on them."""
     shape = tuple(run.arrays[axis].size for axis in along)
     swept = json.loads(str(run.attributes.get("swept", "[]")))
     swept = [DESIGN, *swept] if DESIGN in run.arrays else swept
@@ -172,11 +172,11 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
     for name in (*along, *swept, *others):
         axes = run.dimensions[name]
         if name in others and (axes[: len(along)] != tuple(along)):
-            continue  # labels of other axes, and what is known of a member as a whole
+            continue  # labels of other axes, and attributes of members
         if "time" in axes and "time" not in along:
             continue
         values = run.arrays[name] if name != "time" else _times(run.arrays[name], run, problem)
-        # what lies along further axes, such as dof, is a column each
+        # one column for each index of further axes, such as dof
         further = range(len(along), len(axes)) if name in others else range(0)
         for label in np.ndindex(*(values.shape[axis] for axis in further)):
             part = values[(..., *label)] if label else values
@@ -198,7 +198,7 @@ _SHORT = {"momentum": "p"}
 
 
 def _coordinates(run: StoredArrays) -> Sequence[str]:
-    """Names of the coordinates, as they are stored; else ``x``, or ``x1``, ``x2``."""
+    """The stored names of the coordinates; without them ``x``, or ``x1``, ``x2``."""
     size = run.arrays["dof"].size if "dof" in run.arrays else 0
     names = json.loads(str(run.attributes.get("coordinates", "[]")))
     if len(names) == size:
@@ -207,7 +207,7 @@ def _coordinates(run: StoredArrays) -> Sequence[str]:
 
 
 def _times(stored: NDArray[Any], run: StoredArrays, problem: Mapping[str, Any]) -> NDArray[Any]:
-    """Times k T / N rounded once, where these are what is stored but for round-off."""
+    """The exact times k T / N, rounded once, where stored times equal them up to round-off."""
     final_time, n_steps = problem.get("final_time"), run.attributes.get("n_steps")
     if not isinstance(final_time, int | float) or n_steps is None or stored.ndim != 1:
         return stored
@@ -218,7 +218,7 @@ def _times(stored: NDArray[Any], run: StoredArrays, problem: Mapping[str, Any]) 
 
 
 def _words(values: NDArray[Any]) -> Sequence[str]:
-    """Numbers such that they are read back as the same."""
+    """Numbers as text from which the same numbers are read back."""
     if values.dtype.kind == "f":
         return [repr(value) for value in values.tolist()]
     return [str(value) for value in values.tolist()]
@@ -232,7 +232,7 @@ def _npz_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
             json.dumps(_plain(run.attributes), ensure_ascii=False)
         )
         for name, values in run.arrays.items():
-            # text as fixed width: objects would need pickle to be read
+            # text with fixed width: reading objects would need pickle
             arrays[f"{place}/{name}"] = values.astype(str) if values.dtype.kind == "O" else values
     if arrays:
         stream = io.BytesIO()
@@ -261,7 +261,7 @@ def _mat_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
         node["attributes"] = attributes
     if tree:
         stream = io.BytesIO()
-        # the stubs know of names only
+        # the stubs accept only names of files
         file: Any = stream
         savemat(file, tree, long_field_names=True, oned_as="column", do_compression=True)
         yield f"{stem}.mat", stream.getvalue()

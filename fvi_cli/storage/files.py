@@ -18,13 +18,13 @@ from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, 
 CREATOR = "fvi-cli"
 
 SUFFIX, PARTS_SUFFIX, CHECKPOINT_SUFFIX = ".h5", ".parts", ".checkpoint"
-"""Endings of a result file, of the folder beside it of runs that are not finished, and in that
-folder of a checkpoint of one of them."""
+"""Endings of a result file, of the folder for its unfinished runs, and of a checkpoint in that
+folder."""
 
 CACHE_BYTES = 2**18
 
 UNSEALED = "FVI_UNSEALED"
-"""Variable of the environment that lets files be read whose bytes cannot be verified."""
+"""Environment variable that permits reading files whose bytes cannot be verified."""
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -38,16 +38,16 @@ HDF5_ERRORS = (
     MemoryError,
     OverflowError,
 )
-"""What the library raises on bytes that are not those of a file of its own."""
+"""Exceptions that h5py raises on damaged or foreign bytes."""
 
 _WHAT_THEN = "it is left as it is: move it away, and its runs are computed again"
 
 
 @contextlib.contextmanager
 def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
-    """Open a result file for reading after a look at who wrote it, and whether it is sealed.
+    """Open a result file for reading, after a check that this program wrote it and of its seal.
 
-    What is read is as it was when it was opened, also when it is replaced meanwhile.
+    Later reads give the contents at the time of opening, even if the file is replaced meanwhile.
     """
     if not path.exists():
         hint = "" if path.suffix else f"; result files end in .h5, such as results/{path.name}.h5"
@@ -81,7 +81,7 @@ def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
 
 
 def _refuse_unsealed(stream: SealedStream, path: Path) -> None:
-    """Refuse what the library might read for ever, deaf to signals; other bytes it refuses."""
+    """Refuse an HDF5 file without a seal: h5py might search in it for ever, deaf to signals."""
     if stream.read(len(_HDF5)) == _HDF5:
         raise StorageError(
             f"{path}: cannot be verified: it was cut off, changed by another program, or not "
@@ -92,9 +92,9 @@ def _refuse_unsealed(stream: SealedStream, path: Path) -> None:
 
 
 def _limit_cache(file: h5py.File) -> None:
-    """Let the library keep no more than :data:`CACHE_BYTES` of texts and headers of an open file.
+    """Limit to :data:`CACHE_BYTES` the texts and headers of an open file that h5py keeps.
 
-    By itself it keeps up to 32 MB of each, and with every text one and a half times its bytes.
+    By default it keeps up to 32 MB of each, and one and a half times its size with every text.
     """
     config = file.id.get_mdc_config()
     config.set_initial_size = True
@@ -125,7 +125,7 @@ def _refuse_strangers(file: h5py.File, path: Path) -> None:
 
 
 def escape_text(text: str) -> str:
-    """A text from a file as it may be printed: what would steer a terminal is escaped."""
+    """A text from a file, safe to print: characters that would control a terminal are escaped."""
     return "".join(
         c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
     )
@@ -133,7 +133,7 @@ def escape_text(text: str) -> str:
 
 @contextlib.contextmanager
 def explain_damage(path: Path) -> Iterator[None]:
-    """Turn what the library raises on a damaged file into an error that names it."""
+    """Turn exceptions of h5py on a damaged file into an error that names the file."""
     try:
         yield
     except DamagedBytesError as error:
@@ -149,8 +149,8 @@ def explain_damage(path: Path) -> Iterator[None]:
 def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
     """A new file under a temporary name; on success it is flushed to the disk and renamed.
 
-    On any failure `path` stays as it was. Beside the file comes what raises whatever has gone wrong
-    on the disk so far; the library does not learn of it.
+    On any failure `path` stays as it was. Yields the file, and a function that raises the first
+    error of the disk so far, which h5py itself never sees.
     """
     with explain_os_error(path), replacement(path) as handle:
         stream = SafeStream(handle)
@@ -162,7 +162,7 @@ def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
 
 
 def refuse_old_parts(folder: Path) -> None:
-    """Refuse runs of a version that kept them in parts until they were joined."""
+    """Refuse files of single runs, which an earlier version wrote before it joined them."""
     for part in folder.glob(f"[!.]*{SUFFIX}"):
         raise StorageError(
             f"{part}: waits to be joined by the earlier version of fvi (format 2) that wrote it; "
@@ -172,12 +172,12 @@ def refuse_old_parts(folder: Path) -> None:
 
 
 def checkpoint_paths(parts: Path) -> Sequence[Path]:
-    """The checkpoints in a folder of parts, of all runs."""
+    """The checkpoints of all runs in a folder of unfinished runs."""
     return sorted(parts.glob(f"[!.]*{CHECKPOINT_SUFFIX}"))
 
 
 def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
-    """Remove the checkpoints of these runs, and of runs of which they are made."""
+    """Remove the checkpoints of runs with these identities, and of the runs that they need."""
     paths = checkpoint_paths(parts)
     owners = set(identities) if paths else set()
     for path in paths:
@@ -187,7 +187,7 @@ def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
 
 
 def remove_unfinished(path: Path) -> None:
-    """Remove what a crash has left half written; the lock says that no process is writing it."""
+    """Remove half-written files of a crash; the lock ensures that no process is writing them."""
     parts, place = path.with_suffix(PARTS_SUFFIX), followed(path)
     for leftover in itertools.chain(
         place.parent.glob(f".{place.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")

@@ -1,8 +1,8 @@
-"""What is finished while a command writes: appended at once, and gone when it is consolidated.
+"""The journal: finished runs are appended to it at once; consolidating the file removes it.
 
 A journal is a file of frames. A frame is a head, which is verified when the journal is opened, and
-the numbers of its runs, which are verified when they are read. What a kill leaves of the last frame
-is dropped; a frame that is broken with a whole one behind it is damage.
+the numbers of its runs, which are verified when they are read. An incomplete last frame, as a
+killed process leaves it, is dropped; an invalid frame before a valid one is an error.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ _logger = logging.getLogger(__name__)
 SUFFIX: Final = ".journal"
 
 SECONDS_UNSYNCED: Final = 1.0
-"""What a loss of power may cost; a kill costs nothing that was appended."""
+"""A loss of power may lose runs of so many seconds; a killed process loses no appended run."""
 
 _MAGIC: Final = b"fvi1"
 _LENGTHS: Final = struct.Struct("<4sQQ32s")
 _FRAMES_KEPT: Final = 4
 
 Layout = Sequence[tuple[str, str, Sequence[int], Sequence[str]]]
-"""Name, type, shape and axes of the arrays of a run."""
+"""(Name, type, shape, axes) of every array of a run."""
 
 Head = dict[str, Any]
-"""What runs of a frame have in common, what each says, and how its arrays lie."""
+"""Attributes that all runs of a frame share, attributes of each run, layouts of their arrays."""
 
 
 def journal_path(path: Path) -> Path:
-    """The journal beside a result file."""
+    """The path of the journal of a result file."""
     return followed(path).with_suffix(SUFFIX)
 
 
 class Journal:
-    """The journal beside the result file `path`, which is held by a lock where it `writes`."""
+    """The journal of the result file `path`; a caller that `writes` must hold its lock."""
 
     def __init__(self, path: Path, *, writes: bool) -> None:
         self.path = journal_path(path)
@@ -88,7 +88,7 @@ class Journal:
         return file
 
     def _refuse_damage(self, size: int) -> None:
-        """What follows the last whole frame is torn, unless a whole one is behind it."""
+        """Raise if a whole frame follows later: otherwise the rest is an incomplete frame."""
         rest = self._bytes(self._end, size - self._end)
         at = rest.find(_MAGIC, 1)
         while at >= 0:
@@ -100,7 +100,7 @@ class Journal:
             at = rest.find(_MAGIC, at + 1)
 
     def _frame(self, place: int, size: int) -> tuple[Head, int, int] | None:
-        """Head of a frame, and where its numbers begin and end; None if it is not whole."""
+        """Head of a frame, and begin and end of its numbers (bytes); None if it is not whole."""
         if place + _LENGTHS.size > size:
             return None
         magic, head, body, own = _LENGTHS.unpack(self._bytes(place, _LENGTHS.size))
@@ -113,7 +113,7 @@ class Journal:
         return json.loads(text), begin, begin + body
 
     def _learn(self, place: int, head: Head, begin: int, end: int) -> None:
-        """Take in the runs of a frame."""
+        """Add the runs of a frame to the entries."""
         for row, (identity, request, checksum, own, _) in enumerate(head["runs"]):
             attributes = {**head["common"], **own}
             kind, is_unstable = kind_of(attributes), attributes["predicted"] == "unstable"
@@ -152,7 +152,7 @@ class Journal:
         return self.entries[known:]
 
     def _encoded(self, records: Sequence[StoredRecord]) -> bytes:
-        """A frame; what its records have in common is stored once."""
+        """The bytes of a frame; attributes that all records share are stored once."""
         first = records[0].attributes
         common = {
             name: value
@@ -184,7 +184,7 @@ class Journal:
         return _LENGTHS.pack(_MAGIC, len(text), len(numbers), digest) + text + numbers
 
     def _known(self, place: int) -> tuple[Head, list[int]]:
-        """Head of a frame that is whole, and where the numbers of each of its runs begin."""
+        """Head of a whole frame, and the place at which the numbers of each of its runs begin."""
         if place not in self._heads:
             found = self._frame(place, self._end)
             if found is None:
@@ -253,19 +253,19 @@ class Journal:
         return found
 
     def sync(self) -> None:
-        """Let what was appended outlast a loss of power."""
+        """Flush to the disk, so that appended runs survive a loss of power."""
         if self._file is not None:
             os.fsync(self._file.fileno())
             self._synced = time.monotonic()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
         self._file = None
 
     def remove(self) -> None:
-        """Forget everything; it is in the result file."""
+        """Remove the journal, whose runs are in the result file."""
         self.close()
         with explain_os_error(self.path):
             self.path.unlink(missing_ok=True)

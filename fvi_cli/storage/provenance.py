@@ -1,4 +1,4 @@
-"""Where numbers come from: versions, commit, platform, time."""
+"""Provenance of numbers: versions, commit, platform, time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GENERATED = ":(top,exclude)results"
 
 @functools.cache
 def package_versions() -> dict[str, str]:
-    """Versions of this package, of Python and of the libraries that calculate and write."""
+    """Versions of this package, of Python and of the libraries that compute and write."""
     versions = {"fvi-cli": fvi_cli.__version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
@@ -43,7 +43,7 @@ def platform_name() -> str:
 def checkout(package: Path) -> tuple[str, str]:
     """Commit, and ``yes`` or ``no`` for uncommitted changes, of the checkout that holds `package`.
 
-    Files under ``results/`` do not count: they are made by the program. Both are ``unknown`` for
+    Changes under ``results/``, which the program makes, do not count. Both are ``unknown`` for
     an installed package and where there is no git.
     """
     # an installed copy may lie inside somebody else's checkout
@@ -56,7 +56,7 @@ def checkout(package: Path) -> tuple[str, str]:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """Standard output of a git command that changes nothing; None when it fails."""
+    """Standard output of a git command that only reads; None when it fails."""
     program = shutil.which("git")
     if program is None:
         return None
@@ -79,7 +79,7 @@ def _git(folder: Path, *arguments: str) -> str | None:
 
 
 def origin() -> dict[str, str]:
-    """Time in UTC, version and commit of what is computed now, as attributes of a file or run."""
+    """Present time (UTC), version and commit, as attributes of a file or run."""
     commit, dirty = checkout(_PACKAGE)
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

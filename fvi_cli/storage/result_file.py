@@ -1,6 +1,6 @@
-"""One result file as it was when it was opened, and how it is written.
+"""Reading and writing one result file.
 
-The root's checksum covers its attributes and the index, the index has a checksum of every run.
+The root's checksum covers its attributes and the index; the index has a checksum of every run.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ from fvi_cli.storage.provenance import origin, package_versions, platform_name
 from fvi_cli.storage.records.record import Entry, GroupKind, Shapes, StoredRecord, kind_of
 
 HELD_BYTES: Final = 2**26
-"""Arrays that are kept of an open file: who reads members in another order finds them again."""
+"""Most bytes of arrays that are cached of an open file, for members that are not read in order."""
 GROUPS_KEPT: Final = 8
 
 DIGESTS: Final = ("identity", "request", "checksum")
-"""Datasets of the index with 32 bytes of every run."""
+"""Datasets of the index with 32 bytes per run."""
 
 NUMBERS: Final = ("group", "row", "is_unstable")
-"""Others with a number of every run."""
+"""Datasets of the index with one number per run."""
 
 CHECKSUM: Final = "checksum"
-"""Attribute of the root, of all others and the index."""
+"""Attribute of the root: digest of its other attributes and of the index."""
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -60,7 +60,7 @@ _NAMED: Final = re.compile(rf'"{INPUT}": ?"([0-9a-f]{{64}})"')
 
 
 class ResultFile:
-    """A result file; what is read of it is as it was when it was opened."""
+    """A result file; reads give its contents at the time of opening."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -83,13 +83,13 @@ class ResultFile:
             raise
 
     def _refuse_additions(self, file: h5py.File) -> None:
-        """A file that another program has changed holds no more than what we wrote."""
+        """Refuse a file to which another program has added groups."""
         expected = sorted(str(one["path"]) for one in self.groups)
         if sorted(str(one.group.name) for _, _, one in run_groups(file)) != expected:
             raise ValueError("it holds other groups than those that were written")
 
     def _opened(self) -> h5py.File:
-        """The file, opened again if it was let go of in favour of others."""
+        """The HDF5 file, opened again if :meth:`close` was called."""
         if self._file is None:
             _, self._file = self._stack.enter_context(open_stored(self.path))
             if self._file.attrs[CHECKSUM] != self.root[CHECKSUM]:
@@ -103,12 +103,12 @@ class ResultFile:
 
     @property
     def groups(self) -> list[dict[str, Any]]:
-        """Of every group of runs its path, kind and line of a listing."""
+        """Path, kind and line of the listing for every group of runs."""
         return [json.loads(text) for text in self._index["groups"]]
 
     @functools.cached_property
     def entries(self) -> list[Entry]:
-        """Where every run lies, in the order of the file."""
+        """The entry (place) of every run, in the order of the file."""
         with explain_damage(self.path):
             return list(self._entries())
 
@@ -117,7 +117,7 @@ class ResultFile:
             (str(one["path"]), GroupKind(**one["kind"] | {"swept": tuple(one["kind"]["swept"])}))
             for one in self.groups
         ]
-        # from here on the entries have it
+        # the index is not needed any more: the entries hold its values
         digests = ([bytes(row).hex() for row in self._index.pop(name)] for name in DIGESTS)
         numbers = (self._index.pop(name).tolist() for name in NUMBERS)
         for row in zip(*digests, *numbers, strict=True):
@@ -174,7 +174,7 @@ class ResultFile:
             return values
 
     def close(self) -> None:
-        """Let go of the file, until something is read of it again."""
+        """Close the file; reading from it opens it again."""
         self._file = None
         self._groups.clear()
         self._blocks.clear()
@@ -188,7 +188,7 @@ def _size(held: tuple[int, Block]) -> int:
 
 MOST_REOPENED: Final = 16
 _REOPENED: Final[list[ResultFile]] = []
-"""Files that are open once more; many are joined, and a process may open some only."""
+"""Files that were opened again: a merge reads many files, and a process can open only some."""
 
 
 def _checksum(root: Mapping[str, Any], index: Mapping[str, Any]) -> str:
@@ -211,10 +211,10 @@ def write_file(
     lookup: Callable[[str], NDArray[Any]],
     done: Callable[[], None],
 ) -> None:
-    """Write all runs, some in memory at a time, the summary of every case, and the index.
+    """Write all runs (few in memory at a time), the summary of every case, and the index.
 
-    `attributes` are what the root says of the configuration, `lookup` gives a long list of numbers
-    by its digest; `done` is called when everything is read, before the file is replaced.
+    `attributes` are the root attributes of the configuration; `lookup` returns a long list of
+    numbers by its digest; `done` is called when all is read, before the file is replaced.
     """
     root = {
         "creator": CREATOR,
@@ -263,7 +263,7 @@ def write_file(
 
 
 def _named_in(values: Iterable[Any]) -> set[str]:
-    """Digests of long lists of numbers that attributes name."""
+    """Digests of the long lists of numbers that attributes name."""
     known: set[str] = set()
     for value in values:
         text = value if isinstance(value, str) else json.dumps(value)
@@ -273,7 +273,7 @@ def _named_in(values: Iterable[Any]) -> set[str]:
 
 
 def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequence[str]) -> Arrays:
-    """Write the index; returns what is in it."""
+    """Write the index and return its datasets."""
     group = file.create_group(INDEX, track_order=True)
     arrays: dict[str, NDArray[Any]] = {
         name: np.frombuffer(bytes.fromhex("".join(index[name])), "u1").reshape(-1, 32)
@@ -293,7 +293,7 @@ def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequenc
 
 
 def _write_numbered(file: h5py.File, name: str, values: NDArray[Any], digest: str) -> None:
-    """Write a long list of numbers, its axes numbered."""
+    """Write a long list of numbers with numbered axes."""
     dataset = file.create_dataset(name, data=values)
     for axis, size in enumerate(values.shape):
         scale = f"{INPUTS}/size_{size}"

@@ -64,8 +64,8 @@ def open_results(
 ) -> Iterator[Store]:
     """Open ``<name>.h5`` in `directory` for reading and for new runs.
 
-    The file is held by a lock of the kernel until the block ends. In a `fresh` one nothing is found
-    that is stored: it is replaced by what is computed again, run by run.
+    A lock of the kernel holds the file until the block ends. With `fresh` stored runs are not
+    found, so that each is computed again and replaced.
     """
     path = directory / f"{name}{SUFFIX}"
     with file_lock(path, waits=waits):
@@ -78,9 +78,9 @@ def open_results(
 def read_results(
     path: Path, *, fresh: bool = False, may_be_missing: bool = False
 ) -> Iterator[Store]:
-    """Look up runs of a result file, and of the journal beside it; writes no file.
+    """Open a result file and its journal to look up runs; writes no file.
 
-    Where it `may_be_missing`, a file that is not there is one without runs.
+    With `may_be_missing` a file that does not exist counts as one without runs.
     """
     with contextlib.closing(Store(path, is_fresh=fresh)) as store:
         if not may_be_missing and store.is_empty:
@@ -89,10 +89,10 @@ def read_results(
 
 
 class Store:
-    """A result file and the journal beside it, as one command sees them.
+    """A result file and its journal, as one command sees them.
 
-    What is read is as it was when they were opened; the journal goes before the file. Runs may be
-    added to one that `writes`; in a fresh one nothing is found that is stored.
+    Reads give the contents at the time of opening; a run of the journal hides the same run of the
+    file. A store that `writes` accepts new runs; a fresh one does not find stored runs.
     """
 
     def __init__(self, path: Path, *, writes: bool = False, is_fresh: bool = False) -> None:
@@ -128,7 +128,7 @@ class Store:
         return self._file is None and not self._entries
 
     def close(self) -> None:
-        """Let go of all files."""
+        """Close all files."""
         self._close_files()
         self._journal.close()
 
@@ -143,7 +143,7 @@ class Store:
             self._entries[entry.identity] = self._by_request[entry.request] = entry
 
     def entries(self) -> list[Entry]:
-        """Where every run lies."""
+        """The entries of all runs."""
         return [one for one in self._entries.values() if not one.is_reference]
 
     def read(self, identity: str) -> StoredRecord | None:
@@ -152,7 +152,7 @@ class Store:
         return None if entry is None else entry.record()
 
     def _find(self, run: Run) -> Entry | None:
-        """A run that was predicted to blow up is found where that is allowed, else its refusal."""
+        """The entry of a run; if it may not be computed although it blows up, its refusal."""
         request = request_of(run)
         entry = self._entries.get(answered_by_own_code(request))
         if run.experiment.allow_unstable or (entry is not None and not entry.is_unstable):
@@ -160,7 +160,7 @@ class Store:
         return self._entries.get(answered_by_own_code(refusal_of(request)))
 
     def finished(self, run: Run) -> FinishedRun | None:
-        """The run with its result, read back, or the one that a search came to; None: neither."""
+        """The stored run, or for a search the run that it chose; None: it is not stored."""
         entry = None if self.is_fresh else self._find(run)
         if entry is None:
             return None
@@ -176,7 +176,7 @@ class Store:
             return None if found is None else finished_of(record, found)
 
     def add(self, batch: Sequence[FinishedRun]) -> None:
-        """Keep finished runs; a kill after this loses none of them."""
+        """Append finished runs to the journal; a kill after this loses none of them."""
         records = [stored_record(finished) for finished in batch]
         # experiments may share a run, which is then computed twice
         new = {one.identity: one for one in records if one.identity not in self._added}
@@ -188,14 +188,14 @@ class Store:
             self._mark(finished.run, self._entries[record.identity])
 
     def has_reference(self, run: Run) -> bool:
-        """Whether what the error of a run is measured against is here."""
+        """Whether the reference of a run is stored."""
         return not self.is_fresh and self._reference_of(run) is not None
 
     def _reference_of(self, run: Run) -> Entry | None:
         return self._entries.get(answered_by_own_code(reference_request_of(run)))
 
     def reference(self, run: Run) -> Reference | None:
-        """What the error of a run is measured against, read back; None where it is not here."""
+        """The stored reference of a run, or None."""
         entry = self._reference_of(run)
         if entry is None:
             return None
@@ -204,14 +204,14 @@ class Store:
             return reference_of_record(record)
 
     def add_references(self, found: Sequence[tuple[Run, Reference]]) -> None:
-        """Keep what the errors of runs are measured against."""
+        """Append references of runs to the journal."""
         if found:
             self._learn(self._journal.append([reference_record_of(*one) for one in found]))
 
     def _mark(
         self, run: Run, entry: Entry, known: tuple[StoredRecord, FinishedRun] | None = None
     ) -> None:
-        """What is requested belongs where the file's configuration points to."""
+        """Note that a stored run is requested, and the path at which it is to be written."""
         kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
         path = group_path(name, kind.case, kind.n_steps)
         own = self._requested.setdefault(path, {})
@@ -223,12 +223,12 @@ class Store:
                 self._descriptions[path, entry.identity] = description_of(record, finished)
 
     def mark_requested(self, runs: Iterable[Run]) -> tuple[int, int]:
-        """Say what a configuration requests, in its order.
+        """Mark the stored runs that a configuration requests, in its order.
 
         Returns
         -------
         tuple of int
-            Number of runs, and how many of them are not here.
+            Number of runs, and number of those that are not stored.
         """
         count = missing = 0
         for run in runs:
@@ -241,7 +241,7 @@ class Store:
         return count, missing
 
     def merge(self, other: Store) -> None:
-        """Learn the runs of another file of the configuration, for :meth:`consolidate`."""
+        """Add the runs of another file of the configuration, for :meth:`consolidate`."""
         self._merged.append(other)
         for entry in other._entries.values():
             held = self._by_request.get(entry.request)
@@ -260,10 +260,10 @@ class Store:
     def consolidate(
         self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
     ) -> Path | None:
-        """Put all finished runs into one file, then remove the journal: the last thing to be done.
+        """Write all finished runs to one file, then remove the journal; the last call on a store.
 
-        Runs that were not requested this time are kept, those of other values in groups of their
-        own. What was computed again replaces the earlier run.
+        Runs that were not requested this time are kept; runs with other values get groups of their
+        own. A run that was computed again replaces the earlier one.
 
         Returns
         -------
@@ -297,12 +297,12 @@ class Store:
         return self.path
 
     def _root_attributes(self) -> dict[str, Any]:
-        """What the file says of the configuration."""
+        """The root attributes of the configuration, as the file has them."""
         root = {} if self._file is None else self._file.root
         return {name: root[name] for name in CONFIGURATION}
 
     def forget(self, entries: Collection[Entry]) -> None:
-        """Remove runs from the file; what else is in it stays, the journal is taken in."""
+        """Remove runs; the file then holds the other runs, also those of the journal."""
         unwanted = {entry.identity for entry in entries}
         remaining = [one for one in self._entries.values() if one.identity not in unwanted]
         own: dict[str, dict[str, int]] = {}
@@ -323,22 +323,22 @@ class Store:
     def _is_current(
         self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]
     ) -> bool:
-        """Whether the file holds just that already."""
+        """Whether the file already has this layout and configuration."""
         if self._file is None or self._file.root[RESOLVED] != attributes[RESOLVED]:
-            # another comment, or the same values written in another way, change no run
+            # with an equal RESOLVED the configurations differ in comments and notation at most
             return False
         places = [(path, row, one) for path, own in layout.items() for row, one in enumerate(own)]
-        # one that is described anew is another entry
+        # a run with a new description is another entry
         return [one for *_, one in places] == self._file.entries and all(
             (one.path, one.row) == (path, row) for path, row, one in places
         )
 
     def _lookup(self, digest: str) -> NDArray[Any]:
-        """A long list of numbers."""
+        """A long list of numbers by its digest."""
         if digest in self._inputs:
             return self._inputs[digest]
         sources = {id(one.source): one.source for one in self._entries.values()}
-        # the root of the file may name lists that none of its runs does
+        # the root of the file may name lists that none of its runs names
         for source in [*sources.values(), *filter(None, [self._file])]:
             found = source.read_input(digest)
             if found is not None:
@@ -349,7 +349,7 @@ class Store:
         with contextlib.suppress(OSError):
             self._journal.sync()
         try:
-            # some systems replace no file that is open
+            # some systems cannot replace an open file, so it is closed first
             write_file(self.path, layout, attributes, lookup=self._lookup, done=self._close_files)
         except StorageError as error:
             kept = self._journal.path
@@ -357,10 +357,10 @@ class Store:
             raise StorageError(f"{error}{held}") from error
 
     def _clear(self) -> None:
-        """Remove the journal, and checkpoints of what is finished."""
+        """Remove the journal, and the checkpoints of finished runs."""
         self._journal.remove()
         with explain_os_error(self.parts):
             if self.parts.is_dir():
                 remove_checkpoints(self.parts, self._entries)
-                with contextlib.suppress(OSError):  # somebody keeps other files there
+                with contextlib.suppress(OSError):  # a user may keep other files there
                     self.parts.rmdir()

@@ -1,14 +1,14 @@
-"""Files under the library: its writer never sees a failure, its reader no byte that is damaged.
+"""Streams for h5py: its writer never sees a failure, its reader never a damaged byte.
 
 HDF5 cannot close a file that it could not write: it fails again with every object that is
 released, and may end the process with a segmentation fault. So the first failure, of the disk or
-by an interrupt, is kept for the caller, and what is written after it goes to memory.
+by an interrupt, is kept for the caller, and later writes go to memory.
 
-Nor may it see bytes that have changed: it may search in them for ever. Behind the last byte that it
-knows of lies a seal, the checksums of all blocks before, and every block is compared before it is
-given on; a large file need not be read whole before a part of it is. Other readers do not see the
-seal, and a program that changes a file by the library cuts it off; such a file is read only where
-that is asked for, and each run in it is looked at by itself.
+HDF5 must not see changed bytes either: it may search in them for ever. So a seal, the checksums of
+all blocks, follows the last byte of the HDF5 file, and every block is verified before HDF5 gets it;
+a large file need not be read whole before a part of it is used. Other readers do not see the seal,
+and a program that changes a file through HDF5 cuts it off. Such a file is read only if the user
+asks for that, and then each run in it is verified by itself.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from pathlib import Path
 
 MARK = b"fvi-cli sha256 seal:"
 BLOCK = 2**18
-"""Bytes with a checksum of their own."""
+"""Bytes per block; each block has its own checksum."""
 
 _DIGEST = hashlib.sha256().digest_size
 _ENOUGH = len(b"fvi-cli ")
 
 
 class DamagedBytesError(ValueError):
-    """Bytes of a file that are not those that were written."""
+    """The bytes of a file are not those that were written."""
 
     def __init__(self) -> None:
         super().__init__("its bytes are not those that were written")
@@ -44,12 +44,12 @@ class Seal:
 
 
 def length_of(size: int) -> int:
-    """Length of the seal of so many bytes."""
+    """Length of the seal of `size` bytes."""
     return len(MARK) + -(-size // BLOCK) * _DIGEST + _DIGEST
 
 
 def append_seal(handle: int) -> None:
-    """Seal a file that is open for reading and writing, and written to its end."""
+    """Seal a complete file that is open for reading and writing."""
     with os.fdopen(os.dup(handle), "r+b") as file:
         file.seek(0)
         digests = b""
@@ -62,10 +62,10 @@ def append_seal(handle: int) -> None:
 def read_seal(handle: int) -> Seal | None:
     """The seal of an open file; None where there is none.
 
-    Not that of a path: another file may take its place between two looks at it.
+    The argument is no path, since another file may take the place of a path at any time.
     """
     whole = os.fstat(handle).st_size
-    # a seal is the longer the longer the file: that of all bytes is longer than that of some
+    # a seal grows with its file, so the seal of all bytes would be longer than the real one
     longest = min(length_of(whole), whole)
     os.lseek(handle, whole - longest, os.SEEK_SET)
     end = _read_all(handle, longest)
@@ -108,7 +108,7 @@ class _Stream(ABC):
         return self._position
 
     def read(self, size: int) -> bytes:
-        """At most `size` bytes; the library takes for a file what has this."""
+        """At most `size` bytes; h5py requires this method of a file."""
         content = bytearray(size)
         return bytes(content[: self.readinto(content)])
 
@@ -118,7 +118,7 @@ class _Stream(ABC):
 
 
 class SafeStream(_Stream):
-    """Random access, for :class:`h5py.File`, to a file that is open; it is not closed here."""
+    """Random access to an open file, for :class:`h5py.File`; the caller closes the file."""
 
     def __init__(self, handle: int) -> None:
         self._handle = handle
@@ -131,7 +131,7 @@ class SafeStream(_Stream):
             raise self._failure
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """Write all of `data`, in memory after a failure."""
+        """Write all of `data`; after a failure to memory."""
         content = bytes(data)
         if self._failure is None:
             try:
@@ -176,13 +176,13 @@ class SafeStream(_Stream):
         return self._size
 
     def flush(self) -> None:
-        """There is no buffer here."""
+        """Do nothing: there is no buffer."""
 
 
 class SealedStream(_Stream):
-    """A file for the library's reader that gives it no byte that is not as it was sealed.
+    """A file for the reader of h5py, which gets only bytes that agree with the seal.
 
-    It stays open, so that what is read is as it was, also when another file takes its name.
+    It stays open, so that reads give the same file even when another one takes its name.
     """
 
     def __init__(self, path: Path) -> None:
@@ -210,7 +210,7 @@ class SealedStream(_Stream):
 
     @property
     def is_sealed(self) -> bool:
-        """Whether every byte is compared with what was written."""
+        """Whether every byte is verified by a seal."""
         return self._seal is not None
 
     def close(self) -> None:

@@ -1,1 +1,1 @@
-"""In what stored runs differ from those that are asked for."""
+"""Differences between stored runs and requested ones."""

@@ -1,4 +1,4 @@
-"""In which keys of a configuration two runs differ."""
+"""The keys of a configuration in which two runs differ."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _ABSENT = object()
 
 
 def changed_keys(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, ...]:
-    """Key paths, as a configuration has them, at which two specifications of runs differ."""
+    """The key paths of a configuration at which the specifications of two runs differ."""
     before, after = configured(old), configured(new)
     differing = [key for key in after if before.get(key, _ABSENT) != after[key]]
     return (*differing, *(key for key in before if key not in after))
 
 
 def difference_in_words(base: Mapping[str, Any], own: Mapping[str, Any]) -> str:
-    """``problem.stiffness = 2, report.norm = final``: what `own` has that `base` has not."""
+    """``problem.stiffness = 2, report.norm = final``: values of `own` that `base` does not have."""
     values = configured(own)
     texts = [
         f"{key} = {value_in_words(values[key])}" if key in values else f"no {key}"
@@ -35,7 +35,7 @@ def difference_in_words(base: Mapping[str, Any], own: Mapping[str, Any]) -> str:
 
 
 def configured(specification: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a specification by key path, as a configuration has them."""
+    """The values of a specification by the key paths of a configuration."""
     found: dict[str, Any] = {}
     for path, value in _leaves(specification):
         if path == "method.cq":

@@ -1,4 +1,4 @@
-"""Why a run is not taken from what is stored."""
+"""The reasons why a run is computed although a result file has runs."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from fvi_cli.studies.members import with_values
 NEW, OLDER_SOLVER, OTHER_SOLVER = "new", "older solver", "newer solver"
 
 Place = tuple[str, str, int, str]
-"""Where people look for a run: experiment, case, number of steps, swept values as JSON."""
+"""(Experiment, case, number of steps, swept values as JSON): how users identify a run."""
 
 MOST_KEYS = 4
-"""Keys that are named at most."""
+"""Most keys that a reason names."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Reasons:
-    """Compares runs that are to be computed with what is stored in their place."""
+    """Compares runs that are to be computed with stored runs of the same place."""
 
     stored: Store  # a result file with its journal
-    # gives all runs of the configuration; a stored run in another place is one that it no longer
-    # asks for
+    # returns all runs of the configuration; a stored run in another place is not requested any
+    # more
     requested: Callable[[], Iterable[Run]]
 
     def of(self, run: Run) -> str:
@@ -40,12 +40,13 @@ class Reasons:
         Returns
         -------
         str
-            ``new``: there is none in its place; ``older solver``: a version of the program that
-            gave other numbers made it; ``numpy 2.4.1 in place of 2.4.0``, ``other source files of
-            fvi 0.2.0``: other code did; ``changed: problem.stiffness, ...``: these keys of the
-            configuration are not what they were. Where there is none in its place, but a run of
-            the same experiment and number of steps is stored that is not asked for any more and
-            differs in keys of the method alone, these count as changed: ``changed: method.degree``.
+            ``new``: no run is stored in its place; ``older solver``: the stored run was computed by
+            a version of the program that gave other numbers; ``numpy 2.4.1 in place of 2.4.0``,
+            ``other source files of fvi 0.2.0``: it was computed by other code;
+            ``changed: problem.stiffness, ...``: these keys of the configuration have other values.
+            If no run is stored in its place, it is compared with the stored runs of the same
+            experiment and number of steps that are not requested any more; if one differs only in
+            keys of the method, these keys are named: ``changed: method.degree``.
         """
         place = _place_of(run)
         if place in self._places:
@@ -71,13 +72,13 @@ class Reasons:
 
     @cached_property
     def _places(self) -> Mapping[Place, Entry]:
-        """The stored runs, those of the configuration before others."""
+        """The stored runs by place; a run of the configuration hides others of its place."""
         listed = sorted(self.stored.entries(), key=lambda one: one.is_of_configuration)
         return {_place_of_stored(one): one for one in listed}
 
     @cached_property
     def _unrequested(self) -> Mapping[tuple[object, ...], list[Entry]]:
-        """Stored runs that are not asked for any more, by all but their case."""
+        """Stored runs that are not requested any more, by their place without the case."""
         requested = set(map(_place_of, self.requested()))
         found: dict[tuple[object, ...], list[Entry]] = {}
         for place, entry in self._places.items():
@@ -109,13 +110,13 @@ def _stored_specification(entry: Entry) -> dict[str, Any]:
 
 
 def _with_swept(text: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """A specification with the values of a member in it."""
+    """A specification with the swept values of a member inserted."""
     found: dict[str, Any] = json.loads(text)
     return {**found, "problem": with_values(found["problem"], values)}
 
 
 def _replaced(candidates: Collection[Mapping[str, Any]], run: Run) -> str:
-    """As `changed` if the run may stand for one that remains, else `new`."""
+    """``changed: ...`` if a candidate differs from the run in keys of the method only, else new."""
     specification = _specification(run)
     changes = [changed_keys(one, specification) for one in candidates]
     of_method = [one for one in changes if all(key.startswith("method.") for key in one)]

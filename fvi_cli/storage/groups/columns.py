@@ -1,4 +1,4 @@
-"""Attributes of many runs, by name, in as little memory as it allows."""
+"""Attributes of many runs, by name, in little memory."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import numpy as np
 from fvi_cli.storage.records.record import same_value
 
 ABSENT: Final = object()
-"""Stands where a run has no such attribute."""
+"""Entry of a column for a run that does not have the attribute."""
 
 _CODES: Final[Mapping[type, str]] = {float: "d", int: "q"}
 
 Column = MutableSequence[Any]
-"""A list, or an array of numbers, which take 8 bytes each; in a list they would take 32."""
+"""A list, or for numbers an array: 8 bytes for each number instead of 32 in a list."""
 
 Columns = dict[str, Column]
-"""Attributes of runs by name."""
+"""Columns by the name of the attribute."""
 
 
 class Survey:
     """Attributes of many runs: values that all share are written once, others by run."""
 
     def __init__(self) -> None:
-        self.names: dict[str, None] = {}  # as they come
+        self.names: dict[str, None] = {}  # in the order of their first occurrence
         self.common: dict[str, Any] = {}
         self.columns: Columns = {}
         self._count = 0
@@ -38,7 +38,7 @@ class Survey:
         return self._count
 
     def add(self, attributes: Mapping[str, Any]) -> None:
-        """One run more."""
+        """Add the attributes of one run."""
         if not self._count:
             self.common |= attributes
         self.names |= dict.fromkeys(attributes)
@@ -54,7 +54,7 @@ class Survey:
         self._count += 1
 
     def column(self, name: str) -> Sequence[Any]:
-        """What each of the runs says."""
+        """The value of an attribute for each run."""
         return self.columns.get(name) or [self.common.get(name, ABSENT)] * self._count
 
 
@@ -64,7 +64,7 @@ def _repeated(value: Any, count: int) -> Column:
 
 
 def appended(column: Column, value: Any) -> Column:
-    """The column with one value more, as a list where it is none of these numbers."""
+    """The column with a value appended; it becomes a list where types differ."""
     if isinstance(column, array) and _CODES.get(type(value)) != column.typecode:
         column = list(column)
     column.append(value)
@@ -72,7 +72,7 @@ def appended(column: Column, value: Any) -> Column:
 
 
 def column_to_write(column: Sequence[Any]) -> tuple[Any, bool]:
-    """An array of numbers, or texts; and whether the texts are JSON."""
+    """A column as an array of numbers or as texts; and whether the texts are JSON."""
     kinds: set[type] = {type(column[0])} if isinstance(column, array) else set(map(type, column))
     if kinds in ({int}, {float}):
         return np.array(column, dtype="<i8" if kinds == {int} else "<f8"), False
@@ -82,7 +82,7 @@ def column_to_write(column: Sequence[Any]) -> tuple[Any, bool]:
 
 
 def read_column(values: Any, *, is_json: bool) -> Column:
-    """A column as it was written: an array of numbers, or texts."""
+    """The column from an array of numbers or from texts."""
     if isinstance(values, np.ndarray) and values.dtype.kind in "if":
         return array("q" if values.dtype.kind == "i" else "d", values.tobytes())
     known: dict[str, str] = {}
@@ -91,6 +91,6 @@ def read_column(values: Any, *, is_json: bool) -> Column:
 
 
 def attributes_in_row(columns: Mapping[str, Column], row: int) -> dict[str, Any]:
-    """What one run says."""
+    """The attributes of one run."""
     found = {name: column[row] for name, column in columns.items()}
     return {name: value for name, value in found.items() if value is not ABSENT}

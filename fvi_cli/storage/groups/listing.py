@@ -1,4 +1,4 @@
-"""A line for every group of runs: written into the index, and listed by ``fvi show``."""
+"""One line for every group of runs, written into the index and listed by ``fvi show``."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from fvi_cli.studies.members import swept_in_words
 
 @dataclass(frozen=True, kw_only=True)
 class StoredRun:
-    """One run of a file in a line, or the members of a sweep."""
+    """One run of a file, or all members of a sweep, summarised in a line."""
 
     experiment: str
     case: str
     n_steps: int
     step_size: float
     norm: str
-    error: float  # of members: the largest error, and what there is how often
+    error: float  # for members the largest; their status and predictions are counts (ok: 8; ...)
     status: str
     predicted: str
     created: str
     identity: str
     members: int = 0  # number of members; 0: a single run
-    swept: str = ""  # what members differ in, in words
-    # in words what the run has other than the file's configuration; empty for the runs of it
+    swept: str = ""  # the swept keys and values, in words
+    # values in which the run differs from the file's configuration, in words; empty: in none
     variant: str = ""
     observed: ObservedSummary = EMPTY_SUMMARY  # quantities and events of a single run
 
 
 def run_of_line(row: dict[str, Any]) -> StoredRun:
-    """The line again, as it may be printed."""
+    """The inverse of a line of :func:`lines_of`; its texts are safe to print."""
     words: dict[str, Any] = {k: escape_text(v) if isinstance(v, str) else v for k, v in row.items()}
     own = row.get("observed")
     if own is not None:
@@ -50,7 +50,7 @@ def run_of_line(row: dict[str, Any]) -> StoredRun:
 
 
 def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
-    """A line for every group by its path; those of other values say which."""
+    """A line for every group (path, group); groups of variants name their other values."""
     names = [path.split("/")[1] for path, _ in found]
     specifications = [_specification(group) for _, group in found]
     own: dict[str, Any] = {}
@@ -68,12 +68,12 @@ def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
 
 
 def _specification(group: WrittenGroup) -> dict[str, Any]:
-    """What determines the numbers, and the norm, which distinguishes variants as well."""
+    """All that determines the numbers, and the norm, which also distinguishes variants."""
     return {**json.loads(group.attributes["specification"]), "norm": group.survey.column("norm")[0]}
 
 
 def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
-    """In words what a run has other than the runs of the file's configuration."""
+    """In words the values in which a run differs from those of the file's configuration."""
     if base is None:
         return ""
     without = {key: own[key] for key in RUN_KEYS}

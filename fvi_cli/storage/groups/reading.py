@@ -1,8 +1,8 @@
-"""A group of a result file is read: one run, or the members of a sweep in common arrays.
+"""Reading a group of a result file: one run, or the members of a sweep in common arrays.
 
-What the runs of a group have in common is an attribute; what members of a sweep differ in is a
-dataset along ``member``, and their arrays have that axis in front. A trajectory that stopped early
-ends in nan there; ``points`` says how much of it counts.
+Values that all runs of a group share are attributes of the group. Values in which members of a
+sweep differ are datasets along ``member``, and ``member`` is the first axis of their arrays. There
+nan fills the end of a trajectory that stopped early; ``points`` is its number of points.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from fvi_cli.storage.records.record import SWEPT, Shapes
 
 MEMBER: Final = "member"
 CONVERGENCE: Final = "convergence"
-"""Group of a case that holds no run."""
+"""Group of a case that holds its summary and no run."""
 INDEX, INPUTS = "@index", "@inputs"
-"""Groups beside those of experiments: which runs lie where, and long lists of numbers by digest."""
+"""Groups at the level of experiments: the index of runs, and long lists of numbers by digest."""
 SUBGROUPS: Final = ("quantities", "events")
-"""Groups inside of the group of a run."""
+"""Groups inside the group of a run."""
 
 IDENTITY, POINTS, ARRAYS, MESH_POINTS = LAYOUT = "identity", "points", "arrays", "mesh_points"
 """Attributes on the layout of runs: identity, number of points, names and axes of arrays.
 
-Of members that were runs of their own with output also the number of the points of their steps.
+Members with requested output times and steps of their own also have their number of mesh points.
 """
 
 COUNTS: Final = "event_counts"
 
 MOST_ROWS: Final = 256
-"""Runs that are in memory at a time, at most: attributes of short runs exceed their arrays."""
+"""Most runs in memory at a time; of short runs the attributes take more than the arrays."""
 
 BLOCK_BYTES = 2**25
-"""Trajectories of members that are read at a time."""
+"""Most bytes of trajectories of members that are read at a time."""
 
 Axes = Mapping[str, tuple[str, ...]]
 
@@ -52,27 +52,27 @@ def axes_in_words(axes: Axes) -> str:
 
 @functools.lru_cache(maxsize=256)
 def axes_from_words(text: str) -> Axes:
-    """The axes of arrays by name, as :func:`axes_in_words` tells."""
+    """The inverse of :func:`axes_in_words`."""
     pairs = (one.rstrip(")").split("(") for one in text.split())
     return {name: tuple(own.split(",")) for name, own in pairs}
 
 
 def scale_of(axis: str, *, of_members: bool) -> str:
-    """The dataset with the values of an axis: of an event in a run that stands alone its times."""
+    """The dataset with the values of an axis; for an event of a single run its times."""
     if not of_members and axis.endswith(f"/{OCCURRENCE}"):
         return f"{axis.removesuffix(OCCURRENCE)}{TIME}"
     return axis
 
 
 def is_shared(name: str, axes: Axes) -> bool:
-    """Whether members of a sweep have an array in common: the values of an axis."""
+    """Whether members of a sweep share an array, since it holds the values of an axis."""
     return axes[name] == (name,)
 
 
 def count_along(axis: str, attributes: Mapping[str, Any]) -> int | None:
-    """How much a member has along the first axis of an array: points, or times of an event.
+    """Length of a member's data on the first axis of an array: points, or times of an event.
 
-    None: all of it, as of points of steps in files that do not say how many there are.
+    None: the whole axis; so for mesh points in files that do not store their number.
     """
     if axis == MESH:
         return int(attributes[MESH_POINTS]) if MESH_POINTS in attributes else None
@@ -82,7 +82,7 @@ def count_along(axis: str, attributes: Mapping[str, Any]) -> int | None:
 
 
 def children(group: h5py.Group) -> dict[str, Any]:
-    """What lies in a group; links that lead elsewhere are refused."""
+    """The groups and datasets in a group; links are refused."""
     found = {}
     for name in group:
         if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
@@ -92,7 +92,7 @@ def children(group: h5py.Group) -> dict[str, Any]:
 
 
 def datasets_below(group: h5py.Group, above: str = "") -> Iterator[tuple[str, h5py.Dataset]]:
-    """The datasets of the group of a run by name; nothing else may be there."""
+    """The datasets in the group of a run by name; other contents are refused."""
     for name, node in children(group).items():
         if isinstance(node, h5py.Group) and (above or name in SUBGROUPS):
             yield from datasets_below(node, f"{above}{name}/")
@@ -104,7 +104,7 @@ def datasets_below(group: h5py.Group, above: str = "") -> Iterator[tuple[str, h5
 
 
 def _refuse_strange(dataset: h5py.Dataset) -> None:
-    """Only what this program writes: numbers and texts that lie in the file itself."""
+    """Refuse datasets that this program does not write: only numbers and texts within the file."""
     is_text = h5py.check_string_dtype(dataset.dtype) is not None
     held = dataset.id.get_storage_size() == dataset.size * dataset.dtype.itemsize or is_text
     if dataset.external is not None or dataset.is_virtual or dataset.chunks is not None or not held:
@@ -114,7 +114,7 @@ def _refuse_strange(dataset: h5py.Dataset) -> None:
 
 
 def json_value(value: Any) -> Any:
-    """A value of the library as JSON has it."""
+    """A value that h5py returns as a JSON value."""
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
@@ -122,9 +122,9 @@ Block = dict[str, NDArray[Any]]
 
 
 class StoredGroup:
-    """A group as it lies in a file; what is read of it is not verified.
+    """A group of a file; its contents are not verified.
 
-    What cannot be read raises ValueError, KeyError or TypeError.
+    Unreadable contents raise ValueError, KeyError or TypeError.
     """
 
     def __init__(self, group: h5py.Group) -> None:
@@ -143,7 +143,7 @@ class StoredGroup:
 
     @functools.cached_property
     def columns(self) -> Columns:
-        """What members differ in, by name."""
+        """Attributes in which members differ, by name."""
         found = {}
         for name, node in self.datasets.items():
             if self.keys and name not in self._axes_of_all and node.ndim == 1 and name != MEMBER:
@@ -154,7 +154,7 @@ class StoredGroup:
 
     @functools.cached_property
     def _axes_of_all(self) -> Axes:
-        """The axes of all arrays of any run, and those axes themselves."""
+        """Axes by the name of the array, for all arrays of any run and for the axes themselves."""
         texts = dict.fromkeys(self._arrays_of_all)
         found: dict[str, tuple[str, ...]] = {}
         for text in texts:
@@ -173,7 +173,7 @@ class StoredGroup:
         return {name: value for name, value in found.items() if name not in LAYOUT}
 
     def _layout_of(self, row: int) -> tuple[Axes, Mapping[str, Any]]:
-        """The axes of the arrays of a run, and what says how long they are."""
+        """The axes of the arrays of a run, and the attributes that hold their lengths."""
         own = {**self.attributes, **attributes_in_row(self.columns, row)}
         return axes_from_words(own[ARRAYS]), own
 
@@ -194,7 +194,7 @@ class StoredGroup:
     def dimensions(self) -> Axes:
         """Names of the axes of every dataset, as they were written.
 
-        What the library says of them has no checksum, and it may fall over what it finds there.
+        They are not read as dimension scales by h5py: these have no checksum, and it may fail.
         """
         of_members = bool(self.keys)
         found = {}
@@ -215,7 +215,7 @@ class StoredGroup:
         return max(1, min(len(self), MOST_ROWS, BLOCK_BYTES * len(self) // max(held, 1)))
 
     def block(self, row: int) -> tuple[int, Block]:
-        """The arrays of the runs around one, as they lie, and the first of these runs."""
+        """The number of the first run of the block around `row`, and the arrays of the block."""
         start = row - row % self.rows_at_a_time
         whole = slice(start, min(start + self.rows_at_a_time, len(self)))
         shared = {n for n in self._axes_of_all if not self.keys or is_shared(n, self._axes_of_all)}
@@ -223,7 +223,7 @@ class StoredGroup:
         return start, {n: node[()] if n in shared else node[whole] for n, node in held.items()}
 
     def arrays_of(self, row: int, start: int, block: Block) -> tuple[Block, Axes]:
-        """The arrays of a run, from the block that it lies in, and their axes."""
+        """The arrays of a run and their axes, from a block whose first run is `start`."""
         axes, own = self._layout_of(row)
         mine = {}
         for name, along in axes.items():
@@ -236,7 +236,7 @@ class StoredGroup:
 
 
 def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:
-    """Every group of runs of a file, with the names of the groups that it lies in."""
+    """Experiment, case and group for every group of runs of a file."""
     for experiment, cases in children(file).items():
         if experiment in (INDEX, INPUTS):
             continue

@@ -1,4 +1,4 @@
-"""Runs are written into groups of a file, and the summary of a case beside them."""
+"""Writing runs into groups of a file, and the summary of every case."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ALWAYS_BY_MEMBER: Final = (
     IDENTITY, "status", "predicted", "error", "floor", "expected_order", "setup_seconds",
     "stepping_seconds", "history_operations", POINTS,
 )  # fmt: skip
-"""Datasets along ``member`` even where all members have the same."""
+"""Datasets along ``member`` even where all members have the same value."""
 
 _MEANINGS: Final[Mapping[str, str]] = {
     MEMBER: "member of the sweep",
@@ -56,7 +56,7 @@ _TEXT: Final = h5py.string_dtype()
 class NewGroup:
     """A group that is being written; every axis of its datasets gets a dimension scale.
 
-    An axis is named by the dataset that has its values; one that has none is numbered.
+    The name of an axis is that of the dataset with its values; without values it is numbered.
     """
 
     def __init__(self, file: h5py.File, path: str, keys: Sequence[str] = ()) -> None:
@@ -74,12 +74,12 @@ class NewGroup:
             write_attributes(self.datasets[name], {"encoding": "json"})
 
     def add_column(self, name: str, column: Sequence[Any]) -> None:
-        """Write one value for every member: numbers, texts, or JSON where it is neither."""
+        """Write one value for every member: numbers, texts, or else JSON."""
         values, is_json = column_to_write(column)
         self.add(name, (MEMBER,), values, is_json=is_json)
 
     def reserve(self, name: str, axes: tuple[str, ...], shape: tuple[int, ...]) -> None:
-        """Make room for numbers that are written later."""
+        """Create a dataset for numbers that are written later."""
         self._add(name, axes, shape, shape=shape, dtype="<f8")
 
     def _add(
@@ -111,14 +111,14 @@ class NewGroup:
 class WrittenGroup:
     """Attributes of the runs of a group that has just been written."""
 
-    attributes: dict[str, Any]  # what they have in common, and summaries of what they differ in
-    survey: Survey  # what each of them says
-    keys: tuple[str, ...]  # what is swept
-    checksums: Sequence[str]  # of each of them
+    attributes: dict[str, Any]  # values that all runs share, and summaries of the others
+    survey: Survey  # attributes of every run
+    keys: tuple[str, ...]  # the swept keys
+    checksums: Sequence[str]  # one for each run
 
 
 def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
-    """Write a run, or members of a sweep in common arrays, some in memory at a time."""
+    """Write a run, or members of a sweep in common arrays with few of them in memory at a time."""
     survey, axes, sizes = _survey(rows)
     keys = tuple(json.loads(survey.common.get(SWEPT, "[]")))
     new = NewGroup(file, path, keys)
@@ -153,7 +153,7 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGro
 
 
 def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
-    """Attributes of runs, the axes of their arrays, and the largest sizes along these."""
+    """Attributes of runs, the axes of their arrays, and the largest length of every axis."""
     survey = Survey()
     axes: dict[str, tuple[str, ...]] = {}
     sizes: dict[str, int] = {}
@@ -177,13 +177,13 @@ def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
 
 
 def _by_member(survey: Survey, keys: tuple[str, ...]) -> list[str]:
-    """What is written for every member: what is swept, and what they differ in."""
+    """Names of the values that are written for every member: swept keys and differing values."""
     names = {*survey.columns, *ALWAYS_BY_MEMBER}.difference(keys)
     return [*keys, *(name for name in survey.names if name in names)]
 
 
 def _attributes_of(survey: Survey, keys: tuple[str, ...]) -> dict[str, Any]:
-    """What the runs of a group have in common."""
+    """Attributes that all runs of a group share, and summaries of others."""
     left_out = keys or (POINTS,)
     common = {name: value for name, value in survey.common.items() if name not in left_out}
     for name, summary in _SUMMARIES.items():
@@ -193,7 +193,7 @@ def _attributes_of(survey: Survey, keys: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _blocks(rows: Sequence[Entry]) -> Iterator[list[StoredRecord]]:
-    """The runs, some in memory at a time."""
+    """The records of the runs, in blocks of limited size."""
     waiting: list[StoredRecord] = []
     size = 0
     for row in rows:
@@ -210,7 +210,7 @@ def _blocks(rows: Sequence[Entry]) -> Iterator[list[StoredRecord]]:
 def _write_block(
     new: NewGroup, block: Sequence[StoredRecord], start: int, names: Sequence[str]
 ) -> None:
-    """Write arrays of runs, of members from the number `start` on; nan behind their ends."""
+    """Write the arrays of a run, or of members from number `start` on, nan after their ends."""
     for name in names:
         dataset = new.datasets[name]
         if SWEPT not in block[0].attributes:
@@ -225,7 +225,7 @@ def _write_block(
 
 
 def _compare(shared: dict[str, NDArray[Any]], own: Mapping[str, NDArray[Any]], path: str) -> None:
-    """Learn the longest values of axes; ValueError where runs have others than their group."""
+    """Extend the values of shared axes by a run's; ValueError where both differ."""
     for name, values in own.items():
         known = shared.get(name, values)
         common = min(values.size, known.size)
@@ -250,9 +250,9 @@ def attribute(value: Any) -> Any:
 
 
 def write_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any]) -> None:
-    """Write attributes that are not there yet.
+    """Write attributes that do not exist yet.
 
-    The library's own way looks for each of them first and takes three times as long.
+    The usual interface of h5py looks up each attribute first and takes three times as long.
     """
     for name, value in attributes.items():
         data = np.asarray(attribute(value), dtype=_TEXT if isinstance(value, str) else None)
@@ -263,7 +263,7 @@ def write_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, A
 
 @functools.lru_cache(maxsize=64)
 def _described(dtype: np.dtype[Any], shape: tuple[int, ...]) -> tuple[Any, Any, Any]:
-    """The library's own words for a type, in a file and in memory, and for a shape."""
+    """HDF5 objects for a type in a file, a type in memory, and a shape."""
     kinds = h5py.h5t.py_create(dtype, logical=True), h5py.h5t.py_create(dtype)
     return *kinds, h5py.h5s.create_simple(shape)
 
@@ -274,13 +274,13 @@ _SUMMARY: Final[Mapping[str, tuple[str, Any, Any]]] = {
     "history_operations": ("history_operations", 0, "<i8"),
     "status": ("status", "missing", object),
 }
-"""By name in the summary of a case: the attribute, what stands for a missing run, and a type."""
+"""By name in the summary of a case: (attribute, value for a missing run, type)."""
 
 
 def write_convergence(
     file: h5py.File, path: str, ladder: Mapping[int, Sequence[WrittenGroup]]
 ) -> None:
-    """The summary of a case: errors and what they took, by number of steps, and by member."""
+    """Write the summary of a case: errors, times, work and status by number of steps and member."""
     steps = sorted(ladder)
     first = ladder[steps[0]][0]
     keys = first.keys
@@ -289,7 +289,7 @@ def write_convergence(
     rungs: dict[int, list[int]] = {n_steps: [] for n_steps in ladder}
     for n_steps, groups in ladder.items():
         for one in groups:
-            # without keys there is one run
+            # without swept keys there is one run
             columns = [one.survey.column(key) for key in keys]
             for values in zip(*columns, strict=True) if keys else [()]:
                 row = numbers.setdefault(canonical_json(values), len(members))

@@ -1,1 +1,1 @@
-"""What is stored of a run, whatever it lies in."""
+"""Records of runs, independent of the file in which they are stored."""

@@ -1,4 +1,4 @@
-"""The table of all that is stored of a finished run: a field is a line here, and nothing else."""
+"""The table of all that is stored of a finished run: one line for every field."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.order import damping_orders
 
 Form = Literal["plain", "json", "words"]
-"""How an attribute is written: as it is, as JSON text, as a text that may be printed."""
+"""How an attribute is written: unchanged, as JSON text, or as text that is escaped when read."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """One thing that is stored of a finished run."""
+    """One attribute or array that is stored of a finished run."""
 
-    name: str  # of the attribute or array; * is a name that a user has chosen
+    name: str  # name of the attribute or array; * stands for a name that a user has chosen
     meaning: str  # for readers of the file
-    # where it stands in a FinishedRun: it is taken from there, and put back; where a part of the
-    # path is None, no value is stored. Or a function that gives it, for readers of the file alone
+    # attribute path in a FinishedRun, from which the value is taken and to which it is read back;
+    # no value is stored where a part of the path is None. Or a function that returns a value which
+    # is not read back
     at: str | Callable[[FinishedRun], Any]
-    axes: tuple[str, ...] = ()  # of an array; empty: it is an attribute
-    form: Form = "plain"  # how an attribute is written, and what is made of it again
+    axes: tuple[str, ...] = ()  # axes of an array; empty: an attribute
+    form: Form = "plain"  # how an attribute is written and read back
     decode: Callable[[Any], Any] = lambda value: value
 
     @functools.cached_property
     def given(self) -> Callable[[FinishedRun], Any]:
-        """What takes it from a finished run; of several, all that are named."""
+        """A function that returns the value of a finished run; for a name with * all values."""
         return self.at if callable(self.at) else attrgetter(self.at.partition(".*")[0])
 
 
 def _extents(finished: FinishedRun) -> dict[str, Any] | None:
-    """How large quantities become, with their expressions."""
+    """Peaks and other extents of quantities, with their expressions."""
     observed = finished.trajectory.observed
     if observed is None or not observed.quantities:
         return None
@@ -59,7 +60,7 @@ def _nulled(values: Mapping[str, float]) -> dict[str, float | None]:
 
 
 def read_extents(stored: Mapping[str, Any]) -> dict[str, Extent]:
-    """The extents again, by the names of quantities."""
+    """The extents by the names of quantities, read back."""
     names = [one.name for one in fields(Extent)]
     return {
         escape_text(name): Extent(
@@ -95,7 +96,7 @@ def _column(name: str) -> Callable[[FinishedRun], str]:
 
 
 def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
-    """The points of the steps, where those of the output are others and nothing is shared."""
+    """Mesh points of a single run whose output times are others; else None."""
     observed = finished.trajectory.observed
     if observed is None or finished.run.member is not None:
         return None
@@ -200,7 +201,7 @@ AXES: Final[Mapping[str, str]] = {
 
 @functools.lru_cache(maxsize=4096)
 def field_named(name: str) -> Field | None:
-    """The line of the table that a name belongs to; None: this version does not know it."""
+    """The field of a name; None: this version does not know the name."""
     parts = name.split("/")
     for one in FIELDS:
         own = one.name.split("/")
@@ -210,7 +211,7 @@ def field_named(name: str) -> Field | None:
 
 
 def meaning_of(name: str) -> str:
-    """What an attribute, array or axis is, for readers of the file."""
+    """The meaning of an attribute, array or axis, for readers of the file."""
     found = field_named(name)
     if found is None:
         return AXES.get(name, name.replace("_", " "))
@@ -218,7 +219,7 @@ def meaning_of(name: str) -> str:
 
 
 def named_as(name: str, axis: str) -> str:
-    """A path or axis of the table with the name that a user has chosen."""
+    """A path or axis of the table with * replaced by the name that a user has chosen."""
     return axis.replace("*", name.split("/")[1]) if "*" in axis else axis
 
 
@@ -226,7 +227,7 @@ def named_as(name: str, axis: str) -> str:
 class ObservedSummary:
     """Quantities and events of a run."""
 
-    # how large every quantity becomes, by name
+    # extents (peak, rms, ...) of every quantity, by name
     extents: Mapping[str, Extent] = field(default_factory=dict)
     # how often every event happened, by name
     counts: Mapping[str, int] = field(default_factory=dict)
@@ -237,7 +238,7 @@ EMPTY_SUMMARY: Final = ObservedSummary()
 
 
 def summary_of(observed: Observed | None) -> ObservedSummary:
-    """Attributes of what was observed."""
+    """The summary of quantities and events of a run."""
     if observed is None:
         return EMPTY_SUMMARY
     return ObservedSummary(
@@ -248,7 +249,7 @@ def summary_of(observed: Observed | None) -> ObservedSummary:
 
 
 def observed_summary(attributes: Mapping[str, Any]) -> ObservedSummary:
-    """The same from the attributes of a run."""
+    """The same from the stored attributes of a run."""
     counts = json.loads(attributes.get("event_counts", "{}"))
     return ObservedSummary(
         extents=read_extents(json.loads(attributes.get("quantity_extents", "{}"))),

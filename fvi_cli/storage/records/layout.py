@@ -1,4 +1,4 @@
-"""Where the runs of a file belong: what is requested in its place, the rest beside it."""
+"""Paths of the runs in a file: requested runs at their own path, others next to it."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from fvi_cli.studies.experiment import FinishedRun
 
 
 def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
-    """How the record of a run is to be changed for the run as it was read back."""
+    """The changes that make the attributes of a record describe the run as it was read back."""
     again = stored_record(finished).attributes
     own = {
         name: value
         for name, value in record.attributes.items()
-        # what a later version has written stays
+        # attributes that a later version has added stay
         if name not in ORIGIN
         and (field_named(name) is not None or name == SWEPT or name.startswith("problem."))
     }
@@ -46,11 +46,11 @@ def layout_of(
     requested: Mapping[str, Mapping[str, int]],
     descriptions: Mapping[tuple[str, str], Description],
 ) -> dict[str, list[Entry]]:
-    """Runs, given by identity, by the path of the group where they belong.
+    """Runs by the path of the group in which they are to be written.
 
-    Of those that answer one request the `latest` is kept: what other code has computed again. What
-    is `requested` is given by path and identity with the number of its member; it may be described
-    anew there.
+    `entries` are given by identity. Of runs for one request (computed by different code) only the
+    `latest` is kept. `requested` maps path and identity to the number of the member; `descriptions`
+    hold new attributes for some of these.
     """
     found: dict[str, list[Entry]] = {}
     variants: dict[str, str] = {}
@@ -65,7 +65,7 @@ def layout_of(
 
     taken: set[str] = set()
     for path, numbers in requested.items():
-        # members in the order of the sweep, whenever they were computed
+        # members in the order of the sweep, not of their computation
         for identity in sorted(numbers, key=numbers.__getitem__):
             entry = entries[identity]
             if (path, identity) in descriptions:
@@ -83,7 +83,7 @@ def layout_of(
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
         put(entry, _from(kind.path, kind) if is_own else _neighbours(kind))
-    # in one order, independent of who found them
+    # sorted, so that the order does not depend on which run was computed first
     for entry in sorted(entries.values(), key=lambda one: one.request):
         if entry.is_reference and entry.identity == answered_by_own_code(entry.request):
             put(entry, _numbered(entry.kind.path))
@@ -91,7 +91,7 @@ def layout_of(
 
 
 def _from(path: str, kind: GroupKind) -> Iterator[str]:
-    """Paths for runs that the configuration requests, and for others of their values."""
+    """Possible paths of a requested run, in the order of preference."""
     if kind.has_own_times:
         yield from _numbered(path)
     yield path
@@ -99,7 +99,7 @@ def _from(path: str, kind: GroupKind) -> Iterator[str]:
 
 
 def _neighbours(kind: GroupKind) -> Iterator[str]:
-    """Paths for runs of other values, the first of which holds all methods."""
+    """Possible paths of a run with other values; runs of all methods share the first."""
     what = [kind.variant, repr(kind.group_key)]
     paths = [
         group_path(f"{kind.experiment}{VARIANT_MARK}{sha256(one)[:8]}", kind.case, kind.n_steps)
@@ -112,5 +112,5 @@ def _neighbours(kind: GroupKind) -> Iterator[str]:
 
 
 def _numbered(path: str) -> Iterator[str]:
-    """A path, and paths beside it; members that have times of their own share none."""
+    """A path, then the same with numbers: members with times of their own share no group."""
     return itertools.chain([path], (f"{path}-{number}" for number in itertools.count(2)))

@@ -1,4 +1,4 @@
-"""What is stored of one run, and where it lies."""
+"""The record of one run, and its place in a file or journal."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ SWEPT: Final = "swept"
 """Attribute of a member of a sweep: a JSON list of the keys in which members differ."""
 
 VARIANT_MARK: Final = "@"
-"""Behind the name of an experiment in a group that holds runs of other values."""
+"""Separates the name of an experiment from a digest in groups of runs with other values."""
 
 REFERENCES: Final = "@references"
-"""In place of an experiment: what errors are measured against, which every reader may skip."""
+"""Group of references (in place of an experiment's), which readers of runs may skip."""
 
 RUN_KEYS: Final = ("method", "n_steps")
 """Keys of a run's specification in which runs of one variant of an experiment may differ."""
@@ -32,19 +32,19 @@ RUN_KEYS: Final = ("method", "n_steps")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoredRecord:
-    """What is stored under an identity."""
+    """Attributes and arrays that are stored under an identity."""
 
-    identity: str  # by which code what is asked for was answered, and what is asked for
+    identity: str  # digest of the request and of the code that computed it
     request: str
-    # numbers, texts, lists of numbers; of a member of a sweep also its swept values (JSON)
+    # numbers, texts, lists of numbers; for a member of a sweep also its swept values (JSON)
     attributes: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]]  # by name, float64 or int64, with the names of their axes
-    axes: Mapping[str, tuple[str, ...]]
-    inputs: Inputs = field(default_factory=dict)  # what the specification names by digest
+    arrays: Mapping[str, NDArray[Any]]  # by name, float64 or int64
+    axes: Mapping[str, tuple[str, ...]]  # names of the axes of every array
+    inputs: Inputs = field(default_factory=dict)  # lists that the specification names by digest
 
     @functools.cached_property
     def checksum(self) -> str:
-        """SHA-256 of all attributes and of every number, wherever and however it lies."""
+        """SHA-256 of all attributes and of every number, independent of how they are stored."""
         words = [self.identity, self.request, self.attributes]
         digest = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
         for name in sorted(self.arrays):
@@ -66,7 +66,7 @@ def same_value(one: Any, other: Any) -> bool:
 
 
 class GroupKind(NamedTuple):
-    """What runs that lie in one group have in common; digests distinguish their values."""
+    """Properties that all runs of one group share; `variant` and `method` are digests."""
 
     experiment: str
     case: str
@@ -80,12 +80,12 @@ class GroupKind(NamedTuple):
 
     @property
     def path(self) -> str:
-        """Of the group, if the file's configuration asks for these runs."""
+        """Path of the group if the file's configuration requests these runs."""
         return group_path(self.experiment, self.case, self.n_steps)
 
     @property
     def group_key(self) -> tuple[object, ...]:
-        """What members of one path have in common that may share a group."""
+        """Runs of one path may share a group if these properties are equal."""
         return self.variant, self.method, self.is_refusal, self.swept
 
 
@@ -95,7 +95,7 @@ def group_path(experiment: str, case: str, n_steps: int) -> str:
 
 
 def kind_of(attributes: Mapping[str, Any]) -> GroupKind:
-    """The kind of a run with these attributes."""
+    """The kind of the group of a run with these attributes."""
     a = attributes
     refused = a["status"] == "refused" and a["predicted"] == "unstable"
     return _kind(
@@ -129,25 +129,25 @@ def _kind(
 
 
 def variant_of(specification: str, swept: tuple[str, ...], norm: str) -> str:
-    """What the runs of an experiment that belong together have in common, as a digest."""
+    """Digest of all that the runs of one variant of an experiment share."""
     shared = {k: v for k, v in json.loads(specification).items() if k not in RUN_KEYS}
     return sha256(canonical_json([shared, sorted(swept), norm]))
 
 
 def swept_by(run: Run) -> tuple[str, ...]:
-    """The keys in which a member of a sweep differs from others; none of a run that is none.
+    """The keys in which a member of a sweep differs from others; empty for a single run.
 
-    They are sorted: a file's own configuration has them in that order, whatever was written.
+    They are sorted, since the stored configuration of a file has sorted keys.
     """
     return () if run.member is None else tuple(sorted(run.member.values))
 
 
 Shapes = Sequence[tuple[str, tuple[int, ...], tuple[str, ...]]]
-"""Name, shape and axes of arrays."""
+"""(Name, shape, axes) of arrays."""
 
 
 class RecordSource(Protocol):
-    """What records are read from."""
+    """A file or journal from which records are read."""
 
     path: Path
 
@@ -158,18 +158,18 @@ class RecordSource(Protocol):
         """The run, not verified."""
 
     def shapes(self, entry: Entry) -> Shapes:
-        """How large the arrays of a run are."""
+        """Name, shape and axes of the arrays of a run."""
 
     def read_input(self, digest: str) -> NDArray[Any] | None:
-        """A list of numbers by its digest; None: it is not here."""
+        """A list of numbers by its digest; None: this source does not have it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Description:
-    """Attributes of a run that was written in another experiment, sweep or norm."""
+    """Changes of attributes for a run that was written for another experiment, sweep or norm."""
 
     changed: Mapping[str, Any]
-    without: frozenset[str]  # names of those that it has no more
+    without: frozenset[str]  # names of attributes to remove
 
     def of(self, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
         """The attributes, with these changes."""
@@ -179,33 +179,33 @@ class Description:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """Where a record lies: a row of a group of a file, or of a frame of a journal."""
+    """The place of a record: a row of a group of a file, or of a frame of a journal."""
 
-    identity: str  # of the record
+    identity: str  # identity of the record
     request: str
     checksum: str
-    # what it is read from, the path of its group there (of a journal where it belongs) and its
-    # number
+    # file or journal, path of the group in it (for a journal the path to which it will be written)
+    # and number in the group or frame
     source: RecordSource
     path: str
     row: int
-    kind: GroupKind  # of its group
+    kind: GroupKind  # kind of its group
     is_unstable: bool  # whether it was predicted to blow up
-    place: int = 0  # of a journal, where the frame begins
-    description: Description | None = None  # what it is to be described as, if it was another one
+    place: int = 0  # for a journal the byte at which the frame begins
+    description: Description | None = None  # changes of its attributes, if any
 
     def attributes(self) -> Mapping[str, Any]:
-        """Its attributes, not verified."""
+        """The attributes of the record, not verified."""
         own = self.source.attributes(self)
         return own if self.description is None else self.description.of(own)
 
     def described(self, description: Description) -> Entry:
-        """The same run, to be written as another one."""
+        """The same record with changes of its attributes."""
         kind = kind_of(description.of(self.source.attributes(self)))
         return replace(self, description=description, kind=kind)
 
     def record(self) -> StoredRecord:
-        """All of it, verified."""
+        """The whole record, verified."""
         record = self.source.read(self)
         if record.checksum != self.checksum:
             raise StorageError(
@@ -218,12 +218,12 @@ class Entry:
 
     @property
     def is_reference(self) -> bool:
-        """Whether it is no run, but what errors of runs are measured against."""
+        """Whether the record is a reference for errors, not a run."""
         return self.kind.experiment == REFERENCES
 
     @property
     def is_of_configuration(self) -> bool:
-        """Whether it lies where the runs lie that the file's configuration asks for."""
+        """Whether its path is that of a run which the file's configuration requests."""
         return VARIANT_MARK not in self.path
 
 

@@ -1,4 +1,4 @@
-"""What is stored of a reference: once for every scene, whatever methods are compared with it."""
+"""Stored references: one for every scene, with which all methods are compared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def reference_request_of(run: Run) -> str:
 
 
 def reference_record_of(run: Run, reference: Reference) -> StoredRecord:
-    """What is stored of the reference of a run, which is tabulated."""
+    """The record of the reference of a run; the reference must be tabulated."""
     if not isinstance(reference.values, Tabulated):
         raise TypeError(f"{run.title}: the reference is a function, which cannot be stored")
     ladder, finest = _ladder(run), max(run.experiment.steps)
@@ -48,7 +48,7 @@ def reference_record_of(run: Run, reference: Reference) -> StoredRecord:
 
 
 def reference_of_record(record: StoredRecord) -> Reference:
-    """The reference again."""
+    """The reference, read back."""
     return Reference(
         values=Tabulated(time=record.arrays["time"], position=record.arrays["position"]),
         error=float(record.attributes["error"]),

@@ -1,1 +1,1 @@
-"""Files of what is computed in the plane of complex frequencies."""
+"""Files of results in the plane of complex frequencies."""

@@ -16,7 +16,7 @@ from fvi_cli.studies.vibration.modes import ModeTable
 def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     """Write ``/<experiment>/`` with frequencies, damping and shapes of its modes.
 
-    Of a sweep there is ``/<experiment>/<number>/`` for each member, with the attribute ``member``.
+    For a sweep there is ``/<experiment>/<number>/`` for each member, with the attribute ``member``.
 
     ``real``, ``imaginary`` (of s, 1/time), ``frequency_hz``, ``damping_ratio``, ``loss_factor``,
     ``residual``, all ``(mode,)``; ``shape_real``, ``shape_imaginary``, ``(mode, dof)``, the
@@ -42,7 +42,7 @@ def _write(group: h5py.Group, table: ModeTable) -> None:
     group["dof"] = np.arange(len(table.coordinates))
     for axis in ("mode", "dof"):
         group[axis].make_scale(axis)
-    # names of thousands of coordinates are more than an attribute may hold
+    # names of thousands of coordinates exceed the largest attribute
     group.create_dataset(
         "coordinate", data=np.array(table.coordinates, dtype=object), dtype=h5py.string_dtype()
     ).dims[0].attach_scale(group["dof"])
