@@ -1,1 +1,1 @@
-"""Which runs a request asks for: planned, computed or recalled, and kept."""
+"""The runs of a request: planned, computed or read back, and stored."""

@@ -1,4 +1,4 @@
-"""The runs of a request: recalled or computed, and kept if that is wanted."""
+"""The runs of a request: read back or computed, and stored if that is requested."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def run(
     progress: bool = False,
     keeps_motions: bool = True,
 ) -> list[Outcome]:
-    """Compute every run of a configuration, as ``fvi run`` does; one that fails says so, no more.
+    """Compute every run of a configuration, as ``fvi run`` does; a failed run raises no exception.
 
     Parameters
     ----------
@@ -72,24 +72,24 @@ def run(
     workers
         Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
-        Address of a Dask scheduler, whose workers compute in their place.
+        Address of a Dask scheduler whose workers compute in place of processes here.
     fresh, fail_fast, allow_unstable, wait, shard, checkpoint_every
         As the options of the command line.
     keep
-        Store what is computed in `output`.
+        Store the computed runs in `output`.
     progress
         Show a progress bar where there is a terminal.
     keeps_motions
-        Give the points of members of a sweep; a summary does without them.
+        Return the points of members of a sweep; a summary does not need them.
 
-    One outcome for every experiment; a run that failed is among its finished ones with its status.
+    One outcome for every experiment; a failed run is among its finished runs, with its status.
 
     Raises
     ------
     StorageError
         If results cannot be read or written.
     RequestError
-        If as many runs as there are processes would take more memory than there is.
+        If the longest runs, one for each process, do not fit in memory together.
     """
     settings = Settings(
         output=Path(output or "."),
@@ -121,7 +121,7 @@ def run(
         shown: set[tuple[str, str, str]] = set()
 
         def take(one: FinishedJob) -> bool:
-            # a dead worker left no result: the next time it is computed again
+            # runs of a dead worker are not stored, so the next command computes them again
             if is_kept and one.stored:
                 store.add(one.stored)
             for run, finished in zip(one.job.runs, one.finished, strict=True):
@@ -145,8 +145,8 @@ def run(
                 )
         finally:
             if is_kept:
-                # also on Ctrl-C: what is finished is there for the next time
-                # a part of few packs may be empty, which those who wait for its file need not know
+                # also after Ctrl-C: the next command finds the finished runs
+                # a part may have no runs; its file is written all the same, for `fvi merge`
                 store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
         outcomes = [
             _outcome(experiment, [done[run] for run in runs if run in done])
@@ -158,19 +158,19 @@ def run(
 
 
 def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
-    """Read the runs of a result file that its configuration asks for; computes none.
+    """Read the runs of a result file that its configuration requests; computes none.
 
     Parameters
     ----------
     path
         Result file.
     overrides
-        Changes ``key.path=value`` of that configuration, for runs of other values in the file.
+        Changes ``key.path=value`` of that configuration, for runs with other values in the file.
 
     Raises
     ------
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
     """
     (request,) = gather([str(path)], overrides)
     return run(request, output=Path(path).parent)
@@ -187,15 +187,15 @@ def compute_jobs(
     is_kept: bool,
     begun: Mapping[Hashable, int] = MappingProxyType({}),
 ) -> None:
-    """Compute the jobs of a command: the one place for its progress, references and --fail-fast.
+    """Compute the jobs of a command, with progress, references and --fail-fast.
 
-    `take` is given what a job came to, and says whether that is an unexpected failure. References
-    are looked up in `store`, and those that are found are stored there if it `is_kept`; `begun` has
-    the steps of runs that an earlier command has done.
+    `take` is called with every finished job and returns whether it failed unexpectedly. References
+    are looked up in `store`; with `is_kept` computed references are stored there. `begun` holds the
+    numbers of steps that an earlier command has computed.
     """
     runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
     references = _References(store=store, jobs=jobs, is_kept=is_kept)
-    # a single search says how far it is in lines of its own
+    # a single search logs its progress itself
     is_single_search = len(runs) == 1 and runs[0][1].is_search
     with (
         run_bar(
@@ -225,7 +225,7 @@ def compute_jobs(
 
 
 class _References:
-    """What errors are measured against: stored, or in memory until the last run that needs it."""
+    """References for errors: stored ones, and others in memory until the last run needs them."""
 
     def __init__(self, *, store: Store, jobs: Sequence[Job], is_kept: bool) -> None:
         self._store, self._is_kept = store, is_kept
@@ -233,14 +233,14 @@ class _References:
         self._found: dict[tuple[Experiment, Member | None], Reference | Crash | None] = {}
 
     def of(self, run: Run) -> Reference | Crash | None:
-        """The reference of a run, or why there is none; None where it is to be found yet."""
+        """The reference of a run, or why there is none; None where it is not computed yet."""
         key = run.experiment, run.member
         if key in self._found:
             return self._found[key]
         return self._store.reference(run) if needs_refined_run(run) else None
 
     def learn(self, one: FinishedJob) -> None:
-        """Take in what a job has found."""
+        """Keep the references that a job has computed."""
         pairs = list(zip(one.job.runs, one.results, strict=True))
         for run, result in pairs:
             if result is None or isinstance(result, Reference | Crash):
@@ -250,7 +250,7 @@ class _References:
             self._store.add_references(found)
 
     def forget(self, job: Job) -> None:
-        """Let go of references that no further job needs."""
+        """Release references that no further job needs."""
         needs = job.needs
         if needs is not None:
             self._waiting[needs] -= 1
@@ -260,7 +260,7 @@ class _References:
 
 
 def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome:
-    """The outcome; of a single search that of the experiment with what was chosen."""
+    """The outcome; for a single search its experiment has the chosen method and steps."""
     is_chosen = experiment.needs_search and not experiment.members and finished
     own = finished[0].run.experiment if is_chosen else experiment
     return Outcome(experiment=own, finished=tuple(finished))
@@ -269,7 +269,7 @@ def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome
 def _begun(
     waiting: Sequence[Run], checkpoints: CheckpointFolder | None, *, is_fresh: bool
 ) -> dict[Hashable, int]:
-    """How many steps of runs are done; says which go on from a checkpoint."""
+    """Number of computed steps of unfinished runs; logs those that resume from a checkpoint."""
     if checkpoints is None:
         return {}
     if is_fresh:
@@ -286,14 +286,14 @@ def _begun(
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:
-    """Tell the bar how far a job is; the steps of what its errors are measured against apart."""
+    """Report the progress of a job to the bar; steps of a reference do not count as its steps."""
     within = bar.within
     if within is None:
         return None
 
     def watch(job: Job, done: int, n_steps: int) -> None:
         first = job.runs[0]
-        # how many steps a search takes is not known, and the measurement of a cost has several runs
+        # the steps of a search are not known in advance, and a cost is measured in several runs
         if first.is_search or job.kind == "cost":
             return
         name = _named(first.title, title)
@@ -307,12 +307,12 @@ def _watch(bar: RunBar, title: str) -> Watch | None:
 
 
 def _named(words: str, title: str) -> str:
-    """A run in one line, without the name of the experiment where the title has it already."""
+    """A run in one line, without the name of the experiment if the title has it already."""
     return words.removeprefix(f"{title} ")
 
 
 def _log_waiting(title: str, stored: int, waiting: Sequence[Run], why: Why) -> None:
-    """How many runs are computed, how many of them again for which reason."""
+    """Log how many runs are computed, and for which reasons."""
     _logger.info("%s: %d runs, %d of them stored", title, stored + len(waiting), stored)
     counts: Counter[str] = Counter()
     for run in waiting:
@@ -327,11 +327,11 @@ def _log_waiting(title: str, stored: int, waiting: Sequence[Run], why: Why) -> N
 
 
 def _report(finished: FinishedRun, shown: set[tuple[str, str, str]]) -> None:
-    """One line for a run, loud when it failed unexpectedly, and its remarks, those alike once."""
+    """Log a line for a run (a warning if it failed unexpectedly), and each of its remarks once."""
     run = finished.run
     for remark in finished.trajectory.remarks:
         alike = run.experiment.name, run.method.case, re.sub(r"[0-9.]+", "", remark)
-        # tables of orders have the other remarks of a ladder, and nothing has those of a motion
+        # tables of orders show the other remarks of a ladder, but no table those on outputs
         is_shown = remark.startswith(("stability:", "steps:")) or not run.observations.is_empty
         if is_shown and alike not in shown:
             shown.add(alike)

@@ -1,4 +1,4 @@
-"""What accuracy costs, measured for every run of a request."""
+"""The cost of accuracy, measured for every run of a request."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _logger = logging.getLogger(__name__)
 
 
 def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
-    """The requests, each of which can be measured; with methods of other packages if wanted.
+    """The requests, after a check that they can be measured; with `peers` methods of pycaputo too.
 
     Raises
     ------
     RequestError
-        With one line for everything that cannot be measured, and without that package.
+        With one line for everything that cannot be measured, or if pycaputo is not installed.
     """
     complaints = []
     for request in requests:
@@ -107,7 +107,7 @@ def cost(
     source
         As for :func:`load`.
     peers
-        Measure pycaputo beside the methods, if it is installed.
+        Measure pycaputo as well, if it is installed.
     fail_fast, progress
         As for :func:`run`.
 

@@ -1,4 +1,4 @@
-"""Stored runs that are no longer wanted are found, and removed from their file."""
+"""Find stored runs that are no longer wanted, and remove them from their file."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ def forget_runs(
     everything: bool = False,
     is_tried: bool = False,
 ) -> list[Entry]:
-    """Remove the runs from a result file for which everything holds that is given; returns them.
+    """Remove the runs that meet all given conditions from a result file, and return them.
 
-    Those that the file's configuration asks for with `overrides`, of the method `case` (or the
-    beginning of its name up to a ``-``), `others` that the configuration does not ask for, or all.
-    A file without runs is removed. With `is_tried` they are found only.
+    With `overrides` these are the runs that the file's configuration requests after these changes,
+    with `others` those that it does not request; with `case` the runs of this method (or of all
+    methods whose name begins with it up to a ``-``); with `everything` all runs. A file without
+    runs is removed. With `is_tried` the runs are found but not removed.
 
     Raises
     ------
@@ -43,7 +44,7 @@ def forget_runs(
         raise RequestError("--set and --others: give one of them")
     if path.suffix != STORED_SUFFIX:
         raise RequestError(f"{path}: not a result file; give one, such as {path.stem}.h5")
-    # says what is wrong with the file, or with the changes, before it is held
+    # errors in the file or the changes are raised before the file is locked
     (request,) = gather([str(path)], overrides)
     runs = (run for one in request.loaded.experiments for run in one.runs())
     requests = {request_of(run) for run in runs}
@@ -72,9 +73,10 @@ def forget(
     others: bool = False,
     everything: bool = False,
 ) -> int:
-    """Remove runs from a result file, as ``fvi forget`` does; returns how many.
+    """Remove runs from a result file, as ``fvi forget`` does, and return their number.
 
-    Those that its configuration asks for with `overrides`, of a method, not asked for, or all.
+    The runs that its configuration requests with `overrides`, of the method `case`, not requested
+    (`others`), or all (`everything`).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What ``fvi hard-cases`` measures."""
+"""The hard cases, as ``fvi hard-cases`` measures them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport, examine, ex
 def hard_cases(
     *, cases: Sequence[str] = (), methods: Sequence[str] = (), progress: bool = False
 ) -> HardCaseReport:
-    """What holds in the hard cases with every method, as ``fvi hard-cases`` measures it.
+    """Which claims hold in the hard cases with every method, as ``fvi hard-cases`` measures it.
 
     Parameters
     ----------
     cases, methods
-        Names, as they stand in the report; none: all of them.
+        Names, as in the report; empty: all of them.
     progress
         As for :func:`stability`.
 

@@ -1,4 +1,4 @@
-"""Integrate a scene by itself, without a configuration; methods also by their names."""
+"""Integrate a scene without a configuration; methods may be given by name."""
 
 from __future__ import annotations
 
@@ -46,33 +46,33 @@ def integrate(
     Parameters
     ----------
     scene
-        Effects and initial data; what is absent is not simulated.
+        Effects and initial data; effects that are absent are not simulated.
     method
         A method, or its name (:func:`fvi_cli.method_named`): ``gauss3``, ``bdf2-nodes``.
         With a mesh or adaptive steps the name of a Gauss method means the one with ``start: none``.
     n_steps
         N >= 1 for N equal steps; for Gauss methods also a :class:`Mesh`
         (:func:`uniform_mesh`, :func:`graded_mesh`, :func:`mesh_of`), or :class:`AdaptiveSteps`,
-        which are found on the way.
+        which are chosen during the run.
     every
         Keep every n-th point of the grid, and the last.
     diagnostics
-        What is computed beside the trajectory.
+        What is computed in addition to the trajectory.
     with_steps
         Keep the polynomials of the steps, for ``trajectory(t)`` and ``trajectory.velocity(t)``;
         for Runge-Kutta methods.
     output
         Times at which the motion is reported; the points of the mesh by default.
     quantities
-        By name expressions in coordinates, ``v<name>``, ``a<name>``, ``d<name>`` (the damping
-        force on it) and t: ``trajectory.observed.quantities`` at the reported times, and
-        ``trajectory.observed.extents``.
+        Expressions by name, in coordinates, ``v<name>``, ``a<name>``, ``d<name>`` (the damping
+        force on the coordinate) and t; their values at the reported times are
+        ``trajectory.observed.quantities``, their peaks etc. ``trajectory.observed.extents``.
     events
-        By name such an expression, or ``{"when": ..., "direction": ..., "stop": ...}``, for the
-        times at which it changes its sign: ``trajectory.observed.events``.
+        Such expressions, or ``{"when": ..., "direction": ..., "stop": ...}``, by name; the times
+        at which they change sign are ``trajectory.observed.events``.
     impacts
-        By name ``{"when": ..., "restitution": ...}``: where that expression in coordinates and t
-        falls to 0 the velocity along its gradient is reversed and scaled.
+        ``{"when": ..., "restitution": ...}`` by name: where the expression ``when`` in coordinates
+        and t falls to 0, the velocity along its gradient is reversed and scaled.
     coordinates, parameters
         Names in these expressions: by default ``x``, or ``x1``, ``x2``, ..., or the coordinates of
         the Lagrangian; and values of further names.
@@ -80,13 +80,13 @@ def integrate(
     Returns
     -------
     Trajectory
-        With its status; a run that diverges is no exception. ``trajectory.remarks`` say what its
-        steps were too long for, and what to write.
+        With its status; a run that diverges raises no exception. ``trajectory.remarks`` warn of
+        steps that are too long, and say what to write.
 
     Raises
     ------
     ValueError
-        For numbers out of range and a name that says no method.
+        For numbers out of range and an unknown name of a method.
     """
     if not isinstance(scene, Scene):
         raise TypeError(
@@ -103,7 +103,7 @@ def integrate(
         parameters=parameters,
         further=tuple(damper_values(scene)),
     )
-    # remarks look at all points of a nonlinear run, where there is room for them
+    # remarks are based on all points of a nonlinear run, if memory permits
     is_thinned = every != 1 and request.is_empty and _fits(scene, n_steps, every)
     ((whole, found),) = integrate_requested(
         [scene],
@@ -126,7 +126,7 @@ def integrate(
 
 
 def _fits(scene: Scene, n_steps: AnySteps, every: int) -> bool:
-    """Whether all points of a nonlinear run may be kept for a while."""
+    """Whether all points of a nonlinear run fit in memory until they are thinned."""
     if not isinstance(n_steps, int) or scene.is_linear or scene.prescribed is not None:
         return False
     check_counts(n_steps, every)
@@ -136,7 +136,7 @@ def _fits(scene: Scene, n_steps: AnySteps, every: int) -> bool:
 def _step_remarks(
     scene: Scene, method: AnyMethod, n_steps: AnySteps, run: Trajectory
 ) -> tuple[str, ...]:
-    """What the steps of a run were too long for; adaptive steps look for that themselves."""
+    """Warnings of steps that are too long; adaptive steps need none."""
     if isinstance(n_steps, AdaptiveSteps) or getattr(method, "name", "") == "dop853":
         return ()
     longest = float(np.diff(n_steps.times).max()) if isinstance(n_steps, Mesh) else run.step_size

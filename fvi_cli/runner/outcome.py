@@ -1,4 +1,4 @@
-"""What became of an experiment: its finished runs, and what of them went wrong."""
+"""The outcome of an experiment: its finished runs, and which of them failed."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What became of one experiment."""
+    """The finished runs of one experiment."""
 
-    experiment: Experiment  # what was asked for
-    finished: tuple[FinishedRun, ...]  # in the order of the experiment's own list
+    experiment: Experiment  # the requested experiment
+    finished: tuple[FinishedRun, ...]  # in the order of Experiment.runs
 
     if not TYPE_CHECKING:
 
@@ -73,10 +73,10 @@ class Outcome:
         return ""
 
     def plot(self, figure: str | Mapping[str, Any] | None = None) -> Figure:
-        """Draw one figure, by default the first that the experiment asks for.
+        """Draw one figure, by default the first one of the experiment.
 
-        Another is named as an entry of ``figures``: by a word such as ``trajectory``, or a mapping
-        such as ``{"plot": "peak_drift", "against": "problem.stiffness"}``.
+        Write `figure` as an entry of ``figures``: a word such as ``trajectory``, or a mapping such
+        as ``{"plot": "peak_drift", "against": "problem.stiffness"}``.
 
         Raises
         ------
@@ -99,11 +99,11 @@ class Outcome:
     def to_dataframe(self, what: Literal["runs", "motions", "events"] = "runs") -> Any:
         """A pandas DataFrame.
 
-        ``runs``: a line for every run, with columns for the design and every swept key, error and
+        ``runs``: a row for every run, with columns for the design and every swept key, error and
         status, extents of quantities (``peak_drift``, ``rms_drift``, ...) and numbers of events.
-        ``motions``: the points of all runs, those columns as levels of the index beside the time.
-        ``events``: a line for every occurrence of an event or impact, with those columns, its
-        name and time, and positions (``x``) and velocities (``vx``) then.
+        ``motions``: the points of all runs; the index has these columns and the time as levels.
+        ``events``: a row for every occurrence of an event or impact, with these columns, its name
+        and time, and positions (``x``) and velocities (``vx``) at that time.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Outcome:
             yield {"event": name, "time": seen.time, **motion}
 
     def _row(self, one: FinishedRun) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What identifies a run, and what was found of it."""
+        """Columns that identify a run, and columns of its results."""
         columns = member_columns(self.experiment.members, lambda finished: finished.run.member)
         key = {column.name: column.of(one) for column in columns}
         key |= {"method": one.run.method.label, "case": one.run.method.case}
@@ -162,7 +162,7 @@ class Outcome:
         return key, found
 
     def _by_method(self) -> list[tuple[str, str, str]]:
-        """Case, numbers of runs by status, and the least error of every method."""
+        """(Case, numbers of runs by status, least error) of every method."""
         rows = []
         for method in dict.fromkeys(one.run.method for one in self.finished):
             own = [one for one in self.finished if one.run.method == method]
@@ -175,7 +175,7 @@ class Outcome:
 
     @property
     def unexpected(self) -> tuple[FinishedRun, ...]:
-        """Runs that came to nothing although the configuration did not say so."""
+        """Runs that failed although the configuration does not expect it."""
         return tuple(f for f in self.finished if is_unexpected_failure(f))
 
     @property
@@ -185,7 +185,7 @@ class Outcome:
 
 
 def without_motion(finished: FinishedRun) -> FinishedRun:
-    """A member of a sweep as a summary has it, without the points of its motion."""
+    """A member of a sweep without the points of its motion, as a summary needs it."""
     own = finished.trajectory
     if finished.run.member is None or own.observed is not None:
         return finished

@@ -1,4 +1,4 @@
-"""What would be done with every run of a request, and why."""
+"""Plans: what would be done with every run of a request, and why."""
 
 from __future__ import annotations
 
@@ -39,34 +39,34 @@ from fvi_cli.studies.reference import (
 from fvi_cli.studies.study import prediction_of
 
 MOST_ALIKE = 1024
-"""Members of a sweep among which those are looked for that are computed with the first."""
+"""The batch of a member is searched among so many members of a sweep."""
 
 _SEARCH = "steps are chosen during the run, for {}; a second run estimates the error"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlannedRun:
-    """What would be done with one run."""
+    """The plan for one run."""
 
     run: Run
-    # reuse a stored result, compute, refuse, or leave out: a result file was named, from which
-    # nothing is computed
+    # "reuse" a stored result, "compute", "refuse", or "leave out" (a run that is missing in the
+    # result file of the request)
     action: str
-    # stored; new, older solver, changed: problem.stiffness (see fvi_cli.storage.Reasons) or
-    # --fresh; resume at step 4096 of 65536 from a checkpoint; refused: and what is predicted;
-    # not in the file
+    # to reuse: stored; to compute: new, older solver, changed: problem.stiffness (see
+    # fvi_cli.storage.Reasons), --fresh, or resume at step 4096 of 65536; to refuse: refused: and
+    # the prediction; to leave out: not in the file
     reason: str
     predicted: Predicted
 
     @property
     def finds_steps(self) -> bool:
-        """Whether method and number of steps are found on the way, and not known now."""
+        """Whether a search will choose method and number of steps, which are not known now."""
         return self.run.experiment.accuracy is not None and self.action != "reuse"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Forecast:
-    """What a run will take: its plan, and its seconds on this machine; None: not known."""
+    """The plan of a run, and its seconds on this machine; None: not known."""
 
     plan: Plan
     seconds: float | None = None
@@ -81,7 +81,7 @@ def plan(
     allow_unstable: bool = False,
     shard: str = "1/1",
 ) -> list[PlannedRun]:
-    """What :func:`run` would do with every run, why, and what is predicted; writes no file."""
+    """What :func:`run` would do with every run, why, and the prediction; writes no file."""
     settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
     request = requested(source, allow_unstable=allow_unstable)
     check_memory_together(request, settings)
@@ -110,7 +110,7 @@ def plan(
 def _missing(
     run: Run, why: Why, request: Request, begun: Mapping[Run, int]
 ) -> tuple[str, str, Predicted]:
-    """What would be done with a run that is not stored, why, and what is predicted."""
+    """Action, reason and prediction for a run that is not stored."""
     try:
         prediction = prediction_of(run)
     except Exception as error:
@@ -124,7 +124,7 @@ def _missing(
 
 
 def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
-    """Every plan by itself, but those of members that differ in their members only."""
+    """Groups of plans: members with the same plan form one group, any other plan its own."""
     groups: dict[tuple[object, ...], list[PlannedRun]] = {}
     for plan in plans:
         run = plan.run
@@ -134,10 +134,10 @@ def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
 
 
 def forecast_runs(plans: Sequence[PlannedRun]) -> dict[Run, Forecast]:
-    """What the runs on given steps take, and how long those take that would be computed.
+    """Forecasts for runs on given steps; with seconds for those that would be computed.
 
-    Processor seconds are measured on the finest steps of every method, and contain for each run its
-    share of what its error is measured against.
+    Processor seconds are measured on the finest steps of every method. Each run has its share of
+    the time of the references.
     """
     known = [one for one in plans if not one.finds_steps]
     found = {run: Forecast(plan=plan) for run, plan in engine_plans([p.run for p in known]).items()}
@@ -163,10 +163,10 @@ def forecast_runs(plans: Sequence[PlannedRun]) -> dict[Run, Forecast]:
 
 
 def _reference_seconds(batch: Sequence[Run]) -> float:
-    """Of the refined runs of a scene on grids: two, and every other time a third (guessed)."""
+    """Seconds of the refined runs of a scene on grids: two, and half the time a third (guessed)."""
     experiment, first = batch[0].experiment, batch[0]
     n_steps = first_steps(math.lcm(*experiment.steps))
-    # an exact solution is held against short runs only
+    # an exact solution is checked by short runs only
     is_refined = needs_refined_run(first) and first.problem.exact is None
     if not is_refined or 2 * n_steps > MOST_STEPS or experiment.grading != 1.0:
         return 0.0
@@ -179,7 +179,7 @@ def _reference_seconds(batch: Sequence[Run]) -> float:
 
 
 def engine_plans(runs: Sequence[Run]) -> dict[Run, Plan]:
-    """How runs on given steps are integrated; members as the first of them is."""
+    """Integration plans of runs on given steps; all members get the plan of the first."""
     found: dict[Run, Plan] = {}
     for alike in _alike([run for run in runs if run.problem.scene is not None]):
         batch = batches_of(alike[:MOST_ALIKE])[0]
@@ -198,7 +198,7 @@ def engine_plans(runs: Sequence[Run]) -> dict[Run, Plan]:
 
 
 def _alike(runs: Sequence[Run]) -> list[list[Run]]:
-    """Every run by itself, but members of a sweep by one method on the same steps."""
+    """Groups of runs: members with one method and N form one group, any other run its own."""
     groups: dict[object, list[Run]] = {}
     for run in runs:
         is_single = run.member is None
@@ -209,9 +209,9 @@ def _alike(runs: Sequence[Run]) -> list[list[Run]]:
 
 
 def _timing(batch: Sequence[Run], plan: Plan) -> Timing:
-    """The begin of a batch, seconds of each of its members."""
+    """Measure the beginning of a batch; seconds of one member."""
     run, experiment = batch[0], batch[0].experiment
-    # of members that are integrated individually one says enough
+    # members that are integrated individually take the same time: measure one
     together = batch if plan.members > 1 and experiment.diagnostics.is_empty else batch[:1]
     job = short_job(
         [one.scene for one in together],
@@ -232,7 +232,7 @@ def _timing(batch: Sequence[Run], plan: Plan) -> Timing:
 
 
 def check_memory_together(request: Request, settings: Settings) -> None:
-    """The longest runs must have room at the same time; one alone was looked at before."""
+    """Refuse if the longest runs do not fit in memory together; single runs are checked before."""
     if settings.workers == 1 or request.stored is not None:
         return
     sizes = [

@@ -15,7 +15,7 @@ BAR_WIDTH = 20
 
 
 class StandardErrorHandler(logging.Handler):
-    """Writes to what ``sys.stderr`` is at that moment, so that a progress bar can step aside."""
+    """Writes to the present ``sys.stderr``, which a progress bar replaces while it is shown."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record as one line; if the stream is closed, the computation goes on."""
@@ -24,7 +24,7 @@ class StandardErrorHandler(logging.Handler):
 
 
 def configure_logging(level: int) -> logging.Logger:
-    """Send the records of this program from `level` on to standard error, and no others."""
+    """Send only records of this program of at least `level` to standard error."""
     logger = logging.getLogger("fvi_cli")
     for handler in list(logger.handlers):
         logger.removeHandler(handler)
@@ -36,12 +36,12 @@ def configure_logging(level: int) -> logging.Logger:
 
 @dataclass(frozen=True, kw_only=True)
 class RunBar:
-    """What a bar over runs receives."""
+    """Callbacks that update a progress bar over runs."""
 
-    # called with a word on each piece of work that is done, its key and its number of steps
+    # called with a description of every finished piece of work, its key and its number of steps
     finished: Callable[[str, Hashable, int], None]
-    # called with words on a piece that is being done, its key, and how many steps of it are done,
-    # or None for steps that do not count; None without a callback
+    # called with a description of an unfinished piece, its key and its number of finished steps
+    # (None: these do not count); None: there is no bar
     within: Callable[[str, Hashable, int | None], None] | None = None
 
 
@@ -49,7 +49,7 @@ class RunBar:
 def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
     """Show a bar on standard error if it is `wanted` and standard error is a terminal.
 
-    It yields a function to be called with a word on each of the `total` pieces that is done.
+    It yields a function; call it with a description of each of the `total` pieces when it is done.
     """
     with run_bar(title, total, total, wanted=wanted) as bar:
         yield lambda doing: bar.finished(doing, None, 1)
@@ -64,13 +64,13 @@ def run_bar(
     wanted: bool,
     begun: Mapping[Hashable, int] = MappingProxyType({}),
 ) -> Iterator[RunBar]:
-    """As :func:`progress_bar` for runs of different lengths: the bar and the time left go by steps.
+    """As :func:`progress_bar` for runs of different lengths: the bar and the time count steps.
 
-    What is being done takes the room that is left and is cut there, so that the bar, the count and
-    the times are whole on a screen of 80 columns.
+    The description of the present run is cut to the remaining width, so that the bar, the count and
+    the times are complete on a screen of 80 columns.
 
-    The title stands where later the run is named; `begun` has the steps of pieces that an earlier
-    command has done, by their keys.
+    The title is shown until the first run is described; `begun` holds by key the numbers of steps
+    that an earlier command has computed.
     """
     if not (wanted and runs and sys.stderr.isatty()):
         yield RunBar(finished=lambda doing, key, steps: None)
@@ -121,7 +121,7 @@ def run_bar(
 
         def within(doing: str, key: Hashable, done: int | None) -> None:
             if done is not None:
-                # several integrations may belong to one piece: what is behind stays behind
+                # a piece may need several integrations: the one that is furthest counts
                 running[key] = max(running.get(key, 0), done)
             show(doing)
 

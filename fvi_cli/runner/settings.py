@@ -1,4 +1,4 @@
-"""How the runs of a request are computed: what the options of a command say."""
+"""Settings of a computation: the options of a command."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from fvi_cli.studies.experiment import Experiment, Run
 
 _SCHEMES = ("tcp", "tls", "ucx", "ws", "wss", "inproc")
 CHECKPOINT_SECONDS = 60.0
-"""Between two checkpoints of a run, by default."""
+"""Default time between two checkpoints of a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What the options of a command ask for.
+    """How the runs of a request are computed, as the options of a command say.
 
     Raises
     ------
@@ -35,19 +35,18 @@ class Settings:
 
     output: Path  # folder of results
     workers: int = 1  # number of processes of this machine
-    dask: str | None = None  # address of a Dask scheduler whose workers compute in their place
+    dask: str | None = None  # address of a Dask scheduler; its workers replace local processes
     fresh: bool = False  # ignore stored runs
     fail_fast: bool = False  # stop at the first unexpected failure
     show_progress: bool = True  # draw a progress bar where there is a terminal
-    keep: bool = True  # write what is computed; otherwise nothing at all is written
-    # between two checkpoints of a run that takes longer than that
+    keep: bool = True  # write results; otherwise no file is written
+    # time between two checkpoints of a run
     checkpoint_seconds: float = CHECKPOINT_SECONDS
     # where another command writes the same result file, wait until that has ended
     waits: bool = False
-    # give the points of members of a sweep to who asked; a summary can do without them once they
-    # are stored
+    # return the points of members of a sweep; a summary does not need them once they are stored
     keeps_motions: bool = True
-    shard: Shard = WHOLE  # compute this part of every configuration alone, into a file of its own
+    shard: Shard = WHOLE  # compute only this part of every configuration, into a file of its own
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
@@ -65,7 +64,7 @@ class Settings:
             )
 
     def executor(self, watch: Watch | None = None) -> Executor:
-        """Where runs are computed; `watch` receives their progress, on this machine."""
+        """The executor of runs; on this machine `watch` receives their progress."""
         if self.dask is not None:
             return DaskCluster(address=self.dask)
         if self.workers > 1:
@@ -73,12 +72,12 @@ class Settings:
         return InProcess(watch=watch)
 
     def runs_of(self, request: Request) -> dict[Experiment, list[Run]]:
-        """The runs and searches of a part of a configuration; of a result file all."""
+        """The runs and searches of this part of a configuration; for a result file all."""
         shard = self.shard if request.stored is None else WHOLE
         return shard.runs_of(request.loaded.experiments)
 
     def checkpoints(self, request: Request) -> CheckpointFolder | None:
-        """Where runs of `request` keep checkpoints; None where they keep none.
+        """The folder of checkpoints of a request; None where there are no checkpoints.
 
         Workers of a scheduler may not see the folder.
         """

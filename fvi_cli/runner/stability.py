@@ -1,4 +1,4 @@
-"""Studies of stability that a request asks for."""
+"""Stability studies of a request."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def stability(
     source
         As for :func:`load`.
     over
-        Entries to vary, such as ``problem.stiffness=1:1e6:40:log``; at most two, and not for a
-        configuration that is loaded already.
+        Keys to vary, such as ``problem.stiffness=1:1e6:40:log``; at most two, and none for a
+        configuration that is already loaded.
     observe
         Compare with runs from random data; default as configured.
     progress

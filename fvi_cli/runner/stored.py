@@ -1,4 +1,4 @@
-"""What a request finds in its result file: which runs are stored, and why others are not."""
+"""The result file of a request: which runs are stored, and why others are computed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _logger = logging.getLogger(__name__)
 FRESH = "--fresh"
 
 Why = Callable[[Run], str]
-"""Says why a run is computed that was not found."""
+"""Returns the reason why a run that is not stored is computed."""
 
 
 def resumed_at(run: Run, reached: int) -> str:
-    """In words that a run goes on from its checkpoint."""
+    """The reason of a run that resumes from its checkpoint."""
     return f"resume at step {reached} of {run.n_steps}"
 
 
 def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
-    """A stored run; a search that was refused is repeated, unless nothing is computed."""
+    """A stored run, or None; a refused search is repeated, unless the request is a result file."""
     is_refused = found is not None and found.run.is_search and found.status == "refused"
     return None if is_refused and request.stored is None else found
 
@@ -36,9 +36,9 @@ def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
 def stored_runs(
     request: Request, settings: Settings, *, writes: bool = False
 ) -> Iterator[tuple[Store, Why]]:
-    """The result file of a request, opened once, and why a run that it has not is computed.
+    """The result file of a request, opened once, and the reasons for runs that it lacks.
 
-    A command that `writes` holds it, and adds runs.
+    A command that `writes` locks the file, and may add runs.
     """
     is_fresh = settings.fresh and request.stored is None
     path = settings.path_of(request)
@@ -58,7 +58,7 @@ def stored_runs(
 
 
 def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
-    """Say which runs are not in the result file that was named.
+    """Warn of requested runs that the result file lacks.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
 
 
 def _unusable(experiment: Experiment, results: Store) -> str:
-    """Why no run of an experiment can be used, and what to do."""
+    """A message: why no run of an experiment can be used, and what to do."""
     runs = experiment.runs()
     reasons = Reasons(stored=results, requested=lambda: runs)
     found = sorted({reasons.of(run) for run in runs})

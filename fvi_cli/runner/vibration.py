@@ -39,7 +39,7 @@ def linear_scenes(request: Request) -> Iterator[tuple[Subject, Problem]]:
     Raises
     ------
     RequestError
-        Where an experiment has no scene, or one that is not linear.
+        If an experiment has no scene, or one that is not linear.
     """
     for experiment in request.loaded.experiments:
         for member in experiment.members or (None,):
@@ -56,7 +56,7 @@ def linear_scenes(request: Request) -> Iterator[tuple[Subject, Problem]]:
 
 
 def linear_tasks(request: Request, action: str) -> list[Task]:
-    """Every linear scene of a request, for a computation that has a name."""
+    """One task with the name `action` for every linear scene of a request."""
     return [
         Task(
             experiment=one.experiment.name,
@@ -76,11 +76,12 @@ def modes(
     Parameters
     ----------
     source
-        As of :func:`load`.
+        As for :func:`load`.
     count
-        How many; default 10, or all of fewer.
+        Number of modes; default 10, or all if there are fewer.
     near
-        Frequency in oscillations per unit of time, to which they are nearest; default: the lowest.
+        Frequency (oscillations per unit of time) near which modes are computed; default: the
+        lowest modes.
 
     Raises
     ------
@@ -158,20 +159,20 @@ def response(
     Parameters
     ----------
     source
-        As of :func:`load`.
+        As for :func:`load`.
     over
-        Frequencies, ``frequency=FROM:TO:NUMBER`` or with ``:log`` behind.
+        Frequencies, ``frequency=FROM:TO:NUMBER``, or with ``:log`` at the end.
     force
         Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
         ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
     at
-        Outputs to report, linear expressions in what quantities know (``ax5``, ``drift_1``,
-        ``force_1``) or names of quantities; default: the coordinate that moves most.
+        Outputs to report, linear expressions in the names that quantities may use (``ax5``,
+        ``drift_1``, ``force_1``) or names of quantities; default: the coordinate that moves most.
 
     Raises
     ------
     RequestError
-        For scenes that are not linear, and places that do not exist.
+        For scenes that are not linear, and coordinates that do not exist.
     """
     hertz = frequencies(over)
     tables = []

@@ -1,4 +1,4 @@
-"""Runs that are computed, and stored, together: members of a sweep that share method and N."""
+"""Batches: members of a sweep with one method and N, computed and stored together."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ Pack = tuple[object, ...]
 Batch = tuple[Run, ...]
 
 LEAST_PACK, LARGEST_PACK, PACKS = 8, 64, 16
-"""Batched members gain little beyond the largest pack, which is what a worker takes, and what
-an interruption loses; smaller sweeps are dealt into so many packs, for that many workers."""
+"""Least and largest number of members of a pack; and number of packs into which smaller sweeps are
+divided, for as many workers. Larger packs gain little, and an interruption loses a pack."""
 
 
 FOR_OBSERVATIONS = 4
-"""So many times the memory takes a member whose steps are kept, with those of a second run."""
+"""Factor in memory for a member whose steps are kept, with those of a second run."""
 
 
 def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
     """The runs in the groups that are computed together.
 
-    A run that belongs to no sweep stands alone, in its place. Members of a sweep are dealt into
-    packs, so that a batch on the finest grid takes at most
+    A run that belongs to no sweep is a batch by itself. Members of a sweep are divided into packs,
+    so that a batch on the finest grid takes at most
     :data:`fvi_cli.studies.members.BATCH_BYTES` of memory; a batch is one pack with one method and
-    one number of steps. Who is in a pack depends on the experiment alone, for the last digits of a
-    member depend on its neighbours: the numbers are the same wherever they are computed. The
-    batches of a pack follow each other, for they share what errors are measured against.
+    one number of steps. The last digits of a member depend on the other members of its batch; so
+    the division depends only on the experiment, and numbers are the same wherever they are
+    computed. The batches of a pack follow each other, since they share references.
     """
     packs: dict[Pack, dict[tuple[object, ...], list[Run]]] = {}
     for run in runs:
@@ -36,7 +36,7 @@ def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
 
 
 def pack_of(run: Run) -> Pack:
-    """Which runs stay together: the same for all members of a pack, with any method and N."""
+    """Key of the pack of a run: equal for all members of a pack, with any method and N."""
     if run.member is None:
         return run.experiment, run.method, run.n_steps
     if run.is_search:
@@ -45,9 +45,9 @@ def pack_of(run: Run) -> Pack:
 
 
 def pack_size(experiment: Experiment) -> int:
-    """How many members of a sweep are computed together at most; 1 where nothing is swept.
+    """Most members of a sweep that are computed together.
 
-    Also 1 where impacts are asked for: these members share nothing.
+    It is 1 without a sweep, and with impacts, since members are then computed one by one.
     """
     if one_by_one_words(experiment):
         return 1
@@ -61,7 +61,7 @@ def pack_size(experiment: Experiment) -> int:
 
 
 def one_by_one_words(experiment: Experiment) -> str:
-    """Why members of a sweep share nothing; empty where they may."""
+    """Why members of a sweep are computed one by one; empty where they are batched."""
     if experiment.accuracy or not (experiment.members and experiment.observations.impacts):
         return ""
     return (

@@ -1,4 +1,4 @@
-"""Checkpoints of runs that are not finished, in a folder beside a result file."""
+"""Checkpoints of unfinished runs, in a folder next to their result file."""
 
 from __future__ import annotations
 
@@ -20,23 +20,25 @@ from fvi_cli.studies.experiment import Run
 _logger = logging.getLogger(__name__)
 
 LEAST_RATIO = 20.0
-"""Between two checkpoints lies this multiple of the time that writing one takes, at least."""
+"""The time between two checkpoints is at least this multiple of the time to write one."""
 
 WHOLE_RATIO = 60.0
-"""A run with others behind it is kept when it ends if it took this share of that time, 1/60."""
+"""A run that is not stored next is kept at its end if it took 1/60 of the time between checkpoints.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckpointFolder:
-    """Where runs of a result file keep their checkpoints."""
+    """The folder in which runs of a result file keep their checkpoints."""
 
     folder: Path
-    seconds: float  # between two checkpoints of a run, at least
+    seconds: float  # least time between two checkpoints of a run
 
     def of(self, batch: Batch, *, is_stored_next: bool = True) -> CheckpointFile:
-        """The checkpoint of a run, a search, or runs that are computed together.
+        """The checkpoint of a run, a search, or a batch of runs.
 
-        A run that is not stored next, since observations follow it, is kept when it has ended.
+        With `is_stored_next` false (observations are still to be computed) the checkpoint is kept
+        when the run has ended.
         """
         first = batch[0]
         label, title = identity_of(first), first.title
@@ -53,7 +55,7 @@ class CheckpointFolder:
         )
 
     def unfinished(self, runs: Sequence[Run]) -> dict[Run, int]:
-        """How many steps are done of those runs whose batch has a checkpoint to be believed."""
+        """Number of computed steps of every run whose batch has a valid checkpoint."""
         if not checkpoint_paths(self.folder):
             return {}
         found: dict[Run, int] = {}
@@ -65,13 +67,13 @@ class CheckpointFolder:
         return found
 
     def resumed(self, search: Run) -> str:
-        """In words what is kept of the runs of a search; empty: nothing."""
+        """A message on kept runs of a search; empty: there are none."""
         owner = f"{identity_of(search)}."
         found = [path for path in checkpoint_paths(self.folder) if path.name.startswith(owner)]
         return f"resume: {len(found)} runs of the search kept, whole or in part" if found else ""
 
     def remove(self, runs: Iterable[Run]) -> None:
-        """Forget how far these runs were.
+        """Remove the checkpoints of these runs.
 
         Raises
         ------
@@ -84,18 +86,18 @@ class CheckpointFolder:
 
 @dataclass(kw_only=True, eq=False)
 class CheckpointFile:
-    """The checkpoint of one run, as :class:`fvi_cli.integrator.run.checkpoint.RunKeeper` asks.
+    """The checkpoint of one run; a :class:`fvi_cli.integrator.run.checkpoint.RunKeeper`.
 
-    A full disk or a broken file is reported and does no harm: without a checkpoint a run begins at
-    its start, and it goes on without one.
+    A full disk or a damaged file gives a warning, not an error: the run then goes on without a new
+    checkpoint, or begins at its start.
     """
 
-    folder: Path  # of the file
+    folder: Path  # folder of the file
     title: str  # the run in words
-    # identity of the run, which says by which version of the solver; of one of the runs that a
-    # search or a batch makes also which one it is
+    # identity of the run, which includes the version of the solver; for one of the runs of a search
+    # or a batch also its name
     label: str
-    seconds: float  # between two checkpoints, at least
+    seconds: float  # least time between two checkpoints
     is_stored_next: bool = True  # whether the run is stored as soon as it ends
     _due: float = field(init=False)
     _has_logged_failure: bool = field(init=False, default=False)
@@ -105,17 +107,17 @@ class CheckpointFile:
 
     @property
     def path(self) -> Path:
-        """The file, whose name begins with the identity of the run."""
+        """The path of the file; its name begins with the identity of the run."""
         owner, _, which = self.label.partition(" ")
         name = f"{owner}.{hashlib.sha256(which.encode()).hexdigest()[:16]}" if which else owner
         return self.folder / f"{name}{CHECKPOINT_SUFFIX}"
 
     def of_run(self, name: str) -> CheckpointFile:
-        """The checkpoint of one of the runs that this search or batch makes."""
+        """The checkpoint of one of the runs of this search or batch."""
         return replace(self, label=f"{self.label} {name}", is_stored_next=False)
 
     def load(self) -> Checkpoint | None:
-        """What was kept of this run and is whole; None otherwise."""
+        """The checkpoint of this run if it is valid; None otherwise."""
         try:
             return self._read()
         except FileNotFoundError:
@@ -127,7 +129,7 @@ class CheckpointFile:
         return None
 
     def steps_done(self) -> int | None:
-        """How many steps of the grid are done; None without a checkpoint to be believed."""
+        """Number of computed steps of the grid; None without a valid checkpoint."""
         try:
             return self._read().reported
         except (OSError, ValueError):
@@ -141,7 +143,7 @@ class CheckpointFile:
             return Checkpoint.read(stream, self.label)
 
     def reject(self, reason: str) -> None:
-        """Say why the checkpoint is of no use."""
+        """Warn that the checkpoint is ignored, with the reason."""
         _logger.warning(
             "%s: checkpoint %s is ignored: %s; the run begins at its start",
             self.title,
@@ -154,11 +156,11 @@ class CheckpointFile:
         return time.monotonic() >= self._due
 
     def is_kept_whole(self, seconds: float) -> bool:
-        """Whether a run that took so long is kept when it has ended: others are soon done again."""
+        """Whether a run that took `seconds` is kept at its end; shorter ones are soon repeated."""
         return not self.is_stored_next and seconds >= self.seconds / WHOLE_RATIO
 
     def save(self, checkpoint: Checkpoint) -> None:
-        """Write a checkpoint in place of the one before; if that fails the run goes on."""
+        """Replace the checkpoint by a new one; if that fails the run goes on."""
         began = time.monotonic()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)

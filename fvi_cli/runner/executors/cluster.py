@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _logger = logging.getLogger(__name__)
 
 CONNECTION_SECONDS = 20.0
-"""For an answer of the scheduler: a machine with much to do leaves it waiting for long."""
+"""Longest wait for an answer of the scheduler, which may be slow on a busy machine."""
 _CLOSING_SECONDS = 2.0
 _SECONDS_BETWEEN_LOOKS = 5.0
 _JOBS_AHEAD = 2
@@ -43,18 +43,18 @@ _ONE_AT_A_TIME = threading.Lock()
 class DaskCluster(Executor):
     """Computes on the workers of an existing Dask scheduler.
 
-    No more jobs are sent ahead than keep the workers busy, so that neither this process nor
-    the scheduler has to hold them all. A worker that dies is answered by the scheduler: it gives
-    its jobs to other workers as often as its setting ``distributed.scheduler.allowed-failures``
-    says (3 unless it was changed). It does not know which of the jobs that waited at that worker
-    was the reason; so one that is given up is sent once more from here, alone, after all others.
-    When its workers die again, it is lost.
+    Only so many jobs are sent ahead as keep the workers busy, so that neither this process nor the
+    scheduler has to hold them all. When a worker dies, the scheduler gives its jobs to other
+    workers, as often as its setting ``distributed.scheduler.allowed-failures`` says (default 3).
+    It does not know which of the jobs on that worker was the reason. So a job that the scheduler
+    gives up is sent once more, after all others and by itself. If its workers die again, it is
+    lost.
 
     Its methods raise an :class:`ExecutorError` if `distributed` is not installed, the scheduler
-    does not answer or ends, or its workers cannot use what is sent to them.
+    does not answer or ends, or its workers cannot use the jobs that are sent to them.
     """
 
-    address: str  # of the scheduler, such as tcp://10.0.0.1:8786
+    address: str  # address of the scheduler, such as tcp://10.0.0.1:8786
     client: Client | None = None  # the connection, from the first job on
     running: dict[Future[Any], Job] = field(init=False, default_factory=dict)
     done: queue.SimpleQueue[Future[Any]] = field(init=False, default_factory=queue.SimpleQueue)
@@ -82,20 +82,20 @@ class DaskCluster(Executor):
         future.add_done_callback(self.done.put)
 
     def answers(self) -> Iterable[tuple[Job, Answer]]:
-        """As :meth:`Executor.answers`; none if the number of workers is to be looked at."""
+        """As :meth:`Executor.answers`; empty when it is time to count the workers again."""
         try:
             future = self.done.get(timeout=_SECONDS_BETWEEN_LOOKS)
         except queue.Empty:
             self.ahead = None
             return []
-        # of a job that was given up meanwhile
+        # the answer of a job that was given up meanwhile
         if future not in self.running:
             return []
         job = self.running.pop(future)
         return [(job, self._answer(future, job))]
 
     def _ahead(self, client: Client) -> int:
-        """How many jobs may be under way; warns when the scheduler has no workers."""
+        """Number of jobs that may be sent ahead; warns when the scheduler has no workers."""
         if client.status != "running":
             raise ExecutorError(_lost_scheduler(self.address))
         threads = client.nthreads()
@@ -105,7 +105,7 @@ class DaskCluster(Executor):
         return max(_LEAST_AHEAD, _JOBS_AHEAD * len(threads))
 
     def _answer(self, future: Future[Any], job: Job) -> Answer:
-        """What became of a job."""
+        """The results of a job, or why there are none."""
         from distributed import CancelledError, KilledWorker
         from distributed.comm.core import CommClosedError
 
@@ -127,7 +127,7 @@ class DaskCluster(Executor):
             ) from None
 
     def stop(self) -> None:
-        """As :meth:`Executor.stop`: the workers, which are not ours, go on."""
+        """As :meth:`Executor.stop`; the workers do not belong to this process and go on."""
         client, self.client = self.client, None
         if client is not None:
             if self.running and client.status == "running":
@@ -142,7 +142,7 @@ def compute_one_at_a_time(compute: ComputeJob, portable: PortableJob) -> Portabl
     Raises
     ------
     ExecutorError
-        If the worker has other code than who sent the job; says which worker.
+        If the code of the worker differs from that of the sender; names the worker.
     """
     from distributed import get_worker
 
@@ -155,10 +155,10 @@ def compute_one_at_a_time(compute: ComputeJob, portable: PortableJob) -> Portabl
 
 
 def connect(address: str) -> Client:
-    """A connection to a scheduler, or the reason why there is none, after half a minute at most.
+    """Connect to a scheduler, or raise with the reason, after half a minute at most.
 
-    A port that accepts connections and stays silent keeps the constructor waiting for ever, so
-    another thread waits for it.
+    A port that accepts connections but never answers would block the constructor for ever, so
+    another thread calls it.
     """
     try:
         importlib.import_module("distributed")
@@ -166,7 +166,7 @@ def connect(address: str) -> Client:
         raise ExecutorError(
             f"--dask needs the package {error.name}: install fvi-cli[dask]"
         ) from None
-    # it prints tracebacks of connections that break; what matters of that is reported here
+    # the package logs tracebacks of broken connections; the errors here replace them
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     from distributed import Client
 

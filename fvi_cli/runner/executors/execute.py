@@ -1,4 +1,4 @@
-"""Jobs are computed: members of a sweep together, searches and other runs individually."""
+"""Compute jobs: members of a sweep together, searches and other runs individually."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _logger = logging.getLogger(__name__)
 def execute_job(
     job: Job, references: References = (), checkpoints: CheckpointFolder | None = None
 ) -> Results:
-    """Compute the runs of a job against given references, in their order, or find these."""
+    """The results of a job: of its runs with given references, or new references."""
     if job.is_reference:
         return refined_references(job.runs)
     first, kept = job.runs[0], None

@@ -1,4 +1,4 @@
-"""One loop for all jobs, wherever they are computed: here, in processes, on a cluster."""
+"""The loop over jobs, common to computations in this process, in processes and on a cluster."""
 
 from __future__ import annotations
 
@@ -33,34 +33,34 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Died:
-    """Who computed a job has died, so many times."""
+    """The process that computed a job has died, `times` times."""
 
     message: str
     times: int = 1
 
 
 Answer = Results | Crash | Died
-"""What became of a job; a crash is that of all its runs."""
+"""The results of a job, or why there are none; a crash is that of all its runs."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Executor(ABC):
-    """Computes jobs somewhere."""
+    """Computes jobs; subclasses say where."""
 
     is_parallel: ClassVar[bool] = True
-    """Whether several jobs are computed at a time: then the longest packs come first."""
+    """Whether several jobs are computed at a time; then the longest packs are computed first."""
     compute_job: ComputeJob = field(init=False, repr=False)
 
     def compute(
         self, jobs: Sequence[Job], compute: ComputeJob, lookup: Lookup = lambda run: None
     ) -> Generator[FinishedJob, None, None]:
-        """Compute every job and yield each as soon as it is finished: the one loop over jobs.
+        """Compute every job and yield each as soon as it is finished.
 
-        Closing the generator, or an exception in the loop that reads it, ends what was begun.
-        What `compute` raises is the result of the run that is to blame, and of no other. A job
-        whose process has died is computed once more after all others, alone; when that dies as
-        well, the job is lost. `lookup` gives the references of runs once the jobs that they need
-        have been yielded.
+        Closing the generator, or an exception in the loop that reads it, ends all running jobs.
+        An exception of `compute` becomes the result of the run that caused it, not of other runs. A
+        job whose process has died is computed once more after all others, by itself; if its process
+        dies again, the job is lost. `lookup` gives the references of runs once the jobs that they
+        need have been yielded.
         """
         if not jobs:
             return
@@ -100,23 +100,23 @@ class Executor(ABC):
 
     @abstractmethod
     def room(self) -> tuple[bool, Pack | None]:
-        """Whether a job can be sent, and the pack that who takes it has computed last."""
+        """Whether a job can be sent, and the latest pack of the process that would compute it."""
 
     @abstractmethod
     def send(self, job: Job, references: References) -> None:
-        """Have a job computed by :attr:`compute_job`."""
+        """Start the computation of a job by :attr:`compute_job`."""
 
     @abstractmethod
     def answers(self) -> Iterable[tuple[Job, Answer]]:
-        """Wait, and give what has become of jobs, if of any."""
+        """Wait for finished jobs and return their answers; may be empty."""
 
     @abstractmethod
     def stop(self) -> None:
-        """End what is under way, and those who have nothing to do."""
+        """End running jobs and idle processes."""
 
 
 def _with_references(job: Job, lookup: Lookup) -> tuple[Job | None, References, FinishedJob | None]:
-    """The runs of a job whose references are there, these, and the runs whose are lost."""
+    """Job of the runs with references; references; finished job of runs that lost theirs."""
     if job.is_reference:
         return job, (), None
     pairs = [(run, lookup(run)) for run in job.runs]
@@ -138,12 +138,12 @@ def _finished(job: Job, answer: Results | Crash) -> FinishedJob:
 
 
 def compute_soundly(job: Job, references: References, compute: ComputeJob) -> Results:
-    """Compute the runs of a job, each by itself where all at once raise an exception.
+    """Compute the runs of a job; if that raises an exception, compute each run by itself.
 
     Raises
     ------
     MemoryError
-        If there is not enough memory: that is the fault of none of the runs.
+        If there is not enough memory, which no single run has caused.
     """
     try:
         return compute(job, references)
@@ -176,7 +176,7 @@ class InProcess(Executor):
         return not self.given, self.latest
 
     def send(self, job: Job, references: References) -> None:
-        """As :meth:`Executor.send`; it is computed when it is waited for."""
+        """As :meth:`Executor.send`; :meth:`answers` computes the job."""
         self.given, self.latest = [(job, references)], job.pack
 
     def answers(self) -> Iterable[tuple[Job, Answer]]:

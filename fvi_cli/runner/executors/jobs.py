@@ -1,4 +1,4 @@
-"""What a command computes, piece by piece, and what becomes of a piece."""
+"""Jobs, into which the computation of a command is divided, and their results."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class Job:
 
     runs: Batch
     kind: JobKind = "run"
-    """Of references `runs` has one for each scene, whose errors need them."""
+    """For ``reference`` `runs` has one run for each scene."""
     needs: Job | None = None
-    """What must have ended before."""
+    """The job that must have ended before; None: there is none."""
     tolerance: float | None = None
-    """Of a cost: that of a search for it, whose error is measured at the points of the run."""
+    """For ``cost`` of a search: its tolerance; the error is measured at the points of the run."""
 
     @property
     def is_reference(self) -> bool:
-        """Whether the references of runs are looked for."""
+        """Whether the job computes references."""
         return self.kind == "reference"
 
     @property
@@ -51,12 +51,12 @@ class Job:
 
     @property
     def n_steps(self) -> int:
-        """Steps of all runs."""
+        """Number of steps of all runs together."""
         return sum(run.n_steps for run in self.runs)
 
     @property
     def pack(self) -> Pack:
-        """Jobs of one pack are best computed by one process, which keeps their problems."""
+        """The pack of the job; one process should compute a pack, since it keeps its problems."""
         first = self.runs[0]
         return (self,) if self.is_reference and first.member is None else pack_of(first)
 
@@ -66,33 +66,33 @@ class Crash:
     """Why there is no result: an unexpected exception, or the end of a process."""
 
     message: str
-    """What it says, where it happened, and what to do about it."""
+    """Its message, where it happened, and what to do about it."""
     trace: str = ""
 
 
 Result = FinishedRun | Reference | CostRow | ToleranceRow | Crash | None
 Results = Sequence[Result]
-"""One for each run of a job; None: the scene has an exact solution."""
+"""One result for each run of a job; None (reference): the scene has an exact solution."""
 References = Sequence[Reference | None]
-"""What the errors of runs are measured against; None: it is found where they are computed."""
+"""References for the errors of runs; None: the process that computes the run finds it."""
 ComputeJob = Callable[[Job, References], Results]
-"""To be computed in another process it must be importable by name."""
+"""Computes a job; other processes can only call a function that is importable by name."""
 Watch = Callable[[Job, int, int], None]
-"""Told now and then which job is being computed, how many steps are done, and of how many."""
+"""Called repeatedly with the job that is being computed, its finished steps and all its steps."""
 Lookup = Callable[[Run], Reference | Crash | None]
-"""The reference of a run that has been found by now."""
+"""Returns the reference of a run if it is known by now."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FinishedJob:
-    """What became of a job."""
+    """A job with its results."""
 
     job: Job
     results: Results
 
     @property
     def finished(self) -> tuple[FinishedRun, ...]:
-        """Its runs; those that were not computed are ``failed`` and say why."""
+        """Its runs; those that were not computed are ``failed``, with the reason."""
         return tuple(
             lost_run(run, one.message) if isinstance(one, Crash) else one
             for run, one in zip(self.job.runs, self.results, strict=True)
@@ -101,12 +101,12 @@ class FinishedJob:
 
     @property
     def stored(self) -> tuple[FinishedRun, ...]:
-        """Its runs that are to be stored: what a crash says is no result of the method."""
+        """Its runs that are to be stored; crashed runs are not, since no method failed."""
         return tuple(one for one in self.results if isinstance(one, FinishedRun))
 
     @property
     def lost(self) -> frozenset[Run]:
-        """Runs of which nothing was computed."""
+        """Runs that were not computed because of a crash."""
         pairs = zip(self.job.runs, self.results, strict=True)
         return frozenset(run for run, one in pairs if isinstance(one, Crash))
 
@@ -114,8 +114,8 @@ class FinishedJob:
 def jobs_of(runs: Sequence[Run], known: Callable[[Run], bool] = lambda run: False) -> list[Job]:
     """Jobs for runs, in the order of their batches; `known` says whether a reference is stored.
 
-    The reference of a scene is one job, whatever methods and steps; of members of a sweep, those
-    of a pack are.
+    One job computes the reference of a scene for all methods and steps; for a sweep one job
+    computes the references of all members of a pack.
     """
     found: list[Job] = []
     scenes: dict[tuple[object, ...], dict[object, Run]] = {}
@@ -134,13 +134,13 @@ def jobs_of(runs: Sequence[Run], known: Callable[[Run], bool] = lambda run: Fals
 
 
 def _shared(run: Run) -> tuple[object, ...]:
-    """What runs have in common that need one reference job."""
+    """Key of the reference job of a run: equal for runs that share the job."""
     return (run.experiment,) if run.member is None else pack_of(run)
 
 
 @dataclass(kw_only=True, eq=False)
 class JobQueue:
-    """Jobs that wait, by their packs; a job is ready when what it needs has ended."""
+    """Waiting jobs by their packs; a job is ready when the job that it needs has ended."""
 
     packs: dict[Pack, deque[Job]]
     open: set[Job]
@@ -149,7 +149,7 @@ class JobQueue:
 
     @classmethod
     def in_order(cls, jobs: Iterable[Job]) -> JobQueue:
-        """For one process: as they are given."""
+        """A queue for one process: jobs in their given order."""
         packs: dict[Pack, deque[Job]] = {}
         for job in jobs:
             packs.setdefault(job.pack, deque()).append(job)
@@ -157,7 +157,7 @@ class JobQueue:
 
     @classmethod
     def longest_first(cls, jobs: Iterable[Job]) -> JobQueue:
-        """For several: references, then packs with the most steps, so that all end together."""
+        """A queue for several processes: references, then packs in descending order of steps."""
         queue = cls.in_order(jobs)
 
         def steps(job: Job) -> tuple[bool, int]:
@@ -172,7 +172,7 @@ class JobQueue:
         return queue
 
     def take(self, latest: Pack | None) -> Job | None:
-        """A job that is ready: of the pack `latest`, else of one not begun, else any; or None."""
+        """A ready job of the pack `latest`, else of a pack not begun, else of any pack, or None."""
         pack = latest if latest is not None and self._is_ready(latest) else None
         if pack is None:
             ready = filter(self._is_ready, self.packs)
@@ -192,7 +192,7 @@ class JobQueue:
 
 
 def crash(error: Exception) -> Crash:
-    """Report on an exception: its words, and the last line of this package on the way."""
+    """Report on an exception: its message, and the last line of this package in its traceback."""
     package = Path(fvi_cli.__file__).parent
     place = "".join(
         f" in {Path(frame.filename).relative_to(package.parent).as_posix()}:{frame.lineno}"
@@ -207,19 +207,19 @@ def crash(error: Exception) -> Crash:
 
 
 def describe_crash(run: Run, error: Exception) -> str:
-    """Message on an exception in the midst of a run; its place is reported to those who ask."""
+    """Message on an exception within a run; its traceback is logged at the debug level."""
     found = crash(error)
     _logger.debug("%s: %s", run.title, found.trace)
     return found.message
 
 
 def no_memory(error: MemoryError) -> Crash:
-    """Why a job is lost for which there was no memory."""
+    """The crash of a job for which there was not enough memory."""
     return Crash(message="not enough memory" + (f": {error}" if str(error) else ""))
 
 
 def lost_run(run: Run, message: str) -> FinishedRun:
-    """The run as ``failed``: of it there is nothing but its start, and why."""
+    """A finished run with status ``failed`` that has only its start and the message."""
     scene = run.problem.scene
     start = np.zeros(1) if scene is None else scene.initial_position
     return FinishedRun(

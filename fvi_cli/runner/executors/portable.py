@@ -1,4 +1,4 @@
-"""Jobs and their results as they travel to another process: plain values, no functions."""
+"""Jobs and results in the form in which they are sent to another process: without functions."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ PortableJob = tuple[Code, bytes]
 """The code of the program that sends a job, and the job with its references as a pickle."""
 
 PortableResults = list[dict[str, Any] | Reference | CostRow | ToleranceRow | Crash | None]
-"""The fields of finished runs, without the runs; others as they are."""
+"""Results; finished runs are mappings of their fields without the run."""
 
 
 class _Pickler(pickle.Pickler):
-    """Leaves out the problem of an experiment: it is built anew from its specification."""
+    """Leaves out the problem of an experiment, which the receiver builds from its specification."""
 
     def reducer_override(self, value: Any) -> Any:
         return (_revived, (_described(value),)) if isinstance(value, Experiment) else NotImplemented
@@ -57,18 +57,18 @@ def _fields_of(value: Any) -> dict[str, Any]:
 
 @functools.lru_cache(maxsize=8)
 def _revived(described: bytes) -> Experiment:
-    """The experiment again, its problem built anew."""
+    """The inverse of :func:`_described`; builds the problem."""
     values = pickle.loads(described)  # noqa: S301 - made by the parent process
     return Experiment(problem=build_problem(values["problem_specification"]), **values)
 
 
 def compute_portable(compute: ComputeJob, portable: PortableJob) -> PortableResults:
-    """Compute a job that has travelled.
+    """Compute a job that another process has sent.
 
     Raises
     ------
     ExecutorError
-        If it was sent by other code, whose numbers may be others.
+        If the sender has other code, whose numbers may differ.
     """
     code, content = portable
     if differences := code.differences(own_code()):
@@ -85,7 +85,7 @@ def _choice(run: Run) -> dict[str, Any]:
 
 
 def returned_results(job: Job, results: PortableResults) -> Results:
-    """The results, the runs being those that were sent out, or were chosen for them."""
+    """The results, with the runs of the job or, for a search, the run that it chose."""
     return [
         _returned(run, **one) if isinstance(one, dict) else one
         for run, one in zip(job.runs, results, strict=True)

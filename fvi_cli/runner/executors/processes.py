@@ -23,7 +23,7 @@ from fvi_cli.runner.executors.jobs import ComputeJob, Job, References, Watch, no
 from fvi_cli.runner.executors.portable import compute_portable, portable_job, returned_results
 
 if TYPE_CHECKING:
-    # Windows has only one of them
+    # Windows has only SpawnContext
     from multiprocessing.context import ForkServerContext, SpawnContext
 
 _SECONDS_TO_LEAVE = 5.0
@@ -33,7 +33,7 @@ _PRELOADED = ["fvi_cli.runner.executors.processes", "fvi_cli.runner.executors.ba
 
 @dataclass(kw_only=True, eq=False)
 class _Worker:
-    """A process, our end of the pipe to it, what it computes, and the pack of the latest job."""
+    """A process, our end of the pipe to it, its present job, and the pack of its latest job."""
 
     process: BaseProcess
     connection: Connection
@@ -71,7 +71,7 @@ class LocalProcesses(Executor):
             raise ValueError(f"workers: {self.workers} is not allowed; it must be at least 1")
 
     def room(self) -> tuple[bool, Pack | None]:
-        """As :meth:`Executor.room`; a pack is computed by one process if it can be."""
+        """As :meth:`Executor.room`; one process computes a pack where possible."""
         return len(self.busy) < self.workers, self.idle[-1].pack if self.idle else None
 
     def send(self, job: Job, references: References) -> None:
@@ -79,7 +79,7 @@ class LocalProcesses(Executor):
         worker = self.idle.pop() if self.idle else self._started()
         worker.job, worker.pack = job, job.pack
         self.busy[worker.connection] = worker
-        # a process that has just died is noticed when its answer is read
+        # the death of a process is noticed when its answer is read
         with contextlib.suppress(OSError):
             worker.connection.send(portable_job(job, references))
 
@@ -92,12 +92,12 @@ class LocalProcesses(Executor):
             with _interruptions_held():
                 process.start()
         finally:
-            # the pipe must end with the process, so no other process may hold its other end
+            # no other process may hold this end, so that the pipe closes when its process dies
             theirs.close()
         return _Worker(process=process, connection=ours)
 
     def answers(self) -> Iterator[tuple[Job, Answer]]:
-        """As :meth:`Executor.answers`; processes also say how far they are."""
+        """As :meth:`Executor.answers`; processes also report their progress."""
         for connection in wait(list(self.busy)):
             worker = self.busy[connection]  # type: ignore[index]
             job = worker.job
@@ -135,9 +135,9 @@ class LocalProcesses(Executor):
 
 
 def _context() -> SpawnContext | ForkServerContext:
-    """How processes begin: never by a fork of this one, whose threads may hold locks.
+    """The start method: never a fork of this process, whose threads may hold locks.
 
-    Where that is safe, one process without threads loads what all of them need, and forks them.
+    On :data:`_FORKED_ON` a server without threads imports the common modules and is forked.
     """
     if sys.platform not in _FORKED_ON:
         return multiprocessing.get_context("spawn")
@@ -148,16 +148,16 @@ def _context() -> SpawnContext | ForkServerContext:
 
 @contextlib.contextmanager
 def _interruptions_held() -> Iterator[None]:
-    """Let a process that begins, and those that it forks, never see a Ctrl-C; we do afterwards.
+    """Block Ctrl-C in processes that start here, and in their forks; afterwards it is delivered.
 
-    It reaches every process of a terminal, in the midst of what they load first.
+    A Ctrl-C reaches every process of a terminal, even while these import their first modules.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker
 
-    # it begins with the first process, and holds and frees the same signal
+    # start it before, since its start blocks and unblocks the same signal
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -167,7 +167,7 @@ def _interruptions_held() -> Iterator[None]:
 
 
 def _serve(connection: Connection, compute: ComputeJob, reports_progress: object) -> None:
-    """Compute what comes through the pipe until its other end is closed."""
+    """Compute the jobs that come through the pipe until its other end is closed."""
 
     def report(done: int, n_steps: int) -> None:
         connection.send(("progress", (done, n_steps)))
@@ -175,7 +175,7 @@ def _serve(connection: Connection, compute: ComputeJob, reports_progress: object
     # a Ctrl-C reaches every process of a terminal; only the parent answers it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    # as in the process that asks
+    # as in the parent
     warnings.filterwarnings("ignore", category=RuntimeWarning)
     # the parent has ended: the answer has no receiver
     with contextlib.suppress(EOFError, OSError):
@@ -194,7 +194,7 @@ def _answer_to(portable: Any, compute: ComputeJob) -> bytes:
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent has, be it in the midst of a long job."""
+    """End this process when its parent ends, even within a long job."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,1 +1,1 @@
-"""Fits that are asked for, and what they leave behind."""
+"""The fits of a request, and the files that they write."""

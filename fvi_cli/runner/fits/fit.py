@@ -1,4 +1,4 @@
-"""Fits that a request asks for."""
+"""The fits of a request."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ _logger = logging.getLogger(__name__)
 def fit(
     source: Source, *, overrides: Sequence[str] = (), progress: bool = False
 ) -> list[FitResult]:
-    """Numbers of a problem from measurements, as ``fvi fit`` finds them.
+    """Fit numbers of a problem to measurements, as ``fvi fit`` does.
 
     Parameters
     ----------
     source
         As for :func:`load`.
     overrides
-        Changes ``key.path=value``, for a configuration that is not loaded yet.
+        Changes ``key.path=value``, only for a configuration that is not loaded yet.
     progress
         As for :func:`stability`.
 
     Returns
     -------
     list of FitResult
-        One for every experiment with ``fit``; a fit that does not converge says so.
+        One for every experiment with ``fit``; its message says if a fit did not converge.
 
     Raises
     ------
     RequestError
-        Where there is nothing to fit, and for parameters without influence on the data.
+        If no experiment has ``fit``, and for parameters without influence on the data.
     """
     from fvi_cli.studies.fits.fitting import fit_models as fit_experiment
 
@@ -63,7 +63,7 @@ def fit(
 
 
 def _chosen(request: Request) -> list[tuple[Experiment, FitSettings]]:
-    """Experiments that have something to fit, and what."""
+    """The experiments with ``fit``, and these settings."""
     chosen = [(one, one.fit) for one in request.loaded.experiments if one.fit is not None]
     if not chosen:
         raise RequestError(f"{request.name}: fit: missing; write it with data and parameters")
@@ -71,7 +71,7 @@ def _chosen(request: Request) -> list[tuple[Experiment, FitSettings]]:
 
 
 def fit_tasks(request: Request) -> list[Task]:
-    """Every model that would be fitted, with its parameters and data."""
+    """A task for every model that would be fitted, with its parameters and data."""
     return [
         Task(
             experiment=experiment.name,

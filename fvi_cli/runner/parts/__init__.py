@@ -1,1 +1,1 @@
-"""A configuration in parts: who computes what, and how the files of the parts are joined."""
+"""Division of a configuration into parts for several commands, and merging of their files."""

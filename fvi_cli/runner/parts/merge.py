@@ -1,4 +1,4 @@
-"""Result files of one configuration, such as those of its parts, are joined."""
+"""Merging of result files of one configuration, such as those of its parts."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from fvi_cli.storage.atomic import file_lock
 
 @dataclass(frozen=True, kw_only=True)
 class Merged:
-    """What became of files that were joined."""
+    """The result of merging files."""
 
-    path: Path  # the file that holds the runs of all
-    runs: int  # how many runs the configuration asks for
-    missing: int  # how many of them are in none of the files
+    path: Path  # the file that holds the runs of all files
+    runs: int  # number of runs that the configuration requests
+    missing: int  # number of these that no file holds
 
 
 def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> Merged:
-    """Join the runs of result files into ``<name>.h5``; every run is verified on the way.
+    """Merge the runs of result files into ``<name>.h5``; every run is verified.
 
-    Runs that are there already stay, as do the files that are joined. Commands that write one of
-    the files are waited for if asked (`waits`).
+    Runs that ``<name>.h5`` already has stay, and so do the merged files. With `waits` the function
+    waits until commands that write one of the files have ended.
 
     Raises
     ------
     RequestError
         If the files are not of one configuration.
     StorageError
-        If one cannot be read, is damaged or still being written, or two have the same run with
-        other numbers; then nothing is changed.
+        If a file cannot be read, is damaged or still being written, or two files have the same run
+        with other numbers; all files are unchanged then.
     """
     wrong = [path for path in paths if path.suffix != STORED_SUFFIX]
     if wrong:
@@ -47,7 +47,7 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
             )
     (request,) = gather([str(first)])
     name, experiments = request.name, request.loaded.experiments
-    # members of a large sweep are not needed while they are written
+    # free the memory of the members of a large sweep before writing
     del request
     target = output / f"{name}{STORED_SUFFIX}"
     with open_results(output, name, waits=waits) as store:

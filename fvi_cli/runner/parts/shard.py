@@ -1,4 +1,4 @@
-"""A part of a configuration: what one of several commands computes, wherever they run."""
+"""A part of a configuration, which one of several commands computes on any machine."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _SHARD: Final = re.compile(r"[0-9]{1,12}/[0-9]{1,12}")
 class Shard:
     """The part `number` of `count` parts, counted from 1.
 
-    Who is in a part depends on the configuration alone. Members of a sweep that are computed
-    together stay together, so that the numbers are those of the whole; what takes longest is dealt
-    out first.
+    The runs of a part depend only on the configuration. Members of a sweep that are computed
+    together stay together, so that numbers equal those of an undivided computation; the longest
+    packs are distributed first.
 
     Raises
     ------
@@ -49,12 +49,12 @@ class Shard:
             )
 
     def file_name(self, name: str) -> str:
-        """``<name>.h5``, of a part ``<name>.shard-2-of-4.h5``."""
+        """``<name>.h5``, for a part ``<name>.shard-2-of-4.h5``."""
         part = "" if self.count == 1 else f".shard-{self.number}-of-{self.count}"
         return f"{name}{part}{STORED_SUFFIX}"
 
     def checks_member(self, number: int) -> bool:
-        """Whether this part checks a member of a sweep: each is checked by one of them."""
+        """Whether this part checks a member of a sweep; each member is checked by one part."""
         return number // LARGEST_PACK % self.count == self.number - 1
 
     def runs_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
@@ -73,7 +73,7 @@ class Shard:
             steps = sum(run.n_steps for run in batch)
             together[pack] = together.get(pack, 0) + steps
         loads = [(0, number) for number in range(1, self.count + 1)]
-        # sorting is stable: packs of equal length are dealt in their order
+        # sorting is stable: packs of equal length are distributed in their order
         for pack in sorted(together, key=lambda pack: -together[pack]):
             load, number = heapq.heappop(loads)
             heapq.heappush(loads, (load + together[pack], number))
@@ -86,12 +86,12 @@ WHOLE = Shard()
 
 
 def shard_named(text: str) -> Shard:
-    """The part that ``I/N`` names.
+    """The part that a text ``I/N`` names.
 
     Raises
     ------
     RequestError
-        If it names none.
+        If the text names no part.
     """
     if _SHARD.fullmatch(text) is None:
         raise RequestError(
