@@ -1,4 +1,4 @@
-"""What must hold between the keys of an experiment, and the experiment that they make."""
+"""Checks across the keys of an experiment, and the experiment that they make."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _OF_DAMPING: Final = re.compile(r"(problem\.)?(damping|dampers|internal_damping)
 _FACTOR: Final = re.compile(_OF_DAMPING.pattern + r"\.\d+\.(coefficient|matrix)")
 
 ReadExperiment = tuple[Mapping[str, Any], Experiment | None]
-"""What was read of an experiment, with defaults, and the experiment if that is complete."""
+"""The values of an experiment with defaults, and the experiment; None if the values are wrong."""
 
 
 def make_experiment(
@@ -58,8 +58,8 @@ def make_experiment(
 ) -> ReadExperiment:
     """The experiment that a mapping read by EXPERIMENT or SINGLE at `at` describes.
 
-    `values` may hold INVALID; `at` receives what is wrong between the keys. The `sweep` is what was
-    read of its members.
+    `values` may hold INVALID; `at` receives complaints about combinations of keys. `sweep` holds
+    the values of its members.
     """
     before = len(at.complaints)
     settings, described = ExperimentKeys.of(values), values["problem"]
@@ -73,7 +73,7 @@ def make_experiment(
         values.get("method"),
         at,
         usual_methods(settings.accuracy),
-        # equal steps that are written are what is meant
+        # a grading that is written, also of equal steps, is not replaced by a graded start
         start="none" if ladder is not None and ladder.grading is not None else "graded",
     )
     check_accuracy(at, problem)
@@ -101,7 +101,7 @@ def make_experiment(
             )
             if members is not None and not settings.allow_unstable:
                 under = at.under(SWEEP if at.has(SWEEP) else DESIGNS)
-                # the first member that has one says it for all
+                # one warning, for the first member with a negative factor
                 any(_warn_of_negative(one.values, under) for one in members[0])
         if is_complete(settings.figures) and not (at.has(SWEEP) and members is None):
             found = () if members is None else members[0]
@@ -113,7 +113,7 @@ def make_experiment(
             settings.fit, described, problem, quantities, at.under("fit"), at.under("problem")
         )
     resolved = {
-        # runs do not depend on what was measured
+        # runs do not depend on measurements
         **{key: value for key, value in values.items() if key != "fit"},
         "name": name,
         **_methods_of(methods, accuracy),
@@ -149,7 +149,7 @@ def make_experiment(
 
 
 def _warn_of_negative(values: Mapping[str, Any], at: Cursor) -> bool:
-    """Say which factors of damping are negative, by key paths: a sign is easily wrong."""
+    """Warn of negative damping factors by their key paths, since a sign is easily wrong."""
     found = False
     for path, value in _factors(values):
         if words := _explain_negative_factor(value):
@@ -166,7 +166,7 @@ def _warn_of_negative(values: Mapping[str, Any], at: Cursor) -> bool:
 
 
 def _factors(values: object, path: str = "") -> Iterator[tuple[str, object]]:
-    """Factors of damping in what stands under a key path, or under key paths of members."""
+    """Key paths and values of damping factors in a problem, or in the values of a member."""
     if _FACTOR.fullmatch(path):
         yield path, values
     elif isinstance(values, Mapping):
@@ -178,13 +178,13 @@ def _factors(values: object, path: str = "") -> Iterator[tuple[str, object]]:
 
 
 def _explain_negative_factor(value: object) -> str:
-    """Why a factor of damping drives a motion in some direction; empty where it does not."""
+    """Why a damping factor feeds energy into some direction; empty where it does not."""
     if isinstance(value, int | float):
         return f"{value:g} is negative" if value < 0 else ""
     try:
         form = np.array(value, dtype=float) if isinstance(value, list) else file_form(value)
     except (TypeError, ValueError):
-        # other checks report what is wrong with it
+        # other checks report this error
         return ""
     is_square = form is not None and len(form.shape) == 2 and form.shape[0] == form.shape[1]
     if form is None or not is_square or is_semidefinite(form):
@@ -193,7 +193,7 @@ def _explain_negative_factor(value: object) -> str:
 
 
 def _methods_of(methods: Sequence[ListedMethod], accuracy: Accuracy | None) -> dict[str, Any]:
-    """The methods of an experiment; with adaptive steps these follow from the tolerance."""
+    """The resolved keys of the methods; with adaptive steps they follow from the tolerance."""
     found = {"method": [listed_method.resolved for listed_method in methods]}
     if accuracy is None:
         return found
@@ -211,10 +211,10 @@ def _make_members(
     observed: Observations,
     at: Cursor,
 ) -> ReadMembers | None:
-    """The members of the sweep, checked like the experiment without one."""
+    """The members of the sweep; each is checked like an experiment without a sweep."""
 
     def check(problem: AnyProblem, at: Cursor) -> None:
-        # members are stored at the same times
+        # members are stored at common times
         are_shared = (
             problem.scene is None
             or first.scene is None
@@ -228,7 +228,7 @@ def _make_members(
 
 
 def _break_points(problem: AnyProblem) -> tuple[float, ...]:
-    """Where the forcing jumps, or a displacement that is given; not where its samples turn."""
+    """Jumps of the forcing or of a given displacement; samples with a kink are none."""
     scene = problem.scene
     if scene is None or scene.prescribed is None:
         return () if scene is None else scene.break_points
@@ -244,9 +244,9 @@ def _check_grid(
     *,
     may_be_between: bool = True,
 ) -> None:
-    """Every jump of the forcing must lie on the grid of every number of steps.
+    """Complain of jumps of the forcing that do not lie on the grid of every number of steps.
 
-    Methods that take any mesh have points of their own there, and need steps on either side only.
+    Methods for any mesh add mesh points at the jumps, and only need a step between two of them.
     """
     ends = _break_points(problem)
     if grading != 1.0:
@@ -265,7 +265,7 @@ def _check_grid(
 
 
 def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> None:
-    """What is expected or claimed must concern a method of the experiment."""
+    """Complain of expectations or claims for methods that the experiment does not have."""
     if not isinstance(cases, Mapping) or not methods:
         return
     known = [listed_method.method.case for listed_method in methods]
@@ -284,7 +284,7 @@ def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> 
 def _check_meeting(
     problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor | None = None
 ) -> None:
-    """Methods that cannot do this problem."""
+    """Complain of methods that cannot solve this problem."""
     for found in methods:
         message = _objection(problem, found)
         if message:
@@ -301,7 +301,7 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
     if reason := law_objection(problem.scene, method):
         return reason
     if isinstance(method, Baseline):
-        # most experiments have none, and they take long to import
+        # import only for experiments with baselines, since it takes long
         from fvi_cli.integrator.baselines.run import baseline_objection
 
         return baseline_objection(problem.scene, method)

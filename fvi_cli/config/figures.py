@@ -1,4 +1,4 @@
-"""What must hold between figures and the rest of an experiment."""
+"""Checks of figures against the rest of an experiment."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def check_figures(
     members: Sequence[Member],
     at: Cursor,
 ) -> None:
-    """Complain of figures, which stand at `at`, of what is not there."""
+    """Complain of figures (at the cursor `at`) of quantities and events that do not exist."""
     names: list[str] = []
     events = [*(observed.events or {}), *(observed.impacts or {})]
     quantities = list(observed.quantities or {})
@@ -33,7 +33,7 @@ def check_figures(
     for index, one in enumerate(figures):
         if isinstance(one, str):
             there = {"section": events, "quantities": quantities, "hysteresis": quantities}
-            # what is wrong with them was noted before
+            # other complaints come first: they may explain why the figure is not possible
             if not there.get(one, True) and not len(at.complaints):
                 at.under(index).refuse(_NEEDS[one])
             continue
@@ -76,7 +76,7 @@ def check_figures(
 
 
 def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | FigureSettings:
-    """The figure of an experiment that a word or a mapping means."""
+    """The figure of an experiment that a word or a mapping names."""
     if isinstance(given, str) and given.partition("_")[0] in EXTENTS:
         key = next(iter(_swept(experiment.members)), "")
         advice = f'write {{"plot": "{given}", "against": "{key}"}}' if key else _NO_SWEEP
@@ -86,7 +86,7 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
         figures: tuple[str | FigureSettings, ...] = FIGURES.build(FIGURES.read(at))
         check_figures(figures, experiment.problem, experiment.observations, experiment.members, at)
     except ArgumentError as error:
-        # what is given is one figure, not the first of a list
+        # the argument is a single figure, so the path of the error must not name a list
         raise ArgumentError(".".join(("figure", *error.path[1:])), error.message) from None
     return figures[0]
 
@@ -108,7 +108,7 @@ _SWEEP = "the experiment has no sweep; write sweep: {{{key}: {{from: ..., to: ..
 
 
 def _swept(members: Sequence[Member]) -> list[str]:
-    """The keys with numbers that distinguish members."""
+    """The swept keys whose values are numbers."""
     values = members[0].values if members else {}
     numbers = [
         key

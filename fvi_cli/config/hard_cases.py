@@ -83,7 +83,7 @@ def _claim(entry: Mapping[str, Any], case: Mapping[str, Any], values: Mapping[st
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:
-    """The node with formulas, texts that begin with =, replaced by what they come to."""
+    """The node with the values of formulas in place of these (texts that begin with =)."""
     if isinstance(node, Mapping):
         return {key: _filled(value, values) for key, value in node.items()}
     if isinstance(node, list):

@@ -25,22 +25,22 @@ from fvi_cli.studies.experiment import Experiment
 class LoadedConfig:
     """A valid configuration."""
 
-    path: Path  # the file, as it was given
-    name: str  # file names come from it
-    text: str  # the file, word for word
+    path: Path  # the path of the file, as it was given
+    name: str  # names of result files are derived from it
+    text: str  # the contents of the file
     # JSON values ``{"name": ..., "experiments": [...]}`` with every default filled in and every
     # override applied; written as YAML it is a configuration of the same experiments
     resolved: Mapping[str, Any]
-    experiments: tuple[Experiment, ...]  # what it describes
-    overrides: tuple[str, ...] = ()  # changes that were asked for beside it
+    experiments: tuple[Experiment, ...]  # the experiments that the file describes
+    overrides: tuple[str, ...] = ()  # changes ``key.path=value`` of the command
 
 
 def load_config(
     path: Path, *, overrides: Sequence[str] = (), checks_member: ChecksMember = every_member
 ) -> LoadedConfig:
-    """Read and check a configuration file: YAML in UTF-8, and changes ``key.path=value`` of it.
+    """Read and check a configuration file (YAML in UTF-8) with changes ``key.path=value``.
 
-    `checks_member` says by its number whether a member of a sweep is checked.
+    `checks_member(number)` says whether a member of a sweep is checked.
 
     Raises
     ------
@@ -84,8 +84,8 @@ def parse_config(
 ) -> LoadedConfig:
     """Check the text of a configuration and build its experiments, as :func:`load_config` does.
 
-    The stem of `source_name`, which complaints call the text by, is the default name; relative
-    paths begin in the folder `base`, or in that of the process.
+    Complaints name the text by `source_name`, whose stem is the default name; relative paths begin
+    in the folder `base`, or in that of the process.
     """
     complaints = Complaints(folder=base, checks_member=checks_member)
     start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
@@ -100,9 +100,9 @@ def load_stored(
     overrides: Sequence[str] = (),
     checks_member: ChecksMember = every_member,
 ) -> LoadedConfig:
-    """Build the experiments of a resolved configuration, as :func:`parse_config` does of a text.
+    """Build the experiments of a resolved configuration, as :func:`parse_config` does from a text.
 
-    The program itself has written it, however large it is.
+    There is no limit on its size, since the program itself has written it.
     """
     complaints = Complaints(checks_member=checks_member)
     start = SourcePosition(source=excerpt(source_name, 1000))
@@ -171,7 +171,7 @@ def _read(
         own = entry["name"] if several else name
         read.append(make_experiment(entry, own, one, sweep))
         if isinstance(own, str):
-            # file systems that ignore case would mix up names that differ in case only
+            # file systems that ignore case would confuse names that differ in case only
             if own.lower() in seen:
                 taken = f"experiments.{seen[own.lower()]}"
                 one.refuse(f"{own!r} is the name of {taken} already", "name")

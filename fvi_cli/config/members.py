@@ -1,4 +1,4 @@
-"""The members of a sweep, each of them checked."""
+"""The members of a sweep, and their checks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_valu
 
 
 def first_members(root: Node, complaints: Complaints) -> tuple[Node, list[Sweep | None]]:
-    """The tree of a file in which every problem is that of the first of its members, and these."""
+    """The tree of a file with the first member in place of every problem, and the sweeps."""
     sweeps = []
     for at in experiment_cursors(root, complaints):
         before = len(complaints)
@@ -40,13 +40,13 @@ def first_members(root: Node, complaints: Complaints) -> tuple[Node, list[Sweep 
 
 
 def experiment_cursors(root: Node, complaints: Complaints) -> list[Cursor]:
-    """The experiments in a file."""
+    """A cursor for every experiment of a file."""
     at = Cursor(node=root, complaints=complaints)
     return at.under("experiments").items() if at.has("experiments") else [at]
 
 
 def _tree_of_first(sweep: Sweep, at: Cursor) -> Node:
-    """An experiment with the values of its first member, as far as they fit."""
+    """The tree of an experiment with the values of its first member, as far as they fit."""
     node = at.node
     for key, value in sweep.nodes_of(sweep.combinations[0]).items():
         try:
@@ -72,10 +72,10 @@ def with_value(node: Node, key: str, value: Node, sweep: Sweep) -> Node:
 
 
 MOST_REPORTED: Final = 10
-"""Members whose mistakes are reported; the others are likely to have the same."""
+"""Most members whose mistakes are reported; other members are likely to have the same mistakes."""
 
 MANY: Final = 5000
-"""Members whose check takes so long that it is announced."""
+"""From so many members on the check takes long and is announced."""
 
 _logger = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ CheckMember = Callable[[AnyProblem, Cursor], None]
 
 
 ReadMembers = tuple[tuple[Member, ...], dict[str, Any]]
-"""Members, and what makes them with every value as it was understood, by keys."""
+"""Members, and the resolved mappings under ``designs`` and ``sweep`` that make them."""
 
 
 def make_members(
@@ -91,12 +91,12 @@ def make_members(
 ) -> ReadMembers | None:
     """The members of an experiment; None, with complaints, where something is wrong.
 
-    Every value of every key is read like the file; then every member's problem is checked. The
-    problem of the `first` is that of `template`.
+    Every value of every key is read like the file; then the problem of every member is checked.
+    `template` is the resolved mapping of the problem `first`.
     """
     before = len(at.complaints)
     values = {key: _values(key, sweep, template, at) for key in sweep.values}
-    # a key that is not known was complained of when the first member was read
+    # the reading of the first member has complained of unknown keys
     is_whole = all(len(values[key]) == len(nodes) for key, nodes in sweep.values.items())
     if len(at.complaints) > before or not (is_whole and sweep.is_valid):
         return None
@@ -124,7 +124,7 @@ def make_members(
 def _resolved(
     members: Sequence[Member], values: Mapping[str, list[Any]], at: Cursor
 ) -> dict[str, Any]:
-    """Designs and sweep with the values as they were understood."""
+    """The mappings under ``designs`` and ``sweep`` with the values as they were read."""
     found: dict[str, Any] = {}
     if at.has(DESIGNS):
         found[DESIGNS] = {one.name: {key: one.values[key] for key in one.named} for one in members}
@@ -141,11 +141,11 @@ def _resolved(
 
 
 def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> list[Any]:
-    """The values of one key, read at their place in the problem of the first member."""
+    """The values of one swept key, each read in the problem of the first member."""
     found: list[Any] = []
     if not leads_somewhere(template, key) and not any(map(is_absent, sweep.values[key])):
         return found
-    # keys beside the outermost one are read alike for all values
+    # only the outermost key is read again: the others do not depend on the value
     outermost = key.split(".")[1]
     known = KINDS[template["kind"]].keys
     if outermost not in known:
@@ -194,7 +194,7 @@ def _check_members(
         if not at.complaints.checks_member(member.number):
             continue
         own_keys = keys.with_values(with_values(template, member.values), swept)
-        # the places are those of the first member; they matter only where something is wrong
+        # the first check uses the tree, and so the places, of the first member
         _check_member(own_keys, first, trial, check)
         if not len(trial.complaints):
             continue

@@ -1,4 +1,4 @@
-"""How much memory a run takes, and how much a program may still take on this machine."""
+"""The memory that a run needs, and the memory that this machine can still give."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from fvi_cli.studies.experiment import Experiment
 
 ROOT: Final = Path("/")
 UNLIMITED: Final = 1 << 60
-"""Limits from here on are none: version 1 of control groups states one of 2^63 bytes."""
+"""Limits from here on count as none: version 1 of control groups states 2^63 bytes."""
 # Trajectory, samples, weights, their transforms and the copies that are made when storing.
 DOUBLES_PER_STEP: Final = 20
 GENEROUS_DOUBLES: Final = 200
-"""More than any method keeps for a step, a degree and a coordinate."""
+"""Numbers per step, stage and coordinate: more than any method keeps."""
 GENEROUS_BYTES: Final = 2**28
-"""More than the tables of any method take, whatever the number of steps."""
+"""Bytes: more than the tables of any method take for any number of steps."""
 
 
 def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, members: int = 1) -> int:
-    """Bytes at the peak of a run, or of so many members together."""
+    """Peak memory in bytes of a run, or of so many members that are computed together."""
     if isinstance(experiment.problem, DerivativeProblem):
         return 8 * DOUBLES_PER_STEP * n_steps
-    # plans know the whole engine, which takes long to import
+    # plans import the whole engine, which takes long
     from fvi_cli.planning.plan import plan_run
 
     return plan_run(
@@ -45,14 +45,14 @@ def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, member
 
 
 def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:
-    """More bytes than the plan of any run comes to, without making one."""
+    """An upper bound in bytes on the plan of any run, without making the plan."""
     degree = 1 if isinstance(method, Baseline) else method.degree
     moving = GENEROUS_DOUBLES * degree * dimension * n_steps
     return GENEROUS_BYTES + 8 * (moving + 10 * (degree * dimension) ** 2)
 
 
 def shortage(needed: int, when: str = "") -> str:
-    """Words for bytes that this machine does not have; empty where it has them or does not tell."""
+    """A message if this machine lacks so many bytes; empty if it has them or this is unknown."""
     available = machine_bytes()
     if available is None or needed <= available:
         return ""
@@ -61,7 +61,7 @@ def shortage(needed: int, when: str = "") -> str:
 
 
 def check_memory(experiment: Experiment, at: Cursor) -> None:
-    """No run may need more memory than there is, nor all finished runs of a sweep together."""
+    """Refuse runs that do not fit in memory, and sweeps whose finished runs do not fit."""
     steps, methods, members = experiment.steps, experiment.methods, len(experiment.members)
     dimension = experiment.problem.dimension
     # memory grows with the number of steps
@@ -81,10 +81,10 @@ def check_memory(experiment: Experiment, at: Cursor) -> None:
 
 
 def machine_bytes(root: Path = ROOT) -> int | None:
-    """Bytes that can still be taken: the least of all limits; None where nothing tells.
+    """Bytes that this process can still take: the least of all limits; None where none is known.
 
-    These are what the machine has available, what control groups of both versions leave, from that
-    of this process up to the outermost (systemd, SLURM and containers nest them), and the limit of
+    Limits are the available memory of the machine, the rest of every control group (versions 1 and
+    2) from that of this process up to the outermost (systemd, SLURM and containers nest them), and
     the address space (``ulimit -v``).
     """
     limits = [*_of_machine(root), *_of_groups(root), *_of_address_space(root)]
@@ -101,7 +101,7 @@ def _of_machine(root: Path) -> Iterator[int]:
 
 
 def _of_groups(root: Path) -> Iterator[int]:
-    """What every control group around this process leaves."""
+    """The remaining bytes of every control group around this process."""
     mounts = root / "sys/fs/cgroup"
     lines = _text(root / "proc/self/cgroup").splitlines() or ["0::/"]
     for line in lines:
@@ -115,7 +115,7 @@ def _of_groups(root: Path) -> Iterator[int]:
         else:
             continue
         group = top / place.strip("/")
-        # a container may name a group that it does not see: its own is then the outermost one
+        # a container may name a group that it cannot see: then the outermost one is its own
         for folder in dict.fromkeys([group, *group.parents, top]):
             if folder == top or top in folder.parents:
                 yield from _of_group(folder, *names)
@@ -126,7 +126,7 @@ def _of_group(folder: Path, limit: str, usage: str, cache: str) -> Iterator[int]
         # the file says "max" where there is no limit
         most = int(_text(folder / limit))
         if most < UNLIMITED:
-            # cached files are given back when memory is wanted
+            # the kernel frees cached files when memory is needed
             taken = int(_text(folder / usage) or 0)
             yield most - taken + _entries(folder / "memory.stat").get(cache, 0)
 
@@ -150,7 +150,7 @@ def _text(path: Path) -> str:
 
 
 def _entries(path: Path) -> dict[str, int]:
-    """Names and numbers of a file with one of each in a line."""
+    """The numbers by name in a file with one name and one number per line."""
     found = {}
     for line in _text(path).splitlines():
         name, *rest = line.replace(":", " ").split()

@@ -1,4 +1,4 @@
-"""What must hold between requested outputs of a motion and the rest of an experiment."""
+"""Checks of requested outputs of a motion against the rest of an experiment."""
 
 from __future__ import annotations
 
@@ -49,21 +49,21 @@ _MEANT: Final = {
     r"(?:vb|shear|v_base)": "base_shear",
     r"(?:ag|a_g|xg|ug|ground|quake)": "ground_acceleration",
 }
-"""What people write for quantities that a frame has ready."""
+"""What users write, as patterns, for the built-in quantities of a frame; with the right names."""
 
 
 def _named(given: object) -> Mapping[str, Any]:
-    """What was read under names; empty where no mapping stands."""
+    """A mapping that was read; empty if it is no mapping."""
     return given if isinstance(given, Mapping) else {}
 
 
 def read_units(
     settings: ExperimentKeys, problem: AnyProblem, observed: Observations, at: Cursor
 ) -> dict[str, str]:
-    """Units of all that is drawn, each of which must belong to something.
+    """Units of coordinates and quantities; complains of units for unknown names.
 
-    That of ``drift`` is also that of ``drift_1``, and so are those of other quantities; ready ones
-    have that of what they are.
+    The unit of ``drift`` also holds for ``drift_1``, and so for other quantities; built-in
+    quantities have by default the unit of their quality, e.g. ``length`` for a drift.
     """
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
     given = {name: one for name, one in _named(settings.units).items() if isinstance(one, str)}
@@ -72,7 +72,7 @@ def read_units(
     known = tuple(dict.fromkeys((*UNITS, *coordinates, *requested, *groups.values())))
     length = given.get("length", "m")
     every = [at.under(key) for key in ("problem", "designs", "sweep") if at.has(key)]
-    # the values of a large sweep are looked through only then
+    # search the values of a large sweep only if it is necessary
     if length != "m" and (found := next(filter(None, map(_in_g, every)), None)) is not None:
         found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
     for name in given:
@@ -103,15 +103,15 @@ _QUALITIES: Final = {
     "deformation": "length",
     "work": "energy",
 }
-"""What ready quantities and those of dampers are, by the first part of their names."""
+"""Key of ``units`` for built-in and damper quantities, by the first part of their names."""
 
 
 def _in_g(at: Cursor) -> Cursor | None:
-    """Where ``scale: g`` stands, if it does."""
+    """The cursor at ``scale: g``, or None."""
     if at.has("file") and at.has("scale") and at.under("scale").scalar == "g":
         return at.under("scale")
     for key, under in at.entries():
-        # of a member
+        # a swept or design key
         if key.endswith(".scale") and "g" in [one.scalar for one in (under, *under.items())]:
             return under
     inner = [*at.items(), *(under for _, under in at.entries())]
@@ -121,7 +121,7 @@ def _in_g(at: Cursor) -> Cursor | None:
 def read_observations(
     settings: ExperimentKeys, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
 ) -> Observations:
-    """What the keys of an experiment, which stands at `at`, ask of its motion."""
+    """The outputs that the keys of an experiment (at the cursor `at`) request."""
     given = [name for name in KEYS if at.has(name)]
     is_prescribed = isinstance(problem, Problem) and problem.scene.prescribed is not None
     drawn = _drawn(settings, problem)
@@ -134,7 +134,7 @@ def read_observations(
     _check_neighbours(settings, methods, key, at)
     of_surfaces = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
     texts = {**_named(settings.quantities), **{name: name for name in drawn}}
-    # a quantity of the user's own hides a ready one
+    # a quantity of the user's own hides a built-in one
     ready = {k: one for k, one in problem.ready.items() if texts.get(k, k) == k}
     names = names_along(problem, ready)
     advice = partial(_advice, names=names, at=at)
@@ -180,7 +180,7 @@ def read_observations(
             if reason := start_objection(problem.scene, surface):
                 under.refuse(reason, name, "when")
     if is_prescribed:
-        # what a damper on the bench is for
+        # the force is the result of a damper on the bench
         quantities.setdefault(FORCE, Expression.parse(FORCE, variables=names))
     times = None
     if isinstance(settings.output, Output) and is_complete(settings.output):
@@ -202,7 +202,7 @@ def read_observations(
 
 
 def _drawn(settings: ExperimentKeys, problem: AnyProblem) -> list[str]:
-    """Ready quantities that figures show and that are not asked for otherwise."""
+    """Built-in quantities that figures show and ``quantities`` does not request."""
     given = settings.figures if isinstance(settings.figures, tuple) else ()
     figures = [one for one in given if isinstance(one, FigureSettings)]
     shown = [name for one in figures for name in (one.extent[1], *(one.quantities or ()))]
@@ -212,18 +212,18 @@ def _drawn(settings: ExperimentKeys, problem: AnyProblem) -> list[str]:
 
 
 def names_along(problem: Problem, ready: Iterable[str] = ()) -> tuple[str, ...]:
-    """What expressions along the motion of a problem may hold."""
+    """Names that expressions along the motion of a problem may hold."""
     known = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
     names = tuple(dict.fromkeys((*known, *damper_values(problem.scene), *ready)))
     if problem.scene.prescribed is None:
         return names
-    # accelerations are those of an equation of motion, which a given motion has not
+    # accelerations come from an equation of motion, which a given motion does not have
     accelerations = {f"a{name}" for name in problem.coordinates}
     return tuple(name for name in names if name not in accelerations)
 
 
 def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at: Cursor) -> None:
-    """Names in formulas must mean in every member what they mean in the first."""
+    """Complain of names in formulas that mean something else than in the first member."""
     if not (isinstance(first, Problem) and isinstance(own, Problem)) or observed.is_empty:
         return
     if own.coordinates != first.coordinates:
@@ -254,7 +254,7 @@ def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at:
 def _check_neighbours(
     settings: ExperimentKeys, methods: Sequence[ListedMethod], name: str, at: Cursor
 ) -> None:
-    """What does not go together with output, quantities and events."""
+    """Complain of settings that exclude output, quantities, events or impacts."""
     for listed in methods:
         try:
             check_observable(listed.method)
@@ -291,7 +291,7 @@ def _check_neighbours(
 
 
 def _advice(name: str, own: str, names: Sequence[str], at: Cursor) -> str:
-    """What to write in place of a name in the formula `own` that is not known; nothing: unsure."""
+    """What to write for an unknown name in the formula `own`; empty: there is no advice."""
     if name != own and at.under("quantities").has(name):
         return "quantities are not known in other formulas; write its expression"
     if meant := meant_name(name, names):
@@ -310,7 +310,7 @@ def _advice(name: str, own: str, names: Sequence[str], at: Cursor) -> str:
 
 
 def meant_name(name: str, names: Sequence[str]) -> str:
-    """Which of the known names of a frame to write in place of another; empty: unsure."""
+    """The advice to write a known name of a frame for an unknown one; empty: there is none."""
     for pattern, words in _MEANT.items():
         found = re.fullmatch(pattern, name, re.IGNORECASE)
         if found and (instead := words.format(*found.groups())).partition(",")[0] in names:
@@ -338,7 +338,7 @@ def _expression(
         instead = "leave it out" if isinstance(under.node, ListNode) else "take another"
         under.refuse_key(name, f"is the name of something that is stored already; {instead}")
         return None
-    # in a list a name is its own expression
+    # in a list of names a name is its own expression
     at = next((one for one in under.items() if one.scalar == name), under.under(name, *inner))
     text = FormulaText(variables=names, advice=partial(advice, own=name)).read(at)
     found = Expression.parse(text, variables=names) if isinstance(text, str) else None
@@ -349,7 +349,7 @@ def _expression(
 
 
 def _infinite_work(formula: Expression, problem: Problem) -> str:
-    """Why a work in a formula has no value; empty: it has one."""
+    """Why the work of a damper in a formula has no value; empty: it has one."""
     dampers = damper_values(problem.scene)
     try:
         for word in sorted(formula.names & dampers.keys()):

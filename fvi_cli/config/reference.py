@@ -1,4 +1,4 @@
-"""Keys for editors (a JSON schema), as a page to read, and as commented files to begin with."""
+"""The keys as a JSON schema for editors, as a reference page, and as commented starter files."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ _HEADER: Final = ("key", "may be", "default", "meaning")
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One key: its path, what may stand there, its default and its meaning, as Markdown.
+    """One key: its path, allowed values, default and meaning, as Markdown.
 
-    Where `is_word` holds, words may stand there, others in other forms; `of` is the word of the
-    form that the key belongs to.
+    `is_word`: the allowed values are words, which other forms of the mapping may extend; `of`: the
+    word of the form to which the key belongs.
     """
 
     key: str
@@ -43,9 +43,9 @@ class Row:
 def configuration_reference() -> str:
     """Every key of a configuration as a Markdown page.
 
-    The same as :func:`fvi_cli.config.json_schema` says, for people. Keys that several kinds of
-    problem share with the same meaning and default stand in one table, the others below their
-    kind.
+    It has the contents of :func:`fvi_cli.config.json_schema`, for people. Keys that several kinds
+    of problem share with the same meaning and default are in one table, the others in the table of
+    their kind.
     """
     schema = json_schema()
     top = _inlined(schema["else"], schema["$defs"])
@@ -85,7 +85,7 @@ def configuration_reference() -> str:
 
 
 def _inlined(schema: Any, definitions: Schema) -> Any:
-    """A schema with what it refers to in the place of references."""
+    """A schema with the definitions in place of references to them."""
     if isinstance(schema, list):
         return [_inlined(one, definitions) for one in schema]
     if not isinstance(schema, dict):
@@ -101,7 +101,7 @@ _OWN_SECTIONS: Final = ("problem", "method")
 
 
 def _problems(variants: Sequence[Schema]) -> Iterator[str]:
-    """The kinds of problems: what they share, then each of them."""
+    """The kinds of problems: their common keys, then each kind."""
     kinds = {variant["properties"]["kind"]["const"]: variant for variant in variants}
     users: dict[tuple[Row, ...], list[str]] = {}
     for kind, variant in kinds.items():
@@ -154,7 +154,7 @@ def _rows(
 
 
 def _members(schema: Schema, path: str) -> Iterator[Row]:
-    """Keys of the mappings that `schema` allows, each path once, however often it is listed."""
+    """Keys of the mappings that `schema` allows; each path occurs once."""
     seen: dict[str, Row] = {}
     forms: dict[str, list[str]] = {}
     for row in _inner(schema, path):
@@ -176,7 +176,7 @@ def _inner(schema: Schema, path: str, of: str = "") -> Iterator[Row]:
     variants: Sequence[Schema] = schema.get("anyOf") or schema.get("oneOf") or ()
     # a mapping before a list of such mappings
     for variant in sorted(variants, key=lambda variant: "items" in variant):
-        # forms under oneOf differ by the word under their first key
+        # forms under oneOf differ by the word that their first key has
         first: Schema = next(iter(variant.get("properties", {}).values()), {})
         words = first.get("enum", [first.get("const", "")]) if "oneOf" in schema else [""]
         yield from _inner(variant, path, of=str(words[0]))
@@ -194,7 +194,7 @@ def _inner(schema: Schema, path: str, of: str = "") -> Iterator[Row]:
 
 
 def _allowed(schema: Schema) -> str:
-    """What may stand there, in words."""
+    """The allowed values, in words."""
     if "title" in schema:
         return str(schema["title"])
     variants = schema.get("anyOf", schema.get("oneOf"))
@@ -221,14 +221,14 @@ def _allowed(schema: Schema) -> str:
 
 
 def _list_of(words: str) -> str:
-    """A list of what `words` say."""
+    """Words for a list whose entries are described by `words`."""
     if words == "list of number":
         return "list of rows of numbers"
     return f"list of ({words})" if " or " in words or ", " in words else f"list of {words}"
 
 
 def _range(schema: Schema) -> str:
-    """Limits of a number; ends of round numbers as powers."""
+    """Limits of a number in words; round limits as powers of ten."""
     if "minimum" in schema and "maximum" in schema:
         return f", {_number(schema['minimum'])} to {_number(schema['maximum'])}"
     words = {
@@ -265,8 +265,8 @@ SCHEMA_TITLE: Final = "Configuration of fvi"
 def json_schema() -> Schema:
     """JSON schema (draft 2020-12) of a configuration, for editors.
 
-    Every key has a description, which names its unit, and its default. What holds between keys
-    is checked by :func:`fvi_cli.config.parse_config` only.
+    Every key has a description, which names its unit, and its default. Only
+    :func:`fvi_cli.config.parse_config` checks combinations of keys.
     """
     defs: Schema = {}
     single, several = SINGLE.whole(defs), SEVERAL.whole(defs)
@@ -287,7 +287,7 @@ def schema_text() -> str:
 
 WIDTH: Final = 98
 SCHEMA_FILE: Final = "fvi.schema.json"
-"""Where a starter file expects the schema: beside it."""
+"""Name of the schema file, which a starter file expects in its own folder."""
 MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
 """The line at the top of a configuration by which editors find the schema."""
 OF_MATERIAL: Final = {
@@ -299,13 +299,13 @@ OF_MATERIAL: Final = {
     "#   data: {file: measured.csv, time: t, columns: {force: force}}\n"
     "#   parameters: {problem.law.order: {}}",
 }
-"""Keys of a damper on the bench, whose motion is given."""
+"""Lines of a starter file for a damper on the bench, whose motion is given."""
 
 
 def starter_config(kind: str, *, name: str | None = None) -> str:
-    """A commented configuration of a kind to begin with; it is valid as it stands.
+    """A commented, valid configuration of a kind of problem, to begin with.
 
-    Its first line points editors to the schema beside it, :data:`SCHEMA_FILE`. The default
+    Its first line refers editors to the schema :data:`SCHEMA_FILE` in the same folder. The default
     name is ``my-<kind>``.
     """
     if kind not in KINDS:
@@ -348,10 +348,10 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
 
 
 def _switched_off(kind: type[SceneKind], problem: Problem) -> dict[str, str]:
-    """Keys that not every study needs, or that take the place of others, as comments."""
+    """Lines for optional or alternative keys, which a starter file has as comments."""
     name = (problem.coordinates or names_of(problem.scene))[0]
     fitted = kind.sweep.partition(":")[0]
-    # of many of a kind the first
+    # of numbered quantities the first
     names = [one for one in problem.ready if not one[-1].isdecimal() or one.endswith("_1")]
     ready = f"[{', '.join(names)}]" if names else ""
     return {
@@ -371,7 +371,7 @@ def _comment(text: str, indent: str) -> list[str]:
 
 
 def yaml_line(value: Any) -> str:
-    """A default as it is written in one line of YAML."""
+    """A default in one line of YAML."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {yaml_line(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):

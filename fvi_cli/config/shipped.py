@@ -11,7 +11,7 @@ from fvi_cli.keys.complaints import excerpt, listed, suggestion
 SUFFIXES = (".yaml", ".yml")
 
 PAGE_GROUPS = ("tutorial", "how-to", "reference", "explanation")
-"""Groups of pages: the first is the page beside the folders, each other one a folder."""
+"""Groups of pages: the first is a page next to the folders, each other group is a folder."""
 
 
 def shipped_configs() -> tuple[str, ...]:
@@ -20,7 +20,7 @@ def shipped_configs() -> tuple[str, ...]:
 
 
 def shipped_titles() -> dict[str, str]:
-    """What each shipped configuration shows: the first sentence of the comment at its top."""
+    """Titles of the shipped configurations: the first sentence of the comment at their top."""
     return {name: _title(_folder() / f"{name}.yaml") for name in shipped_configs()}
 
 
@@ -32,7 +32,7 @@ def _title(path: Path) -> str:
 
 
 def find_config(name: str) -> Path:
-    """The file that a user means: a path if it exists, otherwise a shipped configuration."""
+    """The file of a given name: a path if it exists, otherwise a shipped configuration."""
     shown = excerpt(name, 200)
     try:
         path = Path(name)
@@ -71,8 +71,8 @@ def guide_pages() -> dict[str, dict[str, str]]:
 
 
 def guide_page(name: str) -> str:
-    """The text of a page of the guide; of one with a notebook, where that lies."""
-    # the page that lists the others is no part of their list
+    """The text of a page of the guide; for a notebook its place."""
+    # the page that lists the others is not in their list
     index = {"index": _shipped("guide", "docs") / "index.md"}
     plain, known = name.removesuffix(".md"), {**_page_files(), **index}
     if plain not in known:
@@ -102,7 +102,7 @@ def _page_files() -> dict[str, Path]:
 
 
 def _shipped(inside: str, outside: str) -> Path:
-    """A folder inside of the package when that is installed, beside it in a checkout."""
+    """A folder within the installed package; in a checkout next to the package."""
     package = Path(__file__).resolve().parents[1]
     folder = package / inside
     return folder if folder.is_dir() else package.parent / outside

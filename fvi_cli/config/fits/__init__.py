@@ -1,1 +1,1 @@
-"""``fit``: what is read of measurements and parameters, and what is written of a fit."""
+"""``fit``: reading of measurements and parameters, and writing of fitted configurations."""

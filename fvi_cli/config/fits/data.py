@@ -25,7 +25,7 @@ from fvi_cli.studies.members import leads_somewhere, with_values
 from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
 
 LEAST_WORK: Final = 0.1
-"""Negative work, by the ranges of force and displacement, that noise and offsets do not make."""
+"""Negative work beyond this share of (force range times displacement range) is not noise."""
 
 _logger = logging.getLogger(__name__)
 
@@ -114,14 +114,14 @@ def _motion(
 
 
 def _remark_on_work(series: Sequence[Series], problem: Problem, at: Cursor) -> None:
-    """Say where a damper on the bench would give energy: no law from rest does."""
+    """Warn of a damper on the bench that gives energy, which no law does from rest."""
     motion = problem.scene.prescribed
     for one in series if motion is not None else ():
         if one.formula is None or one.formula.text != FORCE or motion is None:
             continue
         u, f = motion.displacement(one.times)[:, 0], one.values
         if abs(u[-1]) < abs(u[0]):
-            # it may give back what a spring had stored
+            # it may return energy that a spring had stored
             continue
         size = float(np.ptp(f) * np.ptp(u))
         works = [float(np.trapezoid(force, u)) for force in (f, f - f.mean())]
@@ -146,7 +146,7 @@ def _response(
         at.refuse(f"{problem.kind} is not linear and has no harmonic response", "frequency")
     forces, is_prescribed = given.force or (), problem.scene.prescribed is not None
     if is_prescribed:
-        # the response is the complex stiffness, the force by a unit displacement
+        # the response is the complex stiffness, the force for a unit displacement
         forces = ("displacement",)
         if given.force is not None:
             at.refuse("not for a damper on the bench, whose displacement is given", "force")
@@ -185,7 +185,7 @@ def _response(
 def _series(
     given: Data, first: str, problem: Problem, at: Cursor, *, column: str, **own: Any
 ) -> list[Series]:
-    """A column of the file beside that of times or frequencies; none with complaints."""
+    """A column of the file with its times or frequencies; empty, with complaints, if wrong."""
     path, shown = file_under(given.file, at)
     is_motion = given.frequency is None
     try:
@@ -204,7 +204,7 @@ def _series(
 
 
 def _check_times(samples: CsvSamples, name: str, final_time: float, column: str) -> None:
-    """Refuse times outside of the run."""
+    """Complain of times outside the run."""
     for time, line in zip(samples.time.tolist(), samples.lines, strict=True):
         if not 0 <= time <= final_time * (1 + 1e-12):
             raise DataFileError(
@@ -214,7 +214,7 @@ def _check_times(samples: CsvSamples, name: str, final_time: float, column: str)
 
 
 def can_change(described: Mapping[str, Any], changes: Iterable[str], at: Cursor) -> bool:
-    """Whether every key path leads to what may be changed; otherwise with a complaint."""
+    """Whether every key path names a value that may be changed; otherwise with a complaint."""
     wrong = next((key for key in changes if not may_change(described, key)), None)
     if wrong is not None:
         refuse_path(described, wrong, at)
@@ -233,7 +233,7 @@ def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
 
 
 def may_change(described: Mapping[str, Any], key: str) -> bool:
-    """Whether something that may be changed stands at a key path."""
+    """Whether the value at a key path exists and may be changed."""
     is_fixed = not key.startswith("problem.") or key in ("problem.kind", "problem.final_time")
     return not is_fixed and leads_somewhere(described, key)
 
@@ -251,7 +251,7 @@ def _numbers(node: Any, path: str) -> Iterator[str]:
 
 
 def refuse_path(described: Mapping[str, Any], key: str, at: Cursor) -> None:
-    """Complain about a key path, with the numbers that there are."""
+    """Complain about a key path, and list the key paths of numbers."""
     known = [one for one in _numbers(described, "problem") if one != "problem.final_time"]
     at.refuse_key(
         key,

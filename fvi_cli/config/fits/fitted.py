@@ -1,4 +1,4 @@
-"""A configuration with the numbers that were fitted to it."""
+"""A configuration with fitted numbers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def fitted_text(
     head = f"# {resolved['name']} with the numbers that were fitted to measurements\n"
     text = head + _as_yaml(_with_files(whole, _add_digest))
     if len(text) > LARGEST_DOCUMENT:
-        # files stay where they are; their sha256 is checked when they are read again
+        # files are referred to, not copied; reading checks their sha256
         text = head + _as_yaml(_with_files(whole, partial(_refer, folder=loaded.path.parent)))
     if len(text) > LARGEST_DOCUMENT:
         raise RequestError(
@@ -56,7 +56,7 @@ def _as_yaml(whole: Mapping[str, Any]) -> str:
 
 
 def _with_files(node: Any, change: Callable[[dict[str, Any]], None]) -> Any:
-    """The values with a change of every mapping whose content stands in place of a file."""
+    """The values after `change` of every mapping that holds the content of a file."""
     if isinstance(node, list | tuple):
         return [_with_files(one, change) for one in node]
     if not isinstance(node, Mapping):
@@ -72,7 +72,7 @@ def _add_digest(found: dict[str, Any]) -> None:
 
 
 def _refer(found: dict[str, Any], folder: Path) -> None:
-    """Name a file by its absolute path in place of what it holds."""
+    """Replace the content of a file by its absolute path."""
     file = (folder / str(found["file"])).resolve()
     if "sha256" in found and file.is_file():
         del found["content"]
@@ -80,6 +80,6 @@ def _refer(found: dict[str, Any], folder: Path) -> None:
 
 
 def _as_name(words: str) -> str:
-    """Words as they may stand in a name of files."""
+    """Words in characters that names of files may have."""
     found = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in words)
     return found.lstrip("-_") or "motion"

@@ -1,4 +1,4 @@
-"""What must hold between the keys under ``fit``, and the settings that they make."""
+"""Checks across the keys under ``fit``, and the settings that they make."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from fvi_cli.studies.members import value_at, with_values
 LEAST_ORDER: Final = 1e-3
 LARGEST_ORDER: Final = 1.999
 LARGEST_LAW_ORDER: Final = 0.999
-"""Bounds of an order that has none of its own."""
+"""Default bounds of orders."""
 
 
 def fit_settings(
@@ -43,10 +43,10 @@ def fit_settings(
     at: Cursor,
     tree: Cursor,
 ) -> FitSettings | None:
-    """What is fitted to what; None with complaints.
+    """The settings of a fit; None, with complaints, where something is wrong.
 
-    `described` is the resolved ``problem`` mapping, which made `problem`; ``fit``, which may hold
-    INVALID, stands at `at`, the problem at `tree`.
+    `described` is the resolved ``problem`` mapping that made `problem`; `fit` may hold INVALID;
+    `at` is the cursor at ``fit``, `tree` the cursor at the problem.
     """
     before = len(at.complaints)
     if not isinstance(problem, Problem):
@@ -101,7 +101,7 @@ def fit_settings(
 def _changed(
     described: Mapping[str, Any], changes: Mapping[str, Any], at: Cursor, tree: Cursor
 ) -> Mapping[str, Any] | None:
-    """The problem with the values of a model, read like those of the file; None with complaints."""
+    """The problem with the values of a model, read like the file; None: they are wrong."""
     node, before = tree.node, len(at.complaints)
     if not can_change(described, changes, at):
         return None
@@ -128,7 +128,7 @@ def _changed(
 def _without(
     parameters: Mapping[str, Parameter], changes: Mapping[str, Any]
 ) -> dict[str, Parameter]:
-    """Parameters that are not set, nor tied to one that is, by a model."""
+    """The parameters that a model does not set, and that are not tied to one that it sets."""
     left = {
         key: value
         for key, value in parameters.items()

@@ -1,1 +1,1 @@
-"""The keys of an experiment beside its problem, a file for each that has rules of its own."""
+"""The keys of an experiment other than its problem; a file for each key with rules of its own."""

@@ -51,9 +51,9 @@ Designs = Annotated[Any, AsWritten(expected=_EXPECTED, described=_described)]
 
 
 def read_members(at: Cursor) -> Sweep | None:
-    """What makes members of the experiment at `at`: designs, a sweep, or one for every pair.
+    """The members of the experiment at `at`: its designs, its sweep, or all pairs of both.
 
-    None: it has neither, or complaints were noted.
+    None: it has neither, or there are complaints.
     """
     sweep = read_sweep(at) if at.has(SWEEP) else None
     if not at.has(DESIGNS):
@@ -88,12 +88,12 @@ def _every_pair(designs: Sweep, sweep: Sweep, at: Cursor) -> Sweep | None:
 
 
 def _meet(one: str, other: str) -> bool:
-    """Whether a key is another, or lies inside of it."""
+    """Whether two keys are equal, or one lies inside the other."""
     return one == other or one.startswith(other + ".") or other.startswith(one + ".")
 
 
 def _read_designs(at: Cursor) -> Sweep | None:
-    """The members that designs make: of each the values of all keys that any of them changes."""
+    """The members that designs make; each has values of all keys that any design changes."""
     under = at.under(DESIGNS)
     if not isinstance(under.node, MappingNode) or not under.node.entries:
         under.needs(_EXPECTED)
@@ -106,7 +106,7 @@ def _read_designs(at: Cursor) -> Sweep | None:
         if reason := objection_to_name(name, names):
             under.refuse_key(name, reason)
         trees[name] = _changed(at.node, here, places)
-    # of keys inside of others, the outer ones say it all
+    # keys inside other changed keys are covered by the outer ones
     keys = [key for key in places if not any(key.startswith(f"{one}.") for one in places)]
     if len(at.complaints) > before:
         return None
@@ -162,7 +162,7 @@ def _changed(tree: Node, here: Cursor, places: dict[str, SourcePosition]) -> Nod
         path = tuple(key.split("."))
         outer = _node_of_key(tree, ".".join(path[:2]))
         if outer is not None and not is_absent(outer) and len(path) > 2:
-            # what is inside of a default, such as initial.position
+            # write out the default, so that a key in it can be changed, e.g. initial.position
             tree = with_node(tree, path[:2], outer, entry.key_place)
         try:
             tree = (
@@ -176,7 +176,7 @@ def _changed(tree: Node, here: Cursor, places: dict[str, SourcePosition]) -> Nod
 
 
 def _node_of_key(tree: Node, key: str) -> Node | None:
-    """What stands at a key of the problem, its default where it is absent; None: it has none."""
+    """The node at a key of the problem, or its default; None: it has neither."""
     path = tuple(key.split("."))
     node, found = node_at(tree, path)
     if found == path:
@@ -194,6 +194,6 @@ def _node_of_key(tree: Node, key: str) -> Node | None:
 
 
 def _known_keys(tree: Node) -> Mapping[str, Key]:
-    """The keys of the kind of problem; none where that is not known."""
+    """The keys of the kind of problem; empty if the kind is not known."""
     kind = plain(node_at(tree, (PROBLEM, "kind"))[0])
     return KINDS[kind].keys if isinstance(kind, str) and kind in KINDS else {}

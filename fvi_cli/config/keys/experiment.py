@@ -60,7 +60,7 @@ class _FigureWord(Choice):
 
 
 def _plain(word: str) -> str:
-    """A word in small letters without accents, with hyphens."""
+    """A word in lower case without accents, with hyphens for blanks."""
     letters = unicodedata.normalize("NFKD", word.lower()).encode("ascii", "ignore").decode()
     return re.sub(r"[\s_]+", "-", letters)
 

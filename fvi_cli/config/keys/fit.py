@@ -1,4 +1,4 @@
-"""``fit``: what ``fvi fit`` fits to which measurements."""
+"""``fit``: parameters and measurements for ``fvi fit``."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ Parameters = Annotated[Mapping[str, Parameter], _PARAMETERS]
 
 
 class Model(Setting):
-    """A description that is fitted."""
+    """A model of the problem that is fitted."""
 
     set: Annotated[
         Mapping[str, Any],
@@ -142,7 +142,7 @@ class Model(Setting):
 
 
 class Fit(Setting):
-    """What is fitted to which measurements."""
+    """Parameters, models and measurements of a fit."""
 
     data: Annotated[tuple[Data, ...], OneOrMany(shape=record_of(Data), most=MOST_SETS)] = key(
         "Measured motions, one or several."

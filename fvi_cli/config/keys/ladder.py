@@ -86,10 +86,10 @@ def check_grading(
     ends: Sequence[float],
     at: Cursor,
 ) -> None:
-    """Complain of methods that need equal steps, and of meshes that cannot be.
+    """Complain of methods that need equal steps, and of impossible meshes.
 
-    `ends` are break points and the final time, empty where they are not known; `at` is where the
-    experiment stands.
+    `ends` are break points and the final time, empty where they are not known; `at` is the cursor
+    at the experiment.
     """
     if grading == 1.0:
         return
@@ -109,7 +109,7 @@ def check_grading(
 
 
 def refuse_step(at: Cursor, index: int, message: str) -> None:
-    """Point at a number of steps, or at the ladder when it is given by exponents."""
+    """Complain of a number of steps, or of the ladder if it is given by exponents."""
     at.under("ladder", "steps", index).refuse(message)
 
 
@@ -119,21 +119,21 @@ USUAL: Final[Mapping[str, list[Any]]] = {
     "degree": [4, 3, 2],
     "start": ["graded"],
 }
-"""The methods of which one is chosen where none is given, on uniform meshes."""
+"""Default candidates for a tolerance on uniform meshes."""
 
 USUAL_ADAPTIVE: Final[Mapping[str, list[Any]]] = {
     "rk": ["gauss"],
     "degree": [10],
     "start": ["none"],
 }
-"""What stands for the methods of adaptive meshes while a configuration is read."""
+"""Placeholder for the methods of adaptive meshes while a configuration is read."""
 
 USUAL_STEPS: Final = 256
-"""Steps at least where a displacement is given and no ladder."""
+"""Least number of steps where a displacement is given and no ladder."""
 
 
 def usual_methods(accuracy: object) -> Mapping[str, list[Any]]:
-    """What stands for the methods where none is given; empty where there is no `accuracy`."""
+    """Default methods for a tolerance; empty where there is no `accuracy`."""
     if accuracy is None:
         return {}
     return (
@@ -142,12 +142,12 @@ def usual_methods(accuracy: object) -> Mapping[str, list[Any]]:
 
 
 def prescribed_of(problem: AnyProblem | None) -> PrescribedMotion | None:
-    """The motion of a problem, where it is given."""
+    """The given motion of a problem, or None."""
     return problem.scene.prescribed if isinstance(problem, Problem) else None
 
 
 def usual_steps(problem: AnyProblem | None) -> tuple[int, ...]:
-    """Steps where no ladder is given: as many between all samples of a displacement."""
+    """Steps without a ladder: equally many between any two samples of a given displacement."""
     motion = prescribed_of(problem)
     if motion is None:
         return ()
@@ -156,7 +156,7 @@ def usual_steps(problem: AnyProblem | None) -> tuple[int, ...]:
 
 
 def check_accuracy(at: Cursor, problem: AnyProblem | None) -> None:
-    """An experiment has a ladder or a tolerance; where the motion is given it may have none."""
+    """Complain unless there is a ladder or a tolerance; a given motion needs neither."""
     has_accuracy, has_ladder = at.has("accuracy"), at.has("ladder")
     if not (has_accuracy or has_ladder or prescribed_of(problem) is not None):
         message = f"missing; it must be {EXAMPLE}, or give {ACCURACY_EXAMPLE} in its place"
@@ -172,7 +172,7 @@ def check_accuracy(at: Cursor, problem: AnyProblem | None) -> None:
 def accuracy_of(
     given: Accuracy, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
 ) -> Accuracy | None:
-    """The tolerance with the methods to choose from; None where something is wrong."""
+    """The tolerance with its candidate methods; None, maybe with complaints, if it is wrong."""
     if isinstance(given.tolerance, float) == isinstance(given.relative, float):
         return None
     if isinstance(problem, DerivativeProblem):

@@ -1,4 +1,4 @@
-"""The names and keys of methods, their defaults, and the combinations that a mapping stands for."""
+"""Names and keys of methods, their defaults, and the combinations that a mapping means."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ METHODS: Final = OneOrMany(
 
 @dataclass(frozen=True, kw_only=True)
 class ListedMethod:
-    """A method, its resolved keys, and what asks for it."""
+    """A method, its resolved keys, and the cursor at its entry."""
 
     method: AnyMethod
     resolved: Mapping[str, Any]
@@ -161,7 +161,7 @@ class ListedMethod:
 def read_methods(
     given: object, at: Cursor, usual: Mapping[str, list[Any]], *, start: Start = "graded"
 ) -> list[ListedMethod]:
-    """Every combination under ``method``; what makes no method is noted and left out."""
+    """Every combination under ``method``; wrong ones are left out with a complaint."""
     if not at.has("method"):
         absent = MappingNode(place=at.node.place, entries={})
         here = replace(at, node=absent, path=(*at.path, "method"))
@@ -227,7 +227,7 @@ def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
 
 
 def _complain(error: ArgumentError, chosen: Mapping[str, int], at: Cursor) -> None:
-    """Put the complaint of a method to its key."""
+    """Add the complaint of a method at its key."""
     key = _KEY_OF_FIELD.get(error.key, error.key)
     if key == "cq":
         key = "rk" if "rk" in chosen else "bdf"
@@ -240,7 +240,7 @@ def _complain(error: ArgumentError, chosen: Mapping[str, int], at: Cursor) -> No
 
 
 def objection_to_grading(method: AnyMethod) -> str:
-    """Why the steps of a method may not differ, and what to do; empty where they may."""
+    """Why a method needs equal steps, and what to do; empty if it does not."""
     if not isinstance(method, Method) or method.cq != "gauss":
         return f"{method_name(method)} needs equal steps; leave grading out, or use rk: gauss"
     if method.start == "graded":

@@ -1,4 +1,4 @@
-"""``output``, ``events``, ``impacts``: requested outputs of a motion besides its positions."""
+"""``output``, ``events``, ``impacts``: requested outputs of a motion, and its impacts."""
 
 from __future__ import annotations
 
@@ -69,15 +69,15 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
 
 
 def _exact_multiples(length: float, parts: int, count: int) -> NDArray[np.float64]:
-    """Multiples of length / parts, of the decimal number as it is written, each rounded once."""
+    """Multiples of length / parts, exact for the decimal number as written, each rounded once."""
     step = Fraction(repr(length)) / parts
     above, below = step.numerator, step.denominator
-    # whole numbers are divided with one rounding, and much sooner than fractions are made
+    # dividing integers rounds once, and is much faster than making fractions
     return np.array([k * above / below for k in range(count)])
 
 
 def _every_period(at: Cursor) -> str:
-    """What to write for an event once every period."""
+    """The advice for an event once every period."""
     period = f"{at.scalar:g}" if type(at.scalar) in (int, float) else "T"
     return f"not a key: write {{when: sin(2*pi*t/{period}), direction: rising}}"
 

@@ -1,4 +1,4 @@
-"""``store``: what is kept in files, and the diagnostics beside the motion."""
+"""``store``: the points that files keep, and diagnostics of the motion."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _DIAGNOSTICS: Final = ListOf(shape=_WORDS, least=0, example=f"[{ENERGY}, {MAPS}]
 
 
 class StoreKeys(Setting):
-    """What is kept in files."""
+    """The points and diagnostics that files keep."""
 
     every: Annotated[int, Integer(least=1, most=MOST_STEPS)] = key(
         "Keep every n-th grid point in files.", default=1
@@ -88,7 +88,7 @@ class StoreKeys(Setting):
     )
 
     def request(self, problem: AnyProblem, at: Cursor) -> DiagnosticsRequest:
-        """The diagnostics of a problem; `at` is where the experiment stands."""
+        """The diagnostics of a problem; `at` is the cursor at the experiment."""
         wanted, place = self.diagnostics or (), ("store", "diagnostics")
         if self.symmetries is not None and MAPS not in wanted:
             at.refuse(f"needs diagnostics: [{MAPS}]", "store", "symmetries")
@@ -137,11 +137,11 @@ MOST_COORDINATES = 32
 
 
 def known_symmetries(scene: Scene, coordinates: tuple[str, ...]) -> tuple[Symmetry, ...]:
-    """Those of a few usual shifts and turns that leave the Lagrangian without forcing unchanged.
+    """The symmetries of the Lagrangian without forcing among some usual shifts and rotations.
 
-    Tried are a turn of the plane (``angular``, two coordinates), a shift of all coordinates
-    together (``linear``), and a shift of each coordinate alone (``p_<coordinate>``; up to 32
-    coordinates).
+    Candidates are a rotation of the plane (``angular``, two coordinates), a shift of all
+    coordinates together (``linear``), and a shift of a single coordinate (``p_<coordinate>``; up to
+    32 coordinates).
     """
     return tuple(
         one

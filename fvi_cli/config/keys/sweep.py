@@ -1,4 +1,4 @@
-"""``sweep``: the members that a list of values, or several lists, make of one problem."""
+"""``sweep``: the members of one problem that one or several lists of values make."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DEEPEST: Final = 50
 MOST_MEMBERS: Final = 100_000
 MOST_KEYS: Final = 20
 BYTES_PER_RUN: Final = 4000
-"""What is kept in memory of a finished run beside its trajectory."""
+"""Memory of a finished run in addition to its trajectory."""
 
 SWEEP: Final = "sweep"
 NAME: Final = "name"
@@ -47,13 +47,13 @@ _NOT_SWEPT: Final = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sweep:
-    """What stands under ``sweep``, as nodes."""
+    """The contents of ``sweep`` as nodes."""
 
     place: SourcePosition
     key_places: Mapping[str, SourcePosition]  # every swept key with its place
-    values: Mapping[str, Sequence[Node]]  # the values of every key that occur
-    combinations: Sequence[tuple[int, ...]]  # for every member the index of its value, key by key
-    # for every member its name, which stands for the values of `named`; none: no name is given
+    values: Mapping[str, Sequence[Node]]  # the distinct values of every key
+    combinations: Sequence[tuple[int, ...]]  # for every member an index into `values` for each key
+    # for every member its name, which stands for the values of the keys `named`; empty: no names
     names: Sequence[str] = ()
     named: tuple[str, ...] = ()
     is_valid: bool = True  # whether there are no complaints
@@ -83,7 +83,7 @@ Members = Annotated[Any, AsWritten(expected=_EXPECTED, described=_described)]
 
 
 def read_sweep(experiment: Cursor) -> Sweep | None:
-    """The members' values, as far as they are known where there are complaints; None: unknown."""
+    """The values of the members, as far as they are valid; None: there are none."""
     sweep, at = None, experiment.under(SWEEP)
     if isinstance(at.node, MappingNode) and at.node.entries:
         sweep = _every_combination(at.node, at, experiment.node)
@@ -125,7 +125,7 @@ def _every_combination(node: MappingNode, at: Cursor, tree: Node) -> Sweep | Non
 
 
 def too_many(count: int) -> str:
-    """The complaint of so many members."""
+    """The complaint about too many members."""
     # a finished run takes a few kilobytes, whatever its number of steps
     return (
         f"{count} members are too many; at most {MOST_MEMBERS} are allowed (one run of each would "
@@ -143,7 +143,7 @@ def _refuse_repeated(found: Sequence[Node], at: Cursor) -> None:
 
 
 def value_text(node: Node) -> str:
-    """Equal for values that mean the same."""
+    """A text that is equal for values that mean the same."""
     value = plain(node)
     if isinstance(value, int | float) and not isinstance(value, bool):
         with contextlib.suppress(OverflowError):
@@ -191,14 +191,14 @@ def _listed_members(at: Cursor, tree: Node) -> Sweep | None:
 
 
 def is_absent(node: Node) -> bool:
-    """Whether null stands there: the key is left out."""
+    """Whether a node is null, which means that the key is left out."""
     return isinstance(node, ScalarNode) and node.value is None
 
 
 def indexed(
     keys: Sequence[str], rows: Sequence[Mapping[str, Node]]
 ) -> tuple[dict[str, list[Node]], list[tuple[int, ...]], list[tuple[int, int]]]:
-    """The values of every key that occur, each once, their indices row by row, and equal rows."""
+    """Distinct values by key; for each row their indices; pairs (later, earlier) of equal rows."""
     values: dict[str, list[Node]] = {key: [] for key in keys}
     known: dict[str, dict[str, int]] = {key: {} for key in keys}
     first: dict[tuple[int, ...], int] = {}
@@ -217,7 +217,7 @@ def indexed(
 
 
 def objection_to_name(given: object, names: dict[str, str]) -> str:
-    """Why a name is none, or which others have it; empty: it stands among `names` now."""
+    """Why a name is not allowed or already taken; empty: it is valid and was added to `names`."""
     name = str(given)
     if not isinstance(given, str | int | float) or not name.strip() or not name.isprintable():
         return "not a name; write a word, such as bare"
@@ -233,9 +233,9 @@ def objection_to_name(given: object, names: dict[str, str]) -> str:
 
 
 def swept_keys(node: MappingNode, at: Cursor, tree: Node) -> list[str]:
-    """The keys, all of which must lead to something under ``problem``, and none into another.
+    """The valid keys; each must lie under ``problem``, and no key inside another one.
 
-    `tree` is the experiment, for what to write in place of keys that do not.
+    `tree` is the experiment, from which complaints suggest valid keys.
     """
     if len(node.entries) > MOST_KEYS:
         at.refuse(f"{len(node.entries)} keys are too many; at most {MOST_KEYS}")
@@ -272,7 +272,7 @@ def swept_keys(node: MappingNode, at: Cursor, tree: Node) -> list[str]:
 def meant_key(key: str, tree: Node) -> str:
     """The whole path of a key of the problem of an experiment: ``problem.parameters.F`` for F.
 
-    Where no such key stands there, it is taken for one of the kind of problem.
+    If the problem has no such key, the result is ``problem.F``.
     """
     parts = tuple(key.split("."))
     inner: list[tuple[tuple[str, ...], Node]] = [((), node_at(tree, (PROBLEM,))[0])]

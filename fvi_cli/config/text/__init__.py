@@ -1,1 +1,1 @@
-"""From YAML text, and changes of it, to a tree of nodes."""
+"""From YAML text and its overrides to a tree of nodes."""

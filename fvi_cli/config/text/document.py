@@ -1,8 +1,8 @@
 """YAML text to a tree of nodes that know their places.
 
 Words and numbers are read by the core schema of YAML 1.2: ``1e-3`` is a number, ``no`` and ``on``
-are text, ``0o17`` is 15 and ``017`` is 17. The tree is built from the parser's events with limits,
-because the text may come from strangers.
+are text, ``0o17`` is 15 and ``017`` is 17. The tree is built from the parser's events with limits
+on its size, because the text may be hostile.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def read_document(
 ) -> Node | None:
     """The tree of the single document in `text`; None, with a complaint, when there is none.
 
-    The text begins at `origin`, line 1 and column 1 of a file; a place without a line is the place
-    of everything in it. Complaints are of syntax, tags, repeated keys, several documents, and texts
-    that are too large, too deep or grow too large by their anchors.
+    The text begins at `origin`, line 1 and column 1 of a file. If `origin` has no line, all nodes
+    get `origin` as their place. Complaints concern syntax, tags, repeated keys, several documents,
+    and texts that are too large, too deeply nested or become too large by their anchors.
     """
     try:
         return _Reader(text, origin, complaints, path, is_json=is_json).document()
@@ -43,11 +43,11 @@ def read_document(
 
 
 class _GivenUpError(Exception):
-    """Reading cannot go on; the complaint is noted."""
+    """Reading cannot go on; the complaint has been added."""
 
 
 class _Reader:
-    """Reads a document; `prefix` is where it stands in a configuration."""
+    """Reads a document; `prefix` is its key path in a configuration."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class _Reader:
         self.text, self.origin, self.is_json = text, origin, is_json
         self.complaints, self.prefix = complaints, prefix
         self.events = self.parsed()
-        # what anchors name, with its number of nodes; None: its end has not been read
+        # by anchor the node and its size in nodes; None: the end of the node has not been read
         self.anchors: dict[str, tuple[Node, int] | None] = {}
         self.size = 0
 
@@ -83,10 +83,10 @@ class _Reader:
 
     def parsed(self) -> Iterator[Any]:
         if self.is_json:
-            # the parser in C is fast; it has other words for what is wrong
+            # the parser in C is fast, but its error messages are different
             events = yaml.parse(self.text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
             with contextlib.suppress(yaml.YAMLError):
-                # at most two of each node
+                # a node has at most two events
                 yield from list(itertools.islice(events, 3 * MOST_NODES))
                 return
         loader: yaml.SafeLoader | None = None
@@ -124,7 +124,7 @@ class _Reader:
             self.complaints.add(place, self.prefix, message)
 
     def node(self, event: Any, path: KeyPath, depth: int) -> Node:
-        """What begins with an event, at a path, inside of so many lists and mappings."""
+        """The node that begins with an event, at a path, at a depth of nesting."""
         place = self.place(event.start_mark)
         if isinstance(event, yaml.AliasEvent):
             return self.alias(str(event.anchor), place)

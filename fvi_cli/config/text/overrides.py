@@ -27,21 +27,21 @@ DESIGNS: Final = "designs"
 FIT: Final = "fit"
 PARAMETERS: Final = "parameters"
 ENTRIES: Final = ("start", "from", "to", "fixed", "tied", "factor", "own")
-"""What may stand below a parameter of a fit."""
+"""Keys of a parameter of a fit."""
 _DISPLACED: Final[Mapping[str, tuple[str, ...]]] = {
     "accuracy": ("ladder",),
     "ladder": ("accuracy",),
     "ladder.steps": ("from", "to", "base"),
 }
-"""Keys that would contradict another one, below an experiment."""
+"""By key of an experiment the keys that exclude it; an override removes these."""
 
 
 def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints) -> Node:
-    """The tree with every override ``key.path=value`` in place, in their order.
+    """The tree after all overrides ``key.path=value``, in their order.
 
-    The path is keys and list indices from 0, joined by dots, and the value is YAML; null leaves out
-    a key that is there. Mappings that the path needs and the file lacks are made. Complaints stand
-    at the place ``--set``.
+    The path consists of keys and list indices from 0, joined by dots. The value is YAML; null
+    removes the key. Mappings that the path needs and the file lacks are created. The place of
+    complaints is ``--set``.
     """
     for override in overrides:
         path = _path(override, root, complaints)
@@ -61,7 +61,7 @@ def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints
 
 
 def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
-    """The keys that a change names; none, with a complaint, where they are not allowed."""
+    """The keys of an override; empty, with a complaint, if they are not allowed."""
 
     def refuse(message: str, *path: str) -> KeyPath:
         complaints.add(OPTION, path, message)
@@ -92,7 +92,7 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
 
 
 def _swept(root: Node, path: tuple[str, ...]) -> KeyPath:
-    """The path, where keys below ``sweep`` and in fits hold dots: the longest one that exists."""
+    """The path, with its parts joined to keys that contain dots below ``sweep`` and in fits."""
     depth = _dotted_from(path)
     if depth is None:
         return path
@@ -108,7 +108,7 @@ def _swept(root: Node, path: tuple[str, ...]) -> KeyPath:
 
 
 def _dotted_from(path: tuple[str, ...]) -> int | None:
-    """Where in a path a key begins that holds dots; None: there is none."""
+    """Index in a path at which a key with dots begins; None: there is none."""
     if DESIGNS in path[:-3]:
         return path.index(DESIGNS) + 2
     if SWEEP in path[:-2]:
@@ -122,7 +122,7 @@ def _dotted_from(path: tuple[str, ...]) -> int | None:
 
 
 def _without_displaced(root: Node, path: KeyPath) -> Node:
-    """The tree without what would contradict the key at `path`."""
+    """The tree without the keys that exclude the key at `path`."""
     base = path[:2] if path[0] == "experiments" else ()
     for depth in range(len(base), len(path)):
         displaced = _DISPLACED.get(".".join(map(str, path[len(base) : depth + 1])), ())
