@@ -1,1 +1,1 @@
-"""Floor 2: what may stand under a key, declared once: read, checked, and described for editors."""
+"""Floor 2: shapes of values under keys: declared once, then read, checked and described."""

@@ -1,4 +1,4 @@
-"""Arguments of functions and classes: wrong calls are answered with the names that there are."""
+"""Arguments of functions and classes: errors of wrong calls list the names of arguments."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _OTHER_NAMES: Final = {
 def check_arguments(
     name: str, unnamed: Sequence[Any], given: Mapping[str, Any], signature: inspect.Signature
 ) -> None:
-    """Refuse arguments that a function does not have, and want those that it needs.
+    """Refuse arguments that a function does not have, and calls without those that it needs.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Mistakes with their places, gathered so that all of them are reported at once."""
+"""Mistakes with their places, collected so that all of them are reported at once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_COMPLAINTS = 100
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class SourcePosition:
-    """A position in a source; lines and columns count from 1, a line of 0 means it has none."""
+    """A position in a source; lines and columns count from 1, line 0 means that there is none."""
 
     source: str
     line: int = 0
@@ -28,7 +28,7 @@ class SourcePosition:
         return f"{self.source}:{self.line}:{self.column}" if self.line else self.source
 
     def shifted(self, columns: int) -> SourcePosition:
-        """The place so many columns further right."""
+        """The position `columns` columns further right."""
         if not self.line:
             return self
         return SourcePosition(source=self.source, line=self.line, column=self.column + columns)
@@ -43,27 +43,27 @@ def every_member(number: int) -> bool:
 
 
 def no_member(number: int) -> bool:
-    """Check none: they were checked before."""
+    """Check no member of a sweep, since all were checked before."""
     return False
 
 
 @dataclass(kw_only=True)
 class Complaints:
-    """Collects complaints about one text; the same one counts once."""
+    """Collects complaints about one text; equal complaints are kept once."""
 
-    # where relative paths in the text begin; None: in the folder of the process
+    # folder of relative paths in the text; None: the folder of the process
     folder: Path | None = None
-    # says by its number whether a member of a sweep is to be checked: another command, or an
-    # earlier one, may do so for the others
+    # says by its number whether a member of a sweep is checked; other members are checked by
+    # another command, or were by an earlier one
     checks_member: ChecksMember = every_member
-    # what was read of files that the text names: each is read once, however often it is named
+    # contents of files that the text names: each file is read once
     files: dict[Hashable, Any] = field(default_factory=dict)
     _found: dict[tuple[SourcePosition, str], None] = field(default_factory=dict)
 
     def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:
-        """Note what is wrong and what is allowed, at `place`, concerning the key at `path`."""
+        """Add a complaint about the key at `path`: what is wrong and what is allowed."""
         where = show_path(path)
-        # what is quoted from the text may hold control codes
+        # quotations from the text may contain control codes
         text = printable(f"{where}: {message}" if where else message)
         self._found[place, text] = None
 
@@ -71,21 +71,21 @@ class Complaints:
         return len(self._found)
 
     def separate(self) -> Complaints:
-        """No complaints yet about the same text."""
+        """A new collection of complaints about the same text, still empty."""
         return replace(self, _found={})
 
     def adopt(self, others: Complaints, addition: str = "") -> None:
-        """Note what `others` have found, with more words behind it."""
+        """Add the complaints of `others`, each followed by `addition`."""
         for place, message in others._found:
             self._found[place, f"{message}{addition}"] = None
 
     def raise_if_any(self) -> None:
-        """Raise the error of what was noted."""
+        """Raise the error with all complaints, if there are any."""
         if self._found:
             raise self.error()
 
     def error(self) -> ConfigError:
-        """Everything that was noted, in the order of the text."""
+        """An error with all complaints in the order of the text."""
         lines = [f"{place}: {message}" for place, message in sorted(self._found, key=itemgetter(0))]
         if len(lines) > MOST_COMPLAINTS:
             left = len(lines) - MOST_COMPLAINTS
@@ -106,7 +106,7 @@ def excerpt(text: str, longest: int = LONGEST_EXCERPT) -> str:
 
 
 def printable(text: str) -> str:
-    """`text` with escapes in place of what is not printable."""
+    """`text` with escapes in place of unprintable characters."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
@@ -119,28 +119,28 @@ ABBREVIATED = {
     "infinity": "max",
     "maximum": "max",
 }
-"""Words of the literature for words of keys."""
+"""From words of the literature to words of the keys."""
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """``; did you mean 'x'?`` for the nearest known word, or nothing."""
+    """``; did you mean 'x'?`` for the nearest known word, or an empty text."""
     names = list(known)
     by_case = {name.lower(): name for name in names}
     short = word.lower()[:LONGEST_EXCERPT]
     short = ABBREVIATED.get(short, short)
     nearest = difflib.get_close_matches(short, by_case, n=1)
     if not nearest and len(short) > 3:
-        # euler: explicit-euler
+        # such as explicit-euler for euler
         nearest = [name for name in by_case if short in name][:1]
     return f"; did you mean {by_case[nearest[0]]!r}?" if nearest else ""
 
 
 def not_known(name: str, known: Iterable[str]) -> str:
-    """The complaint of a key that is none of those that are known."""
+    """The complaint about an unknown key."""
     names = list(known)
     return f"not known{suggestion(name, names)} (known here: {listed(names)})"
 
 
 def listed(words: Iterable[str]) -> str:
-    """Words between commas."""
+    """Words separated by commas."""
     return ", ".join(words)

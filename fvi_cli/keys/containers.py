@@ -14,7 +14,7 @@ from fvi_cli.keys.scalars import Schema, Shape, referred
 
 @dataclass(frozen=True, kw_only=True)
 class ListOf(Shape):
-    """A list of equal things."""
+    """A list whose entries have one shape."""
 
     shape: Shape
     least: int = 1
@@ -44,7 +44,7 @@ class ListOf(Shape):
         return tuple(value if is_plain else (self.shape.build(one) for one in value))
 
     def meant(self, at: Cursor) -> str:
-        """How something that would do as an entry, or entries without brackets, is written."""
+        """How to write an entry, or entries without brackets, as a list."""
         word = self.shape.word_at(at)
         parts = at.scalar.split(",") if isinstance(at.scalar, str) else []
         numbers = [read_scalar(one.strip()) for one in parts]
@@ -60,7 +60,7 @@ class ListOf(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class OneOrMany(Shape):
-    """One thing or a list of them; read as a list, or as it stands where paths lead through it."""
+    """One value or a list of such values; read as a list, or unchanged if `as_it_stands`."""
 
     shape: Shape
     most: int = 10_000
@@ -90,11 +90,11 @@ class OneOrMany(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Named(Shape):
-    """A mapping from names that the user chooses to equal things."""
+    """A mapping from names that the user chooses to values of one shape."""
 
-    shape: Shape  # what stands under every name
-    names: str = "names"  # what the names are, in words
-    example: str = ""  # one of such mappings
+    shape: Shape  # shape of the value under every name
+    names: str = "names"  # what the names mean, in words
+    example: str = ""  # an example of such a mapping
 
     @property
     def expected(self) -> str:
@@ -138,11 +138,11 @@ class ByForm(Shape):
         return [s for s in (self.single, self.several, *self.mappings) if s is not None]
 
     def means(self, node: MappingNode) -> Shape | None:
-        """The mapping of which a key stands there."""
+        """The shape of a mapping that has any key of `node`."""
         return next((shape for shape in self.mappings if shape.has_any(node.entries)), None)
 
     def _astray(self, at: Cursor) -> tuple[Cursor, str] | None:
-        """A mapping of which the example says more than complaints about what is inside of it."""
+        """A mapping of no known form: an example helps more than complaints about its keys."""
         if not self.example:
             return None
         if isinstance(at.node, MappingNode) and self.mappings and self.means(at.node) is None:
@@ -156,7 +156,7 @@ class ByForm(Shape):
         return None
 
     def read(self, at: Cursor) -> Any:
-        """What the shape for this form of node reads."""
+        """The plain values that the shape for this form of node reads."""
         shape: Shape | None = self.single
         if isinstance(at.node, ListNode):
             shape = self.several
@@ -174,7 +174,7 @@ class ByForm(Shape):
         return found.refuse(f"a mapping{keys} is not allowed{where} must be {self.expected}")
 
     def build(self, value: Any) -> Any:
-        """What the shape for this form makes."""
+        """The value that the shape for this form makes."""
         shape: Shape | None = self.single
         if isinstance(value, list | tuple):
             shape = self.several
@@ -183,7 +183,7 @@ class ByForm(Shape):
         return value if shape is None else shape.build(value)
 
     def schema(self, defs: Schema) -> Schema:
-        """A reference, where there is a name for it; else all of it."""
+        """A reference if the shape has a name; else the whole schema."""
 
         def whole(defs: Schema) -> Schema:
             return {"anyOf": [shape.schema(defs) for shape in self._shapes()]}

@@ -1,4 +1,4 @@
-"""A node with its path and the complaints about it: what is handed to whatever reads it."""
+"""A cursor: a node with its path and its complaints, from which shapes read."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fvi_cli.keys.nodes import ListNode, MappingNode, Node, ScalarNode, describe
 
 
 class Missing(Enum):
-    """Marks in place of a value."""
+    """Marks that replace a value."""
 
     INVALID = "invalid"
     REQUIRED = "required"
@@ -27,16 +27,16 @@ OPTIONAL: Final = Missing.OPTIONAL
 
 
 PLAIN: Final = (float, str, int, bool, type(None))
-"""Types of values that hold no others."""
+"""Types of values that contain no other values."""
 
 
 class Built:
-    """A value that was made of a mapping."""
+    """A value that was made from a mapping."""
 
 
 def is_complete(value: object) -> bool:
-    """Whether nothing in a value that was read is INVALID."""
-    # most values are plain, and whether something is a mapping takes long to ask
+    """Whether a value that was read contains no INVALID."""
+    # most values are plain, and isinstance with Mapping is slow
     if type(value) in PLAIN:
         return True
     if value is INVALID:
@@ -53,54 +53,54 @@ class Cursor:
     """A place in a tree."""
 
     node: Node
-    complaints: Complaints  # receives what is wrong
-    path: KeyPath = ()  # keys and indices that lead there
-    names: tuple[str, ...] = ()  # names that expressions may hold beside their own variables
+    complaints: Complaints  # receives complaints
+    path: KeyPath = ()  # keys and indices from the root to the node
+    names: tuple[str, ...] = ()  # names that expressions may hold besides their own variables
 
     def refuse(self, message: str, *path: str | int) -> Missing:
-        """Complain of what stands here, or at the end of a path below as far as it exists."""
+        """Complain about this node, or about the node at a path below as far as that exists."""
         self.complaints.add(self.under(*path).node.place, (*self.path, *path), message)
         return INVALID
 
     def refuse_key(self, name: str, message: str) -> Missing:
-        """Complain of a key of the mapping that stands here, or of the mapping without it."""
+        """Complain about a key of this mapping, at the place of the key or else of the mapping."""
         given = self.node.entries.get(name) if isinstance(self.node, MappingNode) else None
         place = self.node.place if given is None else given.key_place
         self.complaints.add(place, (*self.path, name), message)
         return INVALID
 
     def report_argument(self, error: ArgumentError) -> Missing:
-        """Complain of what a check found, where it says."""
+        """Add the error of a check as a complaint at the path that it names."""
         if error.at_key:
             return self.under(*error.path[:-1]).refuse_key(error.path[-1], error.message)
         return self.refuse(error.message, *error.path)
 
     def needs(self, expected: str, hint: str = "") -> Missing:
-        """Complain that something else is needed, and how what stands here would be written."""
+        """Complain that another value is needed, with a hint how to write the present one."""
         return self.refuse(f"{needed(self.node, expected)}{hint}")
 
     def items(self) -> list[Cursor]:
-        """The entries of the list that stands here; none where there is no list."""
+        """The entries of this list; empty where the node is no list."""
         items = self.node.items if isinstance(self.node, ListNode) else ()
         return [self._at(item, index) for index, item in enumerate(items)]
 
     def under(self, *path: str | int) -> Cursor:
-        """What stands at the end of a path below, as far as that exists."""
+        """The cursor at the end of a path below, as far as that exists."""
         found, there = node_at(self.node, path)
         return self._at(found, *there)
 
     def _at(self, node: Node, *path: str | int) -> Cursor:
-        # `dataclasses.replace` takes several times as long, and sweeps are large
+        # not `dataclasses.replace`, which is several times slower: sweeps are large
         path = (*self.path, *path)
         return Cursor(node=node, complaints=self.complaints, path=path, names=self.names)
 
     def entries(self) -> Iterator[tuple[str, Cursor]]:
-        """The keys of the mapping that stands here, with what stands under them."""
+        """The keys of this mapping, each with the cursor at its value."""
         for name in self.node.entries if isinstance(self.node, MappingNode) else ():
             yield name, self.under(name)
 
     def has(self, name: str) -> bool:
-        """Whether a mapping with this key stands here."""
+        """Whether the node is a mapping with this key."""
         return isinstance(self.node, MappingNode) and name in self.node.entries
 
     @property
@@ -110,7 +110,7 @@ class Cursor:
 
 
 def needed(node: Node, expected: str) -> str:
-    """The complaint that something else is needed."""
+    """The complaint that another value is needed."""
     if isinstance(node, ScalarNode) and node.value is None:
         return f"the value is missing; it must be {expected}"
     return f"{describe(node)} is not allowed; it must be {expected}{meant_number(node)}"

@@ -1,4 +1,4 @@
-"""Mappings of several kinds, which differ by the word under a key of theirs."""
+"""Mappings of several kinds, distinguished by the word under one key."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class ByKind(Shape):
-    """Records that differ by the word under a key of theirs.
+    """Records that are distinguished by the word under the key `word`.
 
-    Where the `default` stands, what is read is without the key, as where none stands. `aliases` are
-    other words for kinds, `meant` says what to write in place of words that are not known here, all
-    in small letters; `name` is that in the schema.
+    For the `default` kind the values that are read lack the key, whether it was written or not.
+    `aliases` are other words for kinds, `meant` has advice for words that are no kinds, all in
+    lower case; `name` is the name in the schema.
     """
 
     kinds: Mapping[str, Record] = field(hash=False)
@@ -41,17 +41,17 @@ class ByKind(Shape):
         return f"a mapping with {self.word} and the keys of that {self.word}"
 
     def read(self, at: Cursor) -> Any:
-        """A dict that begins with the key, unless the default stands there."""
+        """A dict that begins with the key, unless the kind is the default."""
         if not isinstance(at.node, MappingNode):
             return at.needs(self.expected)
         choice = Choice(words=tuple(self.kinds))
         kind: Any = self.default
         word = at.under(self.word).scalar if at.has(self.word) else None
         plain = re.sub(r"[\s_]+", "-", word.lower()) if isinstance(word, str) else ""
-        # also in words such as viscous-damper
+        # also parts of words such as viscous-damper
         meant = [one for one in (plain, *plain.split("-")) if one in self.meant]
         if plain in self.meant or (meant and not any(one in plain for one in self.kinds)):
-            # the keys beside it are those of what is not known
+            # do not read the other keys: they belong to the unknown kind
             return at.refuse(f"{plain}: {self.meant[meant[0]]}", self.word)
         if plain in self.aliases or (plain != word and plain in self.kinds):
             kind = self.aliases.get(plain, plain)
@@ -82,14 +82,14 @@ class ByKind(Shape):
         return Record(of=of_any_kind, keys=keys)
 
     def build(self, value: Any) -> Any:
-        """What the mapping of its kind makes."""
+        """The value that the record of its kind makes."""
         if not isinstance(value, Mapping):
             return value
         record = self.kinds.get(value.get(self.word, self.default))
         return value if record is None else record.build(value)
 
     def schema(self, defs: Schema) -> Schema:
-        """A reference, where there is a name for it; else all of it."""
+        """A reference if the shape has a name; else the whole schema."""
         return referred(self.name, defs, self._whole) if self.name else self._whole(defs)
 
     def _whole(self, defs: Schema) -> Schema:

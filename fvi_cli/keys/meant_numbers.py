@@ -1,4 +1,4 @@
-"""What to write for a text that means a number: with a unit, a fraction, a decimal comma."""
+"""Advice for a text that means a number: with a unit, a fraction, a decimal comma."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ _UNITS: Final = {
     "h": 3600.0,
     **{f"{prefix}{base}": f for base in _BASES for prefix, f in _PREFIXES.items()},
 }
-"""Units by their factors in kg, m, s and N."""
+"""Factors to kg, m, s and N by unit."""
 
 
 def meant_number(node: Node) -> str:
-    """How a text that looks like a number is written as one; empty for everything else."""
+    """How to write a text that looks like a number; empty for any other node."""
     if not isinstance(node, ScalarNode) or not isinstance(node.value, str):
         return ""
     bare = node.text.replace("_", "").strip()
@@ -53,7 +53,7 @@ def meant_number(node: Node) -> str:
 
 
 def _number_before(text: str) -> str:
-    """What to write for a fraction, a percentage, or a number with a unit."""
+    """Advice for a fraction, a percentage, or a number with a unit."""
     if fortran := _FORTRAN.fullmatch(text):
         return f"; write {fortran[1]}e{fortran[2]}"
     found = _WITH_MORE.fullmatch(text)
@@ -89,7 +89,7 @@ def _factor_of(unit: str) -> float | None:
 
 
 def _constant_in(text: str) -> str:
-    """What to write for an expression of numbers, such as ``10*pi``."""
+    """Advice for an expression of numbers, such as ``10*pi``."""
     try:
         value = Expression.parse(text, variables=()).evaluate({})
         number = float(value)

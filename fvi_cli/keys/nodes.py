@@ -1,4 +1,4 @@
-"""The tree that a text is read into: words, lists and mappings that know where they stand."""
+"""The tree into which a text is read: words, lists and mappings with their places."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class ScalarNode:
     """A word, number or text."""
 
     place: SourcePosition
-    value: ScalarValue  # what it means
-    text: str  # what is written, without quotes
-    # place of the first character of `text` if the text stands in the source as it is
+    value: ScalarValue  # its value
+    text: str  # its text, without quotes
+    # place of the first character of `text` if the source contains the text unchanged
     text_place: SourcePosition | None = None
 
 
@@ -47,7 +47,7 @@ class ListNode:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NodeEntry:
-    """A key with its place, and what stands under it."""
+    """The place of a key, and the node under it."""
 
     key_place: SourcePosition
     node: Node
@@ -65,12 +65,12 @@ Node = ScalarNode | ListNode | MappingNode
 
 
 def read_scalar(text: str) -> ScalarValue:
-    """What an unquoted word means by the core schema of YAML 1.2."""
+    """The value of an unquoted word by the core schema of YAML 1.2."""
     if text in _WORDS:
         return _WORDS[text]
     sign = -1.0 if text.startswith("-") else 1.0
     if _INTEGER.fullmatch(text):
-        # a number of thousands of digits would take long, and is infinite for every purpose here
+        # reading thousands of digits takes long, and such a number counts as infinite here
         return int(text) if len(text) <= LONGEST_NUMBER else math.copysign(math.inf, sign)
     for pattern, base in _OTHER_BASES:
         if pattern.fullmatch(text):
@@ -81,7 +81,7 @@ def read_scalar(text: str) -> ScalarValue:
 
 
 def plain(node: Node) -> Any:
-    """What a node says, as JSON values."""
+    """The JSON values of a node."""
     if isinstance(node, ListNode):
         return [plain(item) for item in node.items]
     if isinstance(node, MappingNode):
@@ -90,7 +90,7 @@ def plain(node: Node) -> Any:
 
 
 def node_of(value: Any, place: SourcePosition = NOWHERE) -> Node:
-    """JSON values as a tree, all of which stands at one place."""
+    """JSON values as a tree whose nodes all have the same place."""
     if isinstance(value, Mapping):
         items = value.items()
         entries = {str(k): NodeEntry(key_place=place, node=node_of(v, place)) for k, v in items}
@@ -120,7 +120,7 @@ def index_in(node: ListNode, part: str) -> int | None:
 
 
 class NowhereError(LookupError):
-    """A key path leads nowhere: how far, and why not further."""
+    """A key path does not exist: `path` up to its first missing part, and the reason."""
 
     def __init__(self, path: KeyPath, reason: str) -> None:
         self.path, self.reason = path, reason
@@ -128,14 +128,14 @@ class NowhereError(LookupError):
 
 
 def with_node(node: Node, path: KeyPath, value: Node, place: SourcePosition) -> Node:
-    """The tree with another node at a key path; mappings that it needs are made, at `place`.
+    """The tree with another node at a key path; missing mappings are created, at `place`.
 
     Raises
     ------
     NowhereError
         If the path leads into a list that is too short, or into a plain value.
     """
-    # from the inside out: a path may be longer than calls can be deep
+    # a loop, since a path may be longer than the recursion limit
     passed: list[tuple[ListNode | MappingNode, str]] = []
     inner: Node | None = node
     for depth, key in enumerate(path):
@@ -181,7 +181,7 @@ def without_node(node: Node, path: KeyPath) -> Node:
 
 
 def describe(node: Node) -> str:
-    """What stands there, in words."""
+    """A node in words, for complaints."""
     if isinstance(node, ListNode):
         return "a list"
     if isinstance(node, MappingNode):

@@ -1,4 +1,4 @@
-"""Numbers at equal distances, or in equal ratios: ``{from: 1, to: 100, number: 50}``."""
+"""Numbers at equal distances or ratios: ``{from: 1, to: 100, number: 50}``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Range(Setting, expected="{from: 1, to: 100, number: 50, spacing: linear|lo
     )
 
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """A list of floats, the first and last of which are exactly ``from`` and ``to``."""
+        """A list of floats; the first and the last are exactly ``from`` and ``to``."""
         first, last = self.from_, self.to
         if first == last:
             return at.refuse(f"{last:g} is the same as from", "to")

@@ -1,8 +1,8 @@
-"""What may stand under a key as a single value, or as a matrix.
+"""Shapes of single values and of matrices.
 
-A shape reads what stands at a cursor into plain JSON values; what is wrong is noted and stands as
-:data:`INVALID` in the result, so that reading goes on. ``schema`` says the same in the words of
-JSON schema.
+A shape describes the allowed values of a key. It reads the node at a cursor into plain JSON values;
+for a wrong value it adds a complaint and puts :data:`INVALID` into the result, so that reading goes
+on. ``schema`` describes the same values as a JSON schema.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from fvi_cli.mathematics.expressions import MOST_LISTED, Expression
 
 _logger = logging.getLogger(__name__)
 _WITH_NAMES = re.compile(r"(?=.*(?<![\w.])[A-Za-z])[$\w.+*/(){}-]+(?<!\d[A-Za-z])")
-"""A name, or an expression with one; no number with a unit."""
+"""Matches a name, or an expression with names, but no number with a unit."""
 Schema = dict[str, Any]
 
 
 class Shape(ABC):
-    """What may stand under a key."""
+    """The allowed values of a key."""
 
     @property
     @abstractmethod
     def expected(self) -> str:
-        """What is allowed, to be put after *it must be*."""
+        """What is allowed, in words that continue *it must be*."""
 
     @abstractmethod
     def read(self, at: Cursor) -> Any:
-        """Plain values, with INVALID where a complaint was noted."""
+        """Plain values, with INVALID where there is a complaint."""
 
     def build(self, value: Any) -> Any:
-        """What plain values that were read make."""
+        """The value that plain values, which were read, make."""
         return value
 
     def word_at(self, at: Cursor) -> str:
-        """The number or word at a place, where it fits; else nothing."""
+        """The number or word at a cursor if it has this shape; else an empty text."""
         node, trial = at.node, replace(at, complaints=Complaints())
         if not isinstance(node, ScalarNode) or node.value is None:
             return ""
@@ -56,12 +56,12 @@ class Shape(ABC):
         return node.text if fits else ""
 
     def has_any(self, names: Container[str]) -> bool:
-        """Whether any key of a shape of mappings is among `names`."""
+        """Whether any key of this shape (of mappings) is among `names`."""
         return False
 
     @abstractmethod
     def schema(self, defs: Schema) -> Schema:
-        """The shape in JSON schema; what it refers to is written into `defs`."""
+        """The shape in JSON schema; definitions that it refers to are added to `defs`."""
 
 
 def referred(name: str, defs: Schema, schema: Callable[[Schema], Schema]) -> Schema:
@@ -73,14 +73,14 @@ def referred(name: str, defs: Schema, schema: Callable[[Schema], Schema]) -> Sch
 
 
 def _number(at: Cursor) -> int | float | None:
-    """The number that stands there; None for anything else, true and false as well."""
+    """The number at a cursor; None for any other node, also for true and false."""
     value = at.scalar
     return None if isinstance(value, bool) or not isinstance(value, int | float) else value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Number(Shape):
-    """A finite real number, possibly in an open interval or from a least value on."""
+    """A finite real number, optionally within an open interval or at least `least`."""
 
     above: float | None = None
     below: float | None = None
@@ -113,7 +113,7 @@ class Number(Shape):
         return number if allowed else at.needs(self.expected, self._of_names(at))
 
     def _of_names(self, at: Cursor) -> str:
-        """What to write for a name, or an expression with names."""
+        """Advice for a name, or an expression with names, in place of a number."""
         is_named = isinstance(at.scalar, str) and _WITH_NAMES.fullmatch(at.scalar)
         if not is_named or meant_number(at.node):
             return ""
@@ -164,7 +164,7 @@ def _anything(defs: Schema) -> Schema:
 
 @dataclass(frozen=True, kw_only=True)
 class AsWritten(Shape):
-    """What stands there, as it is written: it is read where its meaning is known."""
+    """Any value, not read here but later, when its meaning is known."""
 
     expected: str = "what may stand under that key"
     described: Callable[[Schema], Schema] = _anything
@@ -198,7 +198,7 @@ class Choice(Shape):
     """One word of several."""
 
     words: tuple[str, ...]  # what is allowed
-    # what to write in place of a word that was allowed once
+    # advice for words that earlier versions allowed
     gone: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -215,7 +215,7 @@ class Choice(Shape):
             return text
         if text in self.gone:
             return at.refuse(f"{text} was removed; {self.gone[text]}")
-        # a word such as `none` is text anyway; numbers and true have no near word
+        # suggest only for text: numbers and true are not near any word
         hint = suggestion(text, self.words) if text and isinstance(at.scalar, str) else ""
         return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}{hint}")
 
@@ -234,7 +234,7 @@ class FormulaText(Shape):
 
     variables: tuple[str, ...] = ("t",)
     words: tuple[str, ...] = ()
-    # what to write in place of a name that is not known; nothing: what is near is proposed
+    # advice for an unknown name; where it is empty a similar name is suggested
     advice: Callable[[str], str] = _no_advice
 
     @property
@@ -279,10 +279,10 @@ class FormulaText(Shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Text(Shape):
-    """A text that is read later, when the names in it are known."""
+    """A text; names in it are checked later."""
 
-    what: str = "a text"  # what it must be, in words
-    pattern: str | None = None  # what all of it must match; None: anything
+    what: str = "a text"  # what is allowed, in words
+    pattern: str | None = None  # regular expression for the whole text; None: any text
     longest: int | None = None  # most characters; None: no limit
 
     @property
@@ -296,7 +296,7 @@ class Text(Shape):
         return is_short and (self.pattern is None or bool(re.fullmatch(self.pattern, text)))
 
     def read(self, at: Cursor) -> Any:
-        """The text as written; a number stands for itself."""
+        """The text as written, also of a number."""
         value = at.scalar
         if not isinstance(at.node, ScalarNode) or value is None or isinstance(value, bool):
             return at.needs(self.expected)
@@ -315,7 +315,7 @@ class Text(Shape):
 
 
 def _diagonal(texts: list[str]) -> str:
-    """How a diagonal matrix is written."""
+    """How to write a diagonal matrix."""
     if len(texts) > 4:
         texts = ["m1", "m2", "m3"]
     rows = [
@@ -327,7 +327,7 @@ def _diagonal(texts: list[str]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Matrix(Shape):
-    """A symmetric matrix as a list of rows, positive definite if asked for."""
+    """A symmetric matrix as a list of rows; with `positive` it must be positive definite."""
 
     positive: bool = False
 

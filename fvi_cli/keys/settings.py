@@ -1,12 +1,12 @@
 """Settings: frozen values whose annotated fields are the keys of a mapping.
 
-A field says what may stand under its key, what that means, its unit and its default::
+A field declares the allowed values of its key, their meaning, unit and default::
 
     class Pendulum(Setting):
         omega: NotNegative = key("Angular frequency.", unit="1/time", default=1.0)
 
-The same declaration reads YAML with complaints at their places, checks what Python gives, fills in
-defaults, builds the value, and describes the key in the JSON schema and in the reference.
+The same declaration reads YAML with complaints at their places, checks arguments in Python, fills
+in defaults, builds the value, and describes the key in the JSON schema and in the reference.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ Refusal = str | Callable[[Cursor], str]
 
 @dataclass(frozen=True, kw_only=True)
 class Key:
-    """A key of a setting: what may stand under it, and for readers what that means."""
+    """A key of a setting: its allowed values, and for readers their meaning."""
 
     name: str
     attribute: str  # the field of the setting
     shape: Shape = field(hash=False)
     meaning: str
-    unit: str = ""  # in words, such as ``mass per time^2``
-    # the plain value of an absent key, REQUIRED, or OPTIONAL for none
+    unit: str = ""  # such as ``mass per time^2``
+    # the plain value of an absent key; REQUIRED; or OPTIONAL: an absent key has no value
     default: Any = field(hash=False)
 
     @property
@@ -58,7 +58,7 @@ class Key:
 
 
 def key(meaning: str, *, unit: str = "", default: Any = REQUIRED) -> Any:
-    """A field that is a key; `default` is the plain value of an absent one, None: there is none."""
+    """A field that is a key; `default` is the plain value if it is absent, None: it has none."""
     return partial(
         Key, meaning=meaning, unit=unit, default=OPTIONAL if default is None else default
     )
@@ -68,28 +68,28 @@ def key(meaning: str, *, unit: str = "", default: Any = REQUIRED) -> Any:
 class Setting(Built):
     """A mapping with known keys, and the value that it makes.
 
-    A name that Python has taken stands with ``_`` behind it. Class variables can be given as
-    arguments of the class.
+    A field whose key is a word of Python has ``_`` at the end of its name. Class variables can be
+    given as arguments of the class.
     """
 
     refused: ClassVar[Mapping[str, Refusal]] = {}
-    """Keys that deserve a reason, with it."""
+    """Wrong keys that get a complaint of their own, with this complaint."""
     forms: ClassVar[tuple[tuple[str, ...], ...]] = ()
-    """Groups of keys of which exactly one is given; ``?`` behind those that it can do without."""
+    """Groups of keys; exactly one group must be given. Optional keys of a group end in ``?``."""
     declares: ClassVar[str] = ""
-    """The key whose names the expressions under all keys may hold."""
+    """A key with a mapping; expressions under all keys may use the names of this mapping."""
     expected: ClassVar[str] = ""
-    """What is allowed, in place of *a mapping with ...*."""
+    """What is allowed, in words that replace *a mapping with ...*."""
 
     keys: ClassVar[Mapping[str, Key]] = {}
-    """By their names, its own before those that it shares with others."""
+    """The keys by their names; those of the class come before inherited ones."""
 
     def __init_subclass__(cls, **variables: Any) -> None:
         for name, value in variables.items():
             setattr(cls, name, value)
         hints = typing.get_type_hints(cls, include_extras=True)
         found: dict[str, Key] = {}
-        # what a class sets to something else is no key of its
+        # an inherited key that a class sets to another value is no key of that class
         known: set[str] = set()
         for owner in cls.__mro__:
             for name, one in vars(owner).items():
@@ -110,16 +110,16 @@ class Setting(Built):
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
-        """The value of plain ones that were read, with the defaults of absent keys.
+        """The value of plain values that were read, with the defaults of absent keys.
 
-        What is not valid stands as INVALID in it.
+        It contains INVALID where the plain values do.
         """
         made = object.__new__(cls)
         made._fill(values)
         return made
 
     def with_values(self, values: Mapping[str, Any], names: Iterable[str]) -> Self:
-        """The same value, in which keys of these names are built anew of plain ones."""
+        """A copy of the value in which the keys `names` are built again from plain values."""
         made = self.replaced()
         made._fill(values, [self.keys[name] for name in names])
         return made
@@ -132,21 +132,21 @@ class Setting(Built):
             self.__dict__[one.attribute] = None if value is OPTIONAL else one.shape.build(value)
 
     def value(self) -> Any:
-        """What stands where this is built."""
+        """The value that replaces the mapping in the setting around it."""
         return self
 
     def replaced(self, **changes: Any) -> Self:
-        """The same value with other fields, which are not checked."""
+        """A copy of the value with other fields, which are not checked."""
         made = object.__new__(type(self))
         made.__dict__.update(self.__dict__, **changes)
         return made
 
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
-        """Complain of keys that must be there, or must not, whatever stands under them."""
+        """Complain of missing or superfluous keys, whatever their values are."""
 
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The plain values that stand for what was read, once every key is well by itself."""
+        """Check valid values of all keys together; returns plain values to replace them."""
         return values
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -163,7 +163,7 @@ class Setting(Built):
 
 
 class PlainSetting(Setting):
-    """A mapping that stays one where it is built: it travels with results."""
+    """A setting whose value is its plain mapping, which is sent along with results."""
 
     def value(self) -> Any:
         """The plain values."""
@@ -174,15 +174,15 @@ class RaisingComplaints(Complaints):
     """Raises the first complaint as an ArgumentError."""
 
     def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:
-        """Raise it."""
+        """Raise the complaint."""
         raise ArgumentError(".".join(map(str, path)), message)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record(Shape):
-    """The mapping of a setting, its keys in the order in which they are filled in and shown.
+    """The shape of the mapping of a setting, with keys in the order in which they are shown.
 
-    `variant` stands behind its name in the schema where its keys are not those of the setting.
+    `variant` is appended to its name in the schema if its keys differ from those of the setting.
     """
 
     of: type[Setting] = field(hash=False)
@@ -226,10 +226,10 @@ class Record(Shape):
         return self.of.of(value).value() if isinstance(value, Mapping) else value
 
     def _meant(self, at: Cursor) -> str:
-        """How a number or word is written where it fits under the first key; else nothing."""
+        """Advice to write a number or word under the first key if it fits there; else empty."""
         first = next(iter(self.keys.values()))
         word = first.shape.word_at(at)
-        # an equation is refused there: an expression that is 0 says the same
+        # an equation is not allowed there: write the difference of its sides
         word = difference_of_sides(word) or word
         return f"; write {{{first.name}: {word}}}" if word else ""
 
@@ -253,7 +253,7 @@ class Record(Shape):
         return not_known(name, self.keys)
 
     def _with_comma(self, name: str, node: MappingNode) -> str:
-        """What is meant where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
+        """Advice where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
         names = list(node.entries)
         before = names[names.index(name) - 1] if name != names[0] else ""
         one, single = node.entries[before].node if before else None, node.entries[name].node
@@ -273,7 +273,7 @@ class Record(Shape):
         return referred(self.of.__name__ + self.variant, defs, self.whole)
 
     def whole(self, defs: Schema) -> Schema:
-        """All of it."""
+        """The whole schema."""
         properties = {}
         for name, one in self.keys.items():
             described = {"description": one.description, **one.shape.schema(defs)}
@@ -298,14 +298,14 @@ class Record(Shape):
 
 
 def record_of(setting: type[Setting], **defaults: Any) -> Record:
-    """The mapping of a setting, with other defaults for some of its keys."""
+    """The shape of the mapping of a setting, with other defaults for some of its keys."""
     changed = {name: replace(setting.keys[name], default=one) for name, one in defaults.items()}
     variant = "".join(f"-{name}-{value}" for name, value in defaults.items())
     return Record(of=setting, keys={**setting.keys, **changed}, variant=variant)
 
 
 def shape_of(hint: Any) -> Shape:
-    """What may stand under a key, by the annotation of its field."""
+    """The shape of a key, by the annotation of its field."""
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return next(one for one in inner[1:] if isinstance(one, Shape))
@@ -324,7 +324,7 @@ def shape_of(hint: Any) -> Shape:
 
 
 def as_plain(value: Any) -> Any:
-    """A value as JSON ones: what would be written in a configuration."""
+    """A value as the JSON values that a configuration has for it."""
     if isinstance(value, Setting):
         given = ((one.name, getattr(value, one.attribute)) for one in value.keys.values())
         return {name: as_plain(one) for name, one in given if one is not None}
