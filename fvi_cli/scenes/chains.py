@@ -25,7 +25,7 @@ from fvi_cli.scenes.data import (
 from fvi_cli.scenes.structures.rayleigh import rayleigh_damping
 
 LARGEST_DENSE: Final = 200
-"""Storeys up to which matrices are dense: structures that are taller have no modes to step in."""
+"""Storeys up to which matrices are dense; taller structures are not stepped by modes."""
 
 Ends = Literal["both", "left", "none"]
 
@@ -33,7 +33,7 @@ Ends = Literal["both", "left", "none"]
 def springs_form(stiffness: ArrayLike, *, is_sparse: bool = False) -> Form:
     r"""Matrix of :math:`\sum_{i=1}^{n+1} k_i (x_i - x_{i-1})^2` with walls :math:`x_0`, `x_{n+1}`.
 
-    The n + 1 springs stand from left to right; one that is not there has k = 0.
+    The n + 1 springs are numbered from left to right; an absent spring has k = 0.
     """
     values = np.asarray(stiffness, dtype=float)
     own, coupling = values[:-1] + values[1:], -values[1:-1]
@@ -46,7 +46,7 @@ def springs_form(stiffness: ArrayLike, *, is_sparse: bool = False) -> Form:
 
 
 def neighbour_rows(masses: int, ends: Ends) -> Array:
-    """Lengthenings of the springs of a chain, one per row, from left to right."""
+    """Rows B such that B x are the elongations of the springs of a chain, from left to right."""
     rows = np.eye(masses + 1, masses) - np.eye(masses + 1, masses, k=-1)
     return rows[int(ends == "none") : masses + int(ends == "both")]
 
@@ -66,7 +66,7 @@ def chain(
     .. math:: m x_i'' + \Bigl(k + \sum_j c_j D^{\gamma_j}\Bigr) (2 x_i - x_{i-1} - x_{i+1})
               + \sum_j \mu_j D^{\gamma_j} x_i = f_i(t),
 
-    with :math:`x_0 = x_{n+1} = 0` at walls; at a free end the missing neighbour pulls with nothing.
+    with :math:`x_0 = x_{n+1} = 0` at walls; at a free end there are no terms of the next mass.
     """
     if ends not in ("both", "left", "none"):
         raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
@@ -129,7 +129,7 @@ def frame(
     if ground_acceleration is not None:
         data["forcing"] = ground_force(ground_acceleration, masses)
     is_tall = storeys > LARGEST_DENSE
-    # above the roof is nothing
+    # there is no spring above the roof
     stiffness_form = springs_form([*springs, 0.0], is_sparse=is_tall)
     between = springs_form([*np.ones(storeys), 0.0], is_sparse=is_tall)
     mass_form: Form = np.diag(masses)
@@ -173,7 +173,7 @@ def string(
     .. math:: u_{tt} + \sum_j \mu_j D_t^{\gamma_j} u - \sum_j \eta_j D_t^{\gamma_j} u_{ss}
               = c^2 u_{ss}, \qquad u = \sum_{j=1}^{n} x_j(t) \sin(j \pi s / L)
 
-    gives, because the sines do not know of each other,
+    gives, because the sines are orthogonal,
 
     .. math:: x_j'' + \sum_i \bigl(\mu_i + \eta_i \kappa_j^2\bigr) D^{\gamma_i} x_j
               + c^2 \kappa_j^2 x_j = f_j(t), \qquad \kappa_j = j \pi / L .

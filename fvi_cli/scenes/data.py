@@ -1,4 +1,4 @@
-"""What every scene takes beside its own numbers, and scenes of one mass or a few."""
+"""Arguments that all scenes share, and scenes of one mass or a few."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ TypeError
 ValueError
     For values that are not allowed.
 """
-"""What the docstring of every scene says of them."""
+"""Section of the docstring of every scene on the shared arguments."""
 
 _Make = TypeVar("_Make", bound=Callable[..., Scene])
 _NUMBERS = ("float", "int", "ArrayLike")
 
 
 def scene_function(make: _Make) -> _Make:
-    """The function with every argument in its signature; it refuses others."""
+    """The function with every argument in its signature; it refuses other arguments."""
     own = inspect.signature(make).parameters.values()
     known = [one for one in own if one.kind is one.KEYWORD_ONLY]
     every = inspect.signature(make_scene).parameters
@@ -105,7 +105,7 @@ def scene_function(make: _Make) -> _Make:
 
 
 def given_force(given: object, name: str = "forcing") -> Forcing | None:
-    """A force, or the one that formulas in t mean."""
+    """A force; formulas in t are converted to one."""
     if given is None or isinstance(given, Forcing):
         return given
     texts = [given] if isinstance(given, str) else given
@@ -155,19 +155,19 @@ def make_scene(
 
 
 def per_coordinate(value: ArrayLike, size: int) -> Array:
-    """A number as a vector of so many equal ones; a vector as it is."""
+    """A vector of `size` equal numbers from a number; a vector is returned unchanged."""
     vector = np.asarray(value, dtype=float)
     return np.full(size, float(vector)) if vector.ndim == 0 else vector
 
 
 Damper = tuple[float, float] | tuple[float, float, str]
-"""Order, coefficient and name of a damper that stands beside every spring, or in every joint."""
+"""(Order, coefficient, name) of dampers, one parallel to every spring or in every joint."""
 
 
 def with_dampers(
     data: SceneData, matrix: Form, dampers: Sequence[Damper], rows: Array | None = None
 ) -> SceneData:
-    r"""The data with terms :math:`c A D^\gamma q` before the others, A the `matrix`.
+    r"""The data with terms :math:`c A D^\gamma q`, A the `matrix`, before its other damping terms.
 
     With `rows` B, :math:`A = B^T B`, their deformations are :math:`B q`.
     """

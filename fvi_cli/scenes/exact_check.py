@@ -1,4 +1,4 @@
-r"""Whether a given function solves the equation of motion that it is given for.
+r"""Check whether a function that a user gives as exact solution solves the equation of motion.
 
 The equation, integrated twice from 0, needs no derivative of the function. With
 :math:`J^a g(t) = \frac{1}{\Gamma(a)} \int_0^t (t-s)^{a-1} g(s)\,ds`,
@@ -7,14 +7,14 @@ The equation, integrated twice from 0, needs no derivative of the function. With
           + J^2 (\nabla V(x) - f) = 0
 
 for Caputo derivatives; Riemann-Liouville ones act on x itself. The integrals are taken by Gauss and
-Gauss-Jacobi rules on panels that are graded towards 0 and break points, apart from anything that
-integrates the equation.
+Gauss-Jacobi rules on panels that are graded towards 0 and break points, independently of the
+integrators of the equation.
 
-Over long times the integrals outgrow the motion, and with them what counts as round-off. So the
-second differences in time of the same equation are tried as well,
-:math:`g \mapsto g(t + \tau) - 2 g(t) + g(t - \tau)`, which of :math:`J^2 g` leave
-:math:`\int_{-\tau}^{\tau} (\tau - |s|)\, g(t + s)\,ds` and of :math:`J^1 g` the integral behind t
-less that before it.
+Over long times the integrals, and with them their round-off, become larger than the motion. So
+second differences in time of the same equation are checked as well,
+:math:`g \mapsto g(t + \tau) - 2 g(t) + g(t - \tau)`. Of :math:`J^2 g` they leave
+:math:`\int_{-\tau}^{\tau} (\tau - |s|)\, g(t + s)\,ds`, and of :math:`J^1 g` the integral over
+:math:`[t, t + \tau]` less that over :math:`[t - \tau, t]`.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 
 TOLERANCE = 1e-6
-"""Of the largest value, or of the largest term of the equation."""
+"""Permitted error, relative to the largest value or to the largest term of the equation."""
 
 SMALL = 1e-2
-"""Part of the motion: smaller second differences may be no more than the digits of a formula."""
+"""Second differences below this share of the motion may be round-off of the formula."""
 
 SHARES = (1 / 64, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)
-"""The parts of [0, T] at whose ends the equation is tried."""
+"""Times at which the equation is checked, as shares of T."""
 
 PLACES = tuple(
     (t, min(0.9 * t, 0.9 * (1 - t), s))
@@ -46,36 +46,36 @@ PLACES = tuple(
         strict=True,
     )
 )
-"""Where second differences are tried and how far they reach, in parts of [0, T]; unrelated."""
+"""(Time t, reach tau) of second differences, as shares of T; irregular on purpose."""
 
 RATE_STEPS = tuple(1e-4 / 16**k for k in range(5))
-"""Times, in parts of T, over which the rate at 0 is taken, which may be that of many periods."""
+"""Steps of difference quotients at 0, as shares of T; so short since T may be many periods."""
 
 ROUND_OFF = 1e-13
-"""Of a value of the function."""
+"""Relative round-off of a value of the function."""
 
 SHORTER = (1.0, 1 / 16, 1 / 256, 1 / 4096)
-"""Factors of the reaches, tried until the integrals of some place are resolved."""
+"""Factors of the reaches, tried until integrals at :data:`ENOUGH_PLACES` times are resolved."""
 
 ENOUGH_PLACES = 3
-"""Places whose integrals are resolved: at one of them an error may vanish."""
+"""Least number of times with resolved integrals: at a single time an error may vanish."""
 
 SAME = 0.1
-"""Relative difference of a residual by another rule below which it is none of the rules."""
+"""If another rule changes a residual by less than this, relative, the rules are not its cause."""
 
 _PANELS = 32
 _MOST_BREAKS = 64
 _GRADING = 0.25 ** np.arange(1.0, 21.0)
 _POINTS = (16, 24)  # the second rule gives the value, the first its error
-_OTHER_POINTS = 31  # of the rule that confirms it
+_OTHER_POINTS = 31  # points of the rule that confirms a residual
 
 
 def objection(exact: Callable[[Array], Array], scene: Scene) -> str:
-    """What speaks against `exact` as the solution of `scene`; empty where nothing does.
+    """Why `exact` is not the solution of `scene`; empty: there is no reason.
 
-    Its value and its rate at 0 are compared with the initial data, and the equation is tried on
-    :data:`SHARES` of the interval. No check is made where the integrals are not resolved, and of
-    scenes with a Lagrangian or relaxation laws only the initial data are compared.
+    Its value and its rate at 0 are compared with the initial data, and the equation is checked on
+    :data:`SHARES` of the interval. Integrals that are not resolved are not checked, and for scenes
+    with a Lagrangian or relaxation laws only the initial data are compared.
     """
     end = scene.final_time
     with np.errstate(all="ignore"):
@@ -100,7 +100,7 @@ def _at_start(exact: Callable[[Array], Array], scene: Scene, size: float) -> str
     wrong = np.abs(rates - scene.initial_velocity).max(axis=1)
     scale = max(float(np.abs(scene.initial_velocity).max()), size / scene.final_time)
     allowed = 100 * TOLERANCE * scale + ROUND_OFF * size / steps[-1]
-    # what shrinks with the step is curvature, also that of many periods
+    # a difference that shrinks with the step is curvature, also that of many periods
     if wrong[-1] > allowed and wrong[-1] > 0.6 * wrong[-2]:
         return (
             f"has the derivative {_numbers(rates[-1])} at t = 0, but initial.velocity is "
@@ -113,7 +113,7 @@ def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
     if scene.lagrangian is not None or scene.active_laws or len(scene.break_points) > _MOST_BREAKS:
         return ""
     end = scene.final_time
-    # of a memory every integral goes back to 0
+    # with memory every integral goes back to 0, which is expensive
     has_memory = any(term.order != 1 for term in scene.active_damping)
     places = PLACES[::4] if has_memory else PLACES
     size = SMALL * float(np.abs(times(exact(end * np.array(SHARES)), scene.inertia.form)).max())
@@ -137,7 +137,7 @@ def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
 
 
 class _Tried:
-    """The equation at some times, or its second differences around them."""
+    """Residuals of the equation at some times, or of its second differences around them."""
 
     def __init__(self, at: Sequence[Callable[[int], list[Array]]], least: float | None) -> None:
         rough, fine = ([terms(points) for terms in at] for points in _POINTS)
@@ -150,7 +150,7 @@ class _Tried:
         if least is None:
             self._scales, unsure = (np.full_like(one, one.max()) for one in (scales, unsure))
         else:
-            # forces of a long reach hide errors of a shorter one, which may be resolved by itself
+            # large forces at one time could hide an error at another, resolved time
             unsure = np.where(unsure > TOLERANCE * scales, unsure.max(), unsure)
             self._scales = np.minimum(scales.max(), np.maximum(scales, least))
         excess = self._residuals / np.maximum(TOLERANCE * self._scales, 10 * unsure)
@@ -158,13 +158,13 @@ class _Tried:
         self.has_failed = bool(excess[self._worst] > 1) and self._is_sure(at[self._worst])
 
     def _is_sure(self, terms: Callable[[int], list[Array]]) -> bool:
-        """Whether another rule finds the same: two may miss thousands of periods alike."""
+        """Whether another rule gives the same residual: two rules may both miss fast periods."""
         residual = self._residuals[self._worst]
         other = float(np.abs(sum(terms(_OTHER_POINTS))).max())
         return bool(abs(other - residual) <= SAME * residual)
 
     def in_words(self, what: str, at: Sequence[float]) -> str:
-        """What is wrong at the worst of them."""
+        """A message on the worst residual."""
         worst = self._worst
         return (
             f"does not solve the equation: {what} = {at[worst]:.4g}, the residual is "
@@ -186,7 +186,7 @@ def _differences(
     half = np.diff(edges)[:, None] / 2
     nodes = (edges[:-1, None] + half + half * x).ravel()
     lengths = (half * w).ravel()
-    # of an integral, that behind the time less that before it
+    # the integral after the time less the integral before it
     moved = (lengths * np.sign(nodes - time)) @ exact(nodes)
     found += [times(moved, term.form) for term in scene.active_damping if term.order == 1]
     return [*found, *_forces(exact, scene, nodes, lengths * (reach - np.abs(nodes - time)))]
@@ -202,7 +202,7 @@ def _terms(
 ) -> list[Array]:
     """The terms of the equation, integrated twice from 0 to `time`, shape ``(d,)`` each.
 
-    Local ones, whose second differences need no integral from 0, may be left out.
+    With `is_local` terms are left out whose second differences need no integral from 0.
     """
     start, rate = scene.initial_position, scene.initial_velocity
     mass = scene.inertia.form
@@ -226,7 +226,7 @@ def _terms(
 def _forces(
     exact: Callable[[Array], Array], scene: Scene, nodes: Array, weights: Array
 ) -> list[Array]:
-    """Weighted sums of minus the conservative force, and of minus the known one."""
+    """Weighted sums of the negative conservative force and of the negative external force."""
     found = []
     if scene.potential is not None:
         found.append(weights @ scene.potential.gradient(exact(nodes)))
@@ -242,7 +242,7 @@ def _rule(time: float, power: float, breaks: tuple[float, ...], points: int) -> 
     edges += [
         begin + (time - begin) / _PANELS * _GRADING for begin in (0.0, *own[: _MOST_BREAKS // 4])
     ]
-    # NumPy's unique would load all of its masked arrays
+    # NumPy's unique would import its masked arrays
     ends = np.array(sorted(set(np.concatenate(edges).tolist())))
     x, w = _jacobi(points, 0.0)
     half = np.diff(ends[:-1]) / 2
@@ -260,13 +260,13 @@ def _rule(time: float, power: float, breaks: tuple[float, ...], points: int) -> 
 def _jacobi(points: int, power: float) -> tuple[Array, Array]:
     """Gauss-Jacobi rule on [-1, 1] for the weight ``(1 - x)**power``.
 
-    By G.H. Golub, J.H. Welsch, Math. Comp. 23, 1969, 221-230; SciPy's takes longer to import than
-    everything else that looks at a configuration.
+    By G.H. Golub, J.H. Welsch, Math. Comp. 23, 1969, 221-230; importing SciPy's version takes
+    longer than all other checks of a configuration.
     """
     k = np.arange(points)
     n = 2.0 * k + power
     off = k[1:] * (k[1:] + power) / (n[1:] * np.sqrt(n[1:] ** 2 - 1.0)) * 2.0
-    # the first entry is written out, for n may be 0
+    # the first entry is separate, since n = 0 would divide by zero
     centre = np.append(-power / (power + 2.0), -(power**2) / (n[1:] * (n[1:] + 2.0)))
     nodes, vectors = np.linalg.eigh(np.diag(centre) + np.diag(off, 1) + np.diag(off, -1))
     return nodes, 2.0 ** (power + 1.0) / (power + 1.0) * vectors[0] ** 2

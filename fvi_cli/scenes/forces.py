@@ -1,4 +1,4 @@
-"""Forces: the keys under which they stand, and the values that these make."""
+"""Forces: their keys, and the values that these make."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ from fvi_cli.scenes.records.data_files import (
 _logger = logging.getLogger(__name__)
 T = TypeVar("T")
 STANDARD_GRAVITY: Final = 9.80665
-"""Of free fall, in m/s^2 (CGPM 1901)."""
+"""Acceleration of free fall, in m/s^2 (CGPM 1901)."""
 _SCALES: Final = {
     "g": "write scale: g for metres and seconds, or scale: 1 if lengths are in units of g s^2",
     "cm/s^2": "write scale: 0.01 for metres and seconds, or scale: 1 if lengths are in cm",
 }
-"""What to write for a record in these units."""
+"""Advice for a record in these units."""
 _FACTORS: Final = {"m/s2": "1", "cm/s2": "0.01", "gal": "0.01", "mm/s2": "0.001"}
-"""By units of a record, what to write as its scale."""
+"""Scale to write by unit of a record."""
 _COLUMN: Final = Text(what="the name of a column")
 
 
@@ -94,7 +94,7 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
 
 
 def _with_unit(values: Any, at: Cursor, file: Path, name: str) -> Any:
-    """The keys of a record in AT2, if their scale is not against the unit in its header."""
+    """The keys of a record in AT2; refuses a scale that contradicts the unit in its header."""
 
     def read() -> str:
         unit = unit_of_at2(file, name)
@@ -119,7 +119,7 @@ def _with_unit(values: Any, at: Cursor, file: Path, name: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Scale(Number):
-    """A factor, or the acceleration of free fall by its letter."""
+    """A factor, or the letter g for the acceleration of free fall."""
 
     @property
     def expected(self) -> str:
@@ -145,7 +145,7 @@ class Samples(
         ("unit", "units"), "not a key: write scale: g for a record in g, in metres and seconds"
     ),
 ):
-    """Samples from a file, read together with the configuration."""
+    """Samples from a file that is read together with the configuration."""
 
     file: Annotated[str, Text(what="the path of a CSV file, from the configuration's folder")] = (
         key(
@@ -197,7 +197,7 @@ _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 
 
 def with_parameters(values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The values of a problem with numbers in the place of its parameters, in expressions of t."""
+    """The values of a problem with numbers in place of parameters in expressions of t."""
     numbers = values.get("parameters")
     if not isinstance(numbers, Mapping) or not numbers:
         return values
@@ -232,7 +232,7 @@ _VALUE: Final = ByForm(single=_FORCE, several=ListOf(shape=_FORCE, example="[sin
 
 
 class ForcePiece(PlainSetting):
-    """A force in a part of the time."""
+    """A force in one time interval."""
 
     until: Positive | None = _UNTIL
     value_: Annotated[Any, _VALUE] = key(
@@ -241,7 +241,7 @@ class ForcePiece(PlainSetting):
 
 
 class GroundPiece(PlainSetting):
-    """An acceleration in a part of the time."""
+    """An acceleration in one time interval."""
 
     until: Positive | None = _UNTIL
     value_: Annotated[str, FormulaText()] = key(
@@ -316,7 +316,7 @@ def build_forcing(
     final_time: float = math.inf,
     names: Sequence[str] = (),
 ) -> Forcing | None:
-    """A force from what stands under its key; None when it is 0."""
+    """A force from the value under its key; None when it is 0."""
     if isinstance(value, str) and value == "0":
         return None
     pieces = []
@@ -328,7 +328,7 @@ def build_forcing(
         return Forcing(pieces=tuple(pieces))
 
     def component(entry: object, place: str) -> tuple[ForceComponent, float]:
-        """A component, and the time from where on it is 0."""
+        """A component, and the time from which on it is 0."""
         if not isinstance(entry, Mapping):
             return _expression(entry, place), math.inf
         try:
@@ -353,7 +353,7 @@ def build_forcing(
 
 
 def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> Mapping[str, T]:
-    """What is given for some coordinates."""
+    """Values by coordinate; refuses names that are not coordinates."""
     for name in given:
         if name not in names:
             known = listed(names[:6]) + ", ..." * (len(names) > 6)
@@ -372,7 +372,7 @@ def _is_zero(component: ForceComponent) -> bool:
 
 
 def expressions(value: object, dimension: int, place: str) -> tuple[Expression, ...]:
-    """Expressions in t, one for every coordinate, from one or a list of them."""
+    """Expressions in t, one for every coordinate, from a single one or from a list."""
     return _per_coordinate(value, dimension, place, _expression)
 
 
@@ -395,5 +395,5 @@ def _expression(value: object, place: str) -> Expression:
 
 @functools.lru_cache(maxsize=1024)
 def _parsed(text: str) -> Expression:
-    # thousands of members of a sweep have the same force
+    # cached, since thousands of members of a sweep have the same force
     return Expression.parse(text, variables=("t",))

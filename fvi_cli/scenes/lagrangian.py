@@ -1,4 +1,4 @@
-"""Scenes from a Lagrangian that is written as a formula."""
+"""Scenes from the formula of a Lagrangian."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from fvi_cli.scenes.data import (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Recognised:
-    """What a Lagrangian was found to consist of."""
+    """The parts of a Lagrangian: mass, potential and forces, or only its general form."""
 
     mass: Array | None = None
     potential: Potential | None = None
@@ -60,21 +60,22 @@ def lagrangian_scene(
     parameters: Mapping[str, float] | None = None,
     **data: Unpack[SceneData],
 ) -> Scene:
-    r"""Scene of a Lagrangian with fractional damping, the velocity of ``x`` called ``vx``.
+    r"""Scene of a Lagrangian with fractional damping; ``vx`` is the velocity of ``x``.
 
     .. math:: \frac{d}{dt} \frac{\partial L}{\partial v} - \frac{\partial L}{\partial q}
               = f(t) - \sum_j \mu_j D^{\gamma_j} q
 
     Derivatives are taken symbolically. A Lagrangian that is quadratic in q and v becomes matrices
-    and constant forces, whose potential counts in the energy; one with a constant mass matrix and
-    without products of q or t with v becomes an inertia and a potential. In both, terms linear in q
-    in which t occurs are forcing. All others keep their general form.
+    and constant forces; the potential of these counts in the energy. A Lagrangian with a constant
+    mass matrix and without products of q or t with v becomes an inertia and a potential. In both
+    cases terms linear in q that contain t become forcing. All other Lagrangians keep their general
+    form.
 
     Raises
     ------
     ValueError
-        ``coordinates...``, ``parameters...``, ``lagrangian...`` or ``initial_position...:`` what
-        is wrong.
+        With a message that begins with the key: ``coordinates``, ``parameters``, ``lagrangian`` or
+        ``initial_position``.
     """
     names = tuple(coordinates)
     values = dict(parameters or {})
@@ -164,9 +165,9 @@ def check_names(
     parameters: Mapping[str, float],
     others: Mapping[str, str] | None = None,
 ) -> None:
-    """Refuse parameters with names that formulas of the motion know already.
+    """Refuse parameters whose names formulas of the motion already use.
 
-    These are coordinates with what is derived from them, t, and `others` with what they are.
+    Used are coordinates, names derived from them, t, and `others` (name to meaning).
     """
     taken = {TIME: "the time"}
     for index, name in enumerate(coordinates):
@@ -193,7 +194,7 @@ def check_names(
 
 
 def names_of_dampers(scene: Scene) -> dict[str, str]:
-    """Names that formulas know because of the dampers of a scene, with what they are."""
+    """Names that formulas may use for the dampers of a scene, with their meaning."""
     return {name: f"the {one.kind} of a damper" for name, one in damper_values(scene).items()}
 
 
@@ -224,7 +225,7 @@ def _recognise(
             return _Recognised(general=general)
         separated = _separate(general, at_rest, is_smooth=not kinks & set(names))
     except ExpressionError:
-        # what has no value at rest
+        # the Lagrangian has no value at rest
         separated = None
     if separated is None:
         return _Recognised(general=general)
@@ -233,7 +234,7 @@ def _recognise(
 
 
 def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
-    r"""What a Lagrangian consists of, less :math:`q^T K q / 2`."""
+    r"""The parts of a Lagrangian less :math:`q^T K q / 2`."""
     if found.general is None:
         return replace(found, potential=with_stiffness(found.potential, stiffness))
     own = found.general.stiffness
@@ -244,9 +245,9 @@ def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
 def _separate(
     general: Lagrangian, at_rest: Mapping[str, float], *, is_smooth: bool
 ) -> tuple[Potential | None, LinearPotential | None, tuple[Expression, ...] | None] | None:
-    """V(q) and f(t) with V(q) - f(t) q = -L at rest, and what of it is c - f q without t.
+    """V(q), the linear potential c - f q, and f(t), with V + c - f q - f(t) q = -L at rest.
 
-    None where there are no such V and f.
+    None where L has no such form.
     """
     names, parameters = general.coordinates, general.parameters
     lagrangian, forces = bound(general.value, at_rest), bound(general.first[len(names) :], at_rest)
@@ -256,7 +257,7 @@ def _separate(
     stiffness = _matrix(hessian, parameters, (*names, TIME)) if is_smooth else None
     timed, static = terms_with(lagrangian, TIME)
     if stiffness is not None:
-        # what is linear in q acts as a force, be it constant
+        # terms linear in q act as forces, also constant ones
         potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
         loads = bound(forces, origin)
         return potential, _linear(static, loads, origin, parameters), _forces(loads, parameters)
@@ -288,7 +289,7 @@ def _linear(
     values = constant_values(bound(derivatives(static, along), origin), parameters, (TIME,))
     if values is None:  # pragma: no cover - neither q, v nor t is left
         return None
-    # the forces that act, to the bit, where none of them depends on t
+    # exactly the acting forces where none of them depends on t
     force = constant_values(loads, parameters, (TIME,)) or values[1:]
     if not values[0] and not any(force):
         return None
@@ -311,7 +312,7 @@ def _forces(
 def _matrix(
     entries: FormulaSystem, parameters: Mapping[str, float], names: Sequence[str]
 ) -> Array | None:
-    """The matrix of numbers, None if a variable is left in an entry."""
+    """The matrix of numbers; None if an entry still depends on a variable."""
     values = constant_values(entries, parameters, names)
     if values is None:
         return None
@@ -333,7 +334,7 @@ def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
 
 
 def _check_start(potential: ExpressionPotential, position: Array) -> None:
-    """The potential energy and its derivatives must be numbers where the motion begins."""
+    """Refuse a start at which the potential energy or its derivatives are not finite."""
     for what, values in (
         ("the potential energy", potential.energy(position)),
         ("the force", potential.gradient(position)),
@@ -341,7 +342,7 @@ def _check_start(potential: ExpressionPotential, position: Array) -> None:
     ):
         if np.isfinite(values).all():
             continue
-        # roots and logarithms of negative numbers are no real numbers here
+        # nan comes from roots and logarithms of negative numbers
         reason = "not a real number" if np.isnan(values).any() else "infinite"
         at = ", ".join(
             f"{name} = {value:g}"
@@ -351,7 +352,7 @@ def _check_start(potential: ExpressionPotential, position: Array) -> None:
 
 
 def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcing | None:
-    """The force that is given plus the one that L holds."""
+    """The sum of the given force and the forces in L."""
     if own is None:
         return forcing
     if forcing is None:

@@ -1,8 +1,8 @@
 """Exact solutions of linear scenes with constant coefficients.
 
 The displacement of such a scene is a sum of responses with transforms N(s)/P(s), one for the
-initial data and the force at the start, and one for every jump of the force, shifted to where it
-happens.
+initial data and the force at the start, and one for every jump of the force, shifted to the time of
+the jump.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ from fvi_cli.mathematics.transforms.fractional_oscillator import EPSILON
 from fvi_cli.scenes.relaxation import LinearResponse, law_response
 
 SOURCE = "characteristic roots and branch-cut integral"
-"""Where exact solutions come from, in words, for tables."""
+"""Source of exact solutions, in words, for tables."""
 PROBED: Final = np.array([1e-6, 1e-3, 0.03, *(np.arange(1, 9) / 8)])
-"""Parts of a run at whose ends exact solutions are asked how far they may be wrong."""
+"""Times, as shares of a run, at which the error of exact solutions is estimated."""
 MOST_PROBED_BREAKS: Final = 8
 TRUSTED: Final = 1e-10
-"""Part of the motion by which an exact solution may be wrong; a refined run is better than that."""
+"""Largest permitted error of an exact solution, as a share of the motion; beyond it a refined run
+is better."""
 SEEN: Final = 1e-13
-"""Part of an entry of a mode that its rounding must be before it is followed."""
+"""Rounding of an entry of a mode above this share of the entry counts in the error."""
 ZERO: Final = PowerSeries.constant(0.0, math.inf)
 
 
@@ -47,9 +48,9 @@ class ExactSolution:
 
     # times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative
     position: Callable[[Array], Array]
-    # the same, and how far these may be wrong by the sums that they are, ``(n, d)``
+    # the same, and bounds on its error by rounding in its sums, ``(n, d)``
     with_uncertainty: Callable[[Array], tuple[Array, Array]]
-    source: str  # where it comes from, in words, for tables
+    source: str  # source of the solution, in words, for tables
 
 
 def linear_response(
@@ -68,11 +69,11 @@ def linear_response(
     .. math:: X(s) = \frac{m (s x_0 + v_0) + \sum_j \mu_j (s^{\gamma_j-1} x_0
               [+ s^{\gamma_j-2} v_0 \text{ if } \gamma_j > 1]) + F(s)}{P(s)}
 
-    with the terms of the sum for Caputo's derivative, and for order 1 in any case; that of Riemann
-    and Liouville takes a position other than 0 for orders up to 1 only. `damping` has pairs (order,
-    coefficient), `laws` kernels with their sizes, `forcing` pairs (start, f): the force is f(t), a
-    finite sum of powers, from `start` on until the next; the first starts at 0. After the first, a
-    difference of neighbours must be a polynomial.
+    with the terms of the sum for Caputo's derivative, and for order 1 in any case. With
+    Riemann-Liouville derivatives a position other than 0 is only possible for orders up to 1.
+    `damping` has pairs (order, coefficient), `laws` pairs (kernel, size), `forcing` pairs (start,
+    f): the force is f(t), a finite sum of powers, from `start` until the next start; the first
+    start is 0. The difference of two successive f must be a polynomial.
 
     Raises
     ------
@@ -114,13 +115,13 @@ def linear_response(
 
 
 def match_scene(scene: Scene) -> ExactSolution | None:
-    r"""Exact solution of a scene, if it is one that is known exactly; None for everything else.
+    r"""Exact solution of a scene if it is known; None otherwise.
 
-    Known are linear scenes whose mass, stiffness, damping and law matrices are diagonal in common
-    coordinates, with any number of damping terms and any initial data, under a force whose
-    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials. Of laws
-    those whose transforms are quotients of powers of s: not tempered ones beside other
-    fractional terms or under a force.
+    It is known for linear scenes whose mass, stiffness, damping and law matrices are diagonal in
+    common coordinates, with any number of damping terms and any initial data, under a force whose
+    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials. The
+    transforms of laws must be quotients of powers of s, which excludes tempered laws together with
+    other fractional terms or a force.
     """
     if not scene.is_linear or scene.is_sparse:
         return None
@@ -155,7 +156,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     try:
         forcing += _finite_sums(scene.forcing)
         responses = tuple(response_of(i, diagonals) for i in range(d))
-        # what rounding of the modes themselves does to them, where it is seen
+        # the effect of rounding in the modes themselves, where it is visible
         moved = {
             i: response_of(i, [one + doubt for one, doubt in zip(diagonals, doubts, strict=True)])
             for i in range(d)
@@ -179,10 +180,11 @@ def match_scene(scene: Scene) -> ExactSolution | None:
 
 
 def trusted_solution(scene: Scene) -> tuple[Callable[[Array], Array] | None, str, float]:
-    """The exact solution of a scene, where it comes from, and how far it may be wrong, a length.
+    """The exact solution of a scene, its source, and a bound on its error, a length.
 
-    None where none is known, and where its sums cancel: then the second says so. It is looked at
-    at a few times, those behind break points among them; where it is not finite it is not.
+    The solution is None where none is known, and where its sums lose too many digits to
+    cancellation, as the source then says. The error is estimated at a few times, some of them after
+    break points; times at which the solution is not finite are left out.
     """
     solution = match_scene(scene)
     if solution is None:
@@ -195,7 +197,7 @@ def trusted_solution(scene: Scene) -> tuple[Callable[[Array], Array] | None, str
     size = float(np.abs(position[is_finite]).max(initial=0.0))
     error = float(np.where(np.isnan(unsure), math.inf, unsure)[is_finite].max(initial=0.0))
     if error > TRUSTED * size:
-        # digits of what cancels are those of one machine
+        # one digit only: round-off differs between machines
         known = size > 0 and math.isfinite(error)
         part = f"1e{min(0, math.ceil(math.log10(error / size)))}" if known else "all"
         return None, f"the closed form loses {part} of the motion to cancellation", 0.0
@@ -209,9 +211,9 @@ def _add(numerator: dict[float, float], power: float, coefficient: float) -> Non
 def _common_modes(
     mass: Array, matrices: list[Array]
 ) -> tuple[Array, list[Array], list[float]] | None:
-    """Shapes S with S^T M S = 1 and all S^T A S diagonal; the diagonals, zeros exact.
+    """Shapes S with S^T M S = 1 and all S^T A S diagonal; these diagonals, with exact zeros.
 
-    With them what rounding leaves of entries that are not 0, of every matrix.
+    The third value bounds the rounding in nonzero entries of each diagonal. None: S does not exist.
     """
     d = mass.shape[0]
     if d == 1:
@@ -240,7 +242,7 @@ def _common_modes(
 
 
 def shift_polynomial(force: PowerSeries, start: float) -> PowerSeries:
-    """A polynomial in t as one in t - start, rounded once at the end."""
+    """A polynomial in t, rewritten in powers of t - start; rounded once at the end."""
     if start == 0:
         return force
     if not all(e >= 0 and e == round(e) for e in force.exponents):
@@ -266,7 +268,7 @@ def transform(force: PowerSeries) -> dict[float, float]:
 
 
 def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSeries, ...]]]:
-    """The pieces of a force with their beginnings."""
+    """Pairs (begin, components) for the pieces of a force."""
     if forcing is None:
         return []
     variables = {"t": PowerSeries.variable(math.inf)}

@@ -1,7 +1,7 @@
-"""What is valid and surely not meant: remarks, each with its number and what to write.
+"""Remarks on valid settings that are surely not meant, each with a number and advice.
 
-All but the first concern buildings and structures, which have units; numbers without a unit, as of
-a study of methods, are left alone.
+All but the first concern buildings and structures, whose numbers have units; problems without
+units, as in studies of methods, get no such remarks.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ BUILDINGS: Final = ("frame", "structure")
 STRONGEST: Final = 3.0
 """Peak ground accelerations in units of g above which a scale is likely to be wrong."""
 WEAKEST, WEAKEST_IN_G = 1e-3, 0.05
-"""Below the first a record is no load; below the second it may be one in g without its scale."""
+"""Peaks in units of g: a record below the first is no load; a record without a scale below the
+second may be in g."""
 PERIODS: Final = (0.01, 100.0)
 LONGEST_OF_BUILDINGS: Final = 15.0
-"""Seconds; buildings of 800 m have 12. Fewer for a few storeys (guessed): isolated ones have 5."""
+"""Longest plausible period of a building in seconds; those of 800 m have 12. For few storeys it is
+5, as of isolated buildings, plus their number (guessed)."""
 LEAST_LOSS: Final = 1e-3
-"""Loss factor of a law below which it damps nothing; bare steel has as much."""
+"""A law with a smaller loss factor damps nothing; bare steel has as much."""
 MOST_MODES: Final = 400
 """Coordinates up to which all periods are computed."""
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "km": 1e3, "in": 0.0254, "ft": 0.3048}
@@ -44,9 +46,9 @@ def implausible_settings(
     *,
     is_moved: bool = False,
 ) -> Iterator[str]:
-    """What is odd in a problem, as it was `specified`, and in quantities along its motion.
+    """Remarks on a problem, as it was `specified`, and on quantities along its motion.
 
-    `is_moved` says that what moves it is not part of it, as in fits of a response.
+    `is_moved`: forces outside of the problem move it, as in fits of a response.
     """
     if not is_moved and _is_at_rest(problem.scene):
         yield (
@@ -73,7 +75,7 @@ def _is_at_rest(scene: Scene) -> bool:
 
 
 def _peak(specified: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Largest acceleration of the ground from a file, and the factor of its numbers."""
+    """Largest acceleration of a record of the ground, and its scale; None without a record."""
     given = specified.get("ground_acceleration")
     if not isinstance(given, Mapping) or "content" not in given:
         return None
@@ -151,14 +153,14 @@ def _of_periods(problem: Problem, units: Mapping[str, str], *, has_record: bool)
 
 
 def _periods(scene: Scene) -> Array:
-    """Periods without damping, of large structures the first; none where there are no such."""
+    """Periods without damping, for large structures only the first; may be empty."""
     if not isinstance(scene.potential, QuadraticPotential):
         return np.zeros(0)
     count = scene.dimension if scene.dimension <= MOST_MODES else 1
     try:
         rates = natural_frequencies(scene.inertia.form, scene.potential.form, count)
     except (np.linalg.LinAlgError, RuntimeError):
-        # a singular mass or stiffness
+        # mass or stiffness is singular
         return np.zeros(0)
     rates = rates[np.isfinite(rates) & (rates > 1e-9 * rates.max(initial=0.0))]
     return np.asarray(2.0 * math.pi / rates)

@@ -1,4 +1,4 @@
-"""A scene, or a derivative to take, together with what is known of its solution."""
+"""A scene, or a derivative to compute, together with its exact solution if that is known."""
 
 from __future__ import annotations
 
@@ -20,17 +20,16 @@ class Problem:
     scene: Scene  # the effects and initial data
     # position at times of shape ``(n,)`` as ``(n, d)``; None when it is not known
     exact: Callable[[Array], Array] | None = None
-    # where `exact` comes from, such as ``expression``, ``closed form`` or ``unknown``; without it
-    # why there is none
+    # source of `exact`, such as ``expression`` or ``closed form``; or the reason why there is none
     exact_source: str = "unknown"
-    exact_error: float = 0.0  # what round-off leaves of its position at most, a length
+    exact_error: float = 0.0  # bound on the round-off of `exact`, a length
     equation: str = ""  # the equation of motion in plain text
-    coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have none
-    # what drives it by the name that expressions know it by, with one component; None: nothing
+    coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have no names
+    # inputs with one component by their names in expressions; None: the input is zero
     inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
-    # numbers that expressions know by name: parameters, and what the kind adds (``mass_1``)
+    # numbers by their names in expressions: parameters, and those of the kind (``mass_1``)
     numbers: Mapping[str, float] = field(default_factory=dict)
-    # quantities that need no formula, such as ``base_shear``: formulas of all these names
+    # built-in quantities, such as ``base_shear``, by name, as formulas in all these names
     ready: Mapping[str, Expression] = field(default_factory=dict)
 
     @property
@@ -46,7 +45,7 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DerivativeProblem:
-    r"""The Caputo derivative of a known function, to measure convolution quadrature alone."""
+    r"""The Caputo derivative of a known function, to measure convolution quadrature by itself."""
 
     scene: ClassVar[None] = None  # it has no motion
     dimension: ClassVar[int] = 1
@@ -54,7 +53,7 @@ class DerivativeProblem:
     inputs: ClassVar[Mapping[str, Forcing | None]] = {}
     numbers: ClassVar[Mapping[str, float]] = {}
     ready: ClassVar[Mapping[str, Expression]] = {}
-    # f less f(0), for orders above 1 less f'(0) t, at times of shape ``(n,)``
+    # f(t) - f(0), for orders above 1 also less f'(0) t, at times of shape ``(n,)``
     function: Callable[[Array], Array]
     order: float  # order of the derivative, in (0, 2)
     final_time: float  # the derivative is taken on [0, T]

@@ -1,4 +1,4 @@
-"""Every kind of problem, and from a plain mapping (what a configuration says) to a problem."""
+"""All kinds of problems, and the construction of a problem from the mapping in a configuration."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ PROBLEM: Final = ByKind(
         ),
     },
 )
-"""What may stand under ``problem``."""
+"""The shape of ``problem``."""
 
 
 def build_problem(specification: Mapping[str, Any], *, search: bool = True) -> AnyProblem:
     """The problem that a ``problem`` mapping of JSON values describes; absent keys have defaults.
 
-    `search`: look for the exact solution where none is given, which takes long.
+    `search`: search for the exact solution where none is given, which takes long.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _kind(specification: Mapping[str, Any]) -> type[Kind]:
 
 
 def kind_title(name: str) -> str:
-    """A kind in figures; a name that is none stands for itself."""
+    """The title of a kind in figures; an unknown name is its own title."""
     return (KINDS[name].title or name.replace("-", " ")) if name in KINDS else name
 
 

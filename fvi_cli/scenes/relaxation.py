@@ -1,9 +1,8 @@
 r"""Exact solutions of linear equations, with and without relaxation laws.
 
-Transforms of laws are fractions of sums of powers. Multiplied by its denominators, the
-characteristic function of a scene with laws is a sum of powers again, whose zeros and branch cut
-are known how to be dealt with. The factors by which it is multiplied have no zeros off the negative
-axis.
+Transforms of laws are fractions of sums of powers of s. Multiplied by the denominators, the
+characteristic function of a scene with laws is again a sum of powers, whose zeros and branch cut
+are treated as without laws. The denominators have no zeros off the negative axis.
 """
 
 from __future__ import annotations
@@ -31,15 +30,15 @@ from fvi_cli.mathematics.transforms.fractional_oscillator import (
 )
 
 MOST_TERMS = 30
-"""Powers of s of which the zeros are looked for; their balances grow with the square."""
+"""Most powers of s in a sum whose zeros are searched; the work grows with their square."""
 Inputs = Sequence[tuple[float, Mapping[float, float]]]
-"""Pairs (start, N) of transforms N(s), from `start` on."""
+"""Pairs (start, N): from `start` on the input with transform N(s), by powers of s."""
 Powers = dict[float, float]
-"""Powers of s with their coefficients."""
+"""Coefficients by power of s."""
 
 SAME_POWER = 1e-12
 MOST_RATES = 8
-"""Point masses up to which polynomials that are multiplied out keep their digits."""
+"""Most relaxation rates of a law: more factors, multiplied out, would lose digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,18 +53,18 @@ class LinearResponse:
     # pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
-    position: float = 0.0  # at t = 0
+    position: float = 0.0  # position at t = 0
     decay: float = 0.0  # l
-    terms_error: float = LONG_EPSILON  # what coefficients of the terms may be wrong by, relatively
+    terms_error: float = LONG_EPSILON  # relative error of the coefficients of `terms`
 
     def __call__(self, time: Array) -> Array:
         """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
         return self._summed(time, SPACINGS)[0]
 
     def with_uncertainty(self, time: Array) -> tuple[Array, Array]:
-        """The position at `time`, and how far it may be wrong by the sums that it is; same shapes.
+        """The position at `time`, and a bound on its numerical error; same shapes.
 
-        Twice the difference of two ways to take the integrals, but at least what rounding leaves.
+        The bound is twice the difference of two quadratures, and at least the rounding of the sums.
         """
         one, rounding = self._summed(time, SPACINGS)
         other, _ = self._summed(time, OTHER_SPACINGS)
@@ -73,7 +72,7 @@ class LinearResponse:
             return one, np.asarray(np.maximum(2.0 * np.abs(one - other), rounding))
 
     def _summed(self, time: Array, spacings: tuple[float, float]) -> tuple[Array, Array]:
-        """The position, and what rounding leaves of its sums."""
+        """The position, and a bound on the rounding of its sums."""
         time = np.asarray(time, dtype=float)
         if np.any(time < 0):
             raise ValueError("time: negative times are not allowed")
@@ -105,9 +104,10 @@ def law_response(
     laws: Sequence[tuple[RelaxationKernel, float]],
     position: float,
 ) -> LinearResponse:
-    """The response of an equation, `plain` without its laws, which have relaxed at `position`.
+    """The response of an equation with laws that are relaxed at `position`.
 
-    `inputs` are transforms of the right-hand side without laws; the first begins at 0.
+    `plain` is the left-hand side and `inputs` the right-hand side without laws; the first input
+    begins at 0.
     """
     decay = common_decay([kernel for kernel, _ in laws])
     sizes: dict[RelaxationKernel, float] = {}
@@ -133,7 +133,7 @@ def law_response(
         changed.append((start, {power: c for power, c in powers.items() if c}))
     zeros = characteristic_zeros(terms)
     if decay and any(zero.multiplicity > 1 for zero in zeros):
-        # seen from -l zeros beside the axis are close together, and their residues cancel
+        # in powers of s + l zeros near the axis are close together, and their residues cancel
         raise ValueError(f"laws: forgetting at {decay:g} is too far from the zeros")
     return LinearResponse(
         terms=terms,
@@ -146,7 +146,7 @@ def law_response(
 
 
 def plus(one: Powers, other: Powers, factor: float = 1.0) -> Powers:
-    """The sum of one and a multiple of the other, powers that agree to round-off as one."""
+    """The sum `one` + `factor` * `other`; powers that agree up to round-off are merged."""
     powers = dict(one)
     for power, coefficient in other.items():
         same = next((known for known in powers if abs(known - power) < SAME_POWER), power)
@@ -155,7 +155,7 @@ def plus(one: Powers, other: Powers, factor: float = 1.0) -> Powers:
 
 
 def product(*factors: Powers) -> Powers:
-    """The product."""
+    """The product of sums of powers."""
     total: Powers = {0.0: 1.0}
     for factor in factors:
         found: Powers = {}
@@ -166,7 +166,7 @@ def product(*factors: Powers) -> Powers:
 
 
 def shift_powers(polynomial: Powers, decay: float) -> Powers:
-    """A sum of powers of s as one of p = s + l."""
+    """A sum of powers of s, rewritten in powers of p = s + l; l is `decay`."""
     if decay == 0:
         return polynomial
     total: Powers = {}
@@ -178,7 +178,7 @@ def shift_powers(polynomial: Powers, decay: float) -> Powers:
 
 
 def fraction_of(kernel: RelaxationKernel, decay: float) -> tuple[Powers, Powers]:
-    r"""Two sums of powers of p = s + l, whose quotient is a kernel's :math:`\hat k(s)`."""
+    r"""Numerator and denominator of a kernel's :math:`\hat k(s)` in powers of p = s + l."""
     if isinstance(kernel, TemperedPower) and kernel.rate == decay:
         return {kernel.order - 1.0: 1.0}, {0.0: 1.0}
     if isinstance(kernel, ColeCole) and decay == 0:

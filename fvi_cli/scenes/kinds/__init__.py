@@ -1,1 +1,1 @@
-"""Kinds of problems: what stands under ``problem``."""
+"""Kinds of problems, each with its keys under ``problem``."""

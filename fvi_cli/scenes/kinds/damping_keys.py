@@ -1,4 +1,4 @@
-"""Damping terms: fractional derivatives and relaxation laws, and what they make."""
+"""Damping terms: keys of fractional derivatives and relaxation laws, and their effects."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Effect = FractionalDamping | Law
 
 
 def alpha(at: Cursor) -> str:
-    """Why there is no key for the order of the action's derivatives."""
+    """The complaint about ``alpha``, the order of derivatives in the action, which is no key."""
     reason = (
         "not a key: order is the order gamma in the equation of motion, and gamma = 2 alpha, "
         "because the fractional action holds two derivatives of order alpha (the factor two)"
@@ -108,14 +108,14 @@ Name = Annotated[str | None, Text(what="a word such as top", pattern=r"[A-Za-z]\
 
 
 class _OnCoordinates(Setting):
-    """What every term has behind its own keys."""
+    """Keys that every term has after its own keys."""
 
     acts_on: ActsOn = _ACTS_ON
     name: Name = NAME
 
     @property
     def factor(self) -> Any:
-        """The number, matrix or file."""
+        """The factor of the term: a number, matrix or file."""
         return getattr(self, "coefficient", None)
 
 
@@ -129,7 +129,7 @@ class Springpot(_OnCoordinates, refused={**WRONG_NAMES, **_WRONG_PLACE, **_OF_LA
     )
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
-        """The term; `on` makes the coefficient for all coordinates of that for its own."""
+        """The term; `on` converts a factor to the coefficient for all coordinates."""
         return (FractionalDamping(order=float(self.order), coefficient=on(self.factor)),)
 
 
@@ -142,7 +142,7 @@ class KelvinVoigt(
         **dict.fromkeys(("modulus", "relaxed", "k", "E"), "not a key: write stiffness"),
     },
 ):
-    """A spring beside a springpot."""
+    """A spring parallel to a springpot."""
 
     stiffness: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
         "kelvin-voigt: stiffness k of the spring, a number or a symmetric matrix.",
@@ -157,7 +157,7 @@ class KelvinVoigt(
     )
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
-        """The springpot, and the spring as a law that remembers nothing."""
+        """The springpot, and the spring as a law without memory."""
         springpot = FractionalDamping(order=float(self.order), coefficient=on(self.factor))
         forgetful = ColeCole(order=0.5, time=1.0)
         spring = Law(kernel=forgetful, size=0.0, relaxed=1.0, coefficient=on(self.stiffness))
@@ -178,12 +178,12 @@ class LawTerm(_OnCoordinates, refused=_WRONG_IN_LAWS):
 
     @property
     def factor(self) -> Any:
-        """The number, matrix or file."""
+        """The factor of the law: a number, matrix or file."""
         given = self.coefficient if self.matrix is None else self.matrix
         return 1.0 if given is None else given
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
-        """The law; `on` makes the coefficient for all coordinates of that for its own."""
+        """The law; `on` converts a factor to the coefficient for all coordinates."""
         if self.matrix is not None and self.coefficient is not None:
             raise ArgumentError("matrix", "give this or coefficient, not both")
         others = (_OnCoordinates, LawTerm, AtStorey)
@@ -225,7 +225,7 @@ class Prony(LawTerm):
 
 
 class Tempered(LawTerm):
-    """A derivative that forgets."""
+    """A tempered derivative, whose memory decays exponentially."""
 
     make = staticmethod(tempered)
     order: Fraction = key("Order gamma of the derivative (no unit).")
@@ -236,7 +236,7 @@ _IN_STOREYS: Final = OneOrMany(shape=Integer(least=1, most=1000), most=1000, as_
 
 
 class AtStorey(Setting):
-    """Where a damper of a building stands."""
+    """The storey in which a damper of a building stands."""
 
     storey: Annotated[tuple[int, ...] | None, _IN_STOREYS] = key(
         "Storey i between whose floor and ceiling it stands: it acts on x_i - x_(i-1), storey 1 "
@@ -244,7 +244,7 @@ class AtStorey(Setting):
         "storey.",
         default=None,
     )
-    # the storey says it, and one number the force there
+    # a storey needs no direction, and the factor is a number
     acts_on = None
     matrix = None
 
@@ -303,7 +303,7 @@ _MEANT: Final[Mapping[str, str]] = {
 
 
 def damping_terms(default_order: float = 1.0, *, at_storeys: bool = False) -> ListOf:
-    """A list of terms: their order where they do not say it, and whether storeys have them."""
+    """The shape of a list of terms; `at_storeys`: dampers of a building, in storeys."""
     laws = _AT_STOREYS if at_storeys else _LAWS
     name = "StoreyDamper" if at_storeys else "DampingTerm"
     term = ByKind(
@@ -333,14 +333,14 @@ DAMPING: Final = key(
 def build_damping(
     terms: Sequence[Term], names: tuple[str, ...], *, sparse: bool = False, place: str = "damping"
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
-    """The terms and the laws under ``damping``, of a scene with sparse matrices or dense ones."""
+    """The terms and the laws under ``damping``, with sparse or dense matrices."""
     return damping_effects(
         terms, lambda term, factor: _coefficient(term, factor, names, sparse=sparse), place
     )
 
 
 def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:
-    """Refuse dampers of one name."""
+    """Refuse two dampers with the same name."""
     used = [name for _, name in {(one.number, one.name) for one in every}]
     for name in sorted({name for name in used if name}):
         if used.count(name) > 1:
@@ -350,16 +350,16 @@ def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:
 def damping_effects(
     terms: Sequence[Term], on: Callable[[Term, Any], Any], place: str, *, before: int = 0
 ) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
-    """What the terms in the list at `place` make, by the coefficient for all coordinates.
+    """Effects of the terms in the list at `place`; `on` returns coefficients for all coordinates.
 
-    Dampers are numbered behind those that are listed before.
+    Dampers are numbered from `before` + 1 on.
     """
     found: list[Effect] = []
     for index, term in enumerate(terms):
         try:
             made = term.effects(partial(on, term))
             for one in made:
-                # `replace` would check its matrix once more
+                # `replace` would check its matrix again
                 own = copy.copy(one)
                 vars(own).update(name=term.name or "", number=before + index + 1)
                 found.append(own)

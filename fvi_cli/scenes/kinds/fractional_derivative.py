@@ -1,4 +1,4 @@
-"""``fractional-derivative``: the Caputo derivative of a function, with nothing that moves."""
+"""``fractional-derivative``: the Caputo derivative of a function, without a motion."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class FractionalDerivative(
 
 
 def _from_rest(function: Expression, order: float) -> Callable[[Array], Array]:
-    """The function less f(0), for orders above 1 less f'(0) t, which Caputo's derivative is of."""
+    """The function less f(0), for orders above 1 also less f'(0) t."""
     given = ForcingPiece(components=(function,)).evaluate
     slope = 0.0
     if order > 1:
@@ -90,7 +90,7 @@ def _from_rest(function: Expression, order: float) -> Callable[[Array], Array]:
 def _termwise_derivative(
     function: Expression, order: float, final_time: float
 ) -> Callable[[Array], Array]:
-    """Caputo derivative of a function by its expansion at 0, where that converges up to T."""
+    """Caputo derivative of a function by its expansion at 0, if that converges up to T."""
     try:
         series = expand(function, SERIES_CUTOFF).without_initial_terms(order)
         derivative = series.fractional_derivative(order)

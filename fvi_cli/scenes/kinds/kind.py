@@ -1,4 +1,4 @@
-"""What a kind of problem is: its keys, what a starter file shows of them, and what they build."""
+"""Base classes of kinds of problems: keys, lines of starter files, and the scene."""
 
 from __future__ import annotations
 
@@ -42,31 +42,31 @@ from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_size
 
 _SHARED: Final = {"damping", "forcing", "ground_acceleration"}
-"""Shared keys that kinds declare on their own."""
+"""Shared keys that kinds may declare again."""
 
 
 class Kind(Setting):
     """A kind of problem: its fields are its keys."""
 
     kind: ClassVar[str]
-    """What stands under ``kind``."""
+    """The word under ``kind``."""
     equation: ClassVar[str]
     """The equation in plain text."""
     title: ClassVar[str] = ""
-    """In figures; default: the name with blanks."""
+    """The title in figures; default: the word of the kind with blanks for hyphens."""
     example: ClassVar[Mapping[str, str]]
-    """Keys of a starter file that show more than the default, with what stands there as YAML."""
+    """Values (YAML) in a starter file for keys that show more than their default."""
     sweep: ClassVar[str]
     final_time: Positive
     alternatives: ClassVar[Mapping[str, str]] = {}
-    """Keys, each with the one that a starter file shows in its place."""
+    """By key the alternative key that a starter file shows in its place."""
     methods: ClassVar[str] = "{rk: gauss, degree: [2, 3]}"
-    """What a starter file shows of these."""
+    """Value of ``method`` in a starter file."""
     forces: ClassVar[tuple[str, ...]] = ("forcing",)
-    """Keys under which what drives a motion stands; no more than one of them is given."""
+    """Keys of forces or of the motion of the ground; at most one of them may be given."""
 
     def stated_size(self) -> tuple[KeyPath, int] | None:
-        """The path of the key that says the number of coordinates, and that number."""
+        """Path and value of the key that gives the number of coordinates; None: no key does."""
         return None
 
     def build_scene(self) -> Scene:
@@ -75,18 +75,18 @@ class Kind(Setting):
 
     @abstractmethod
     def build_problem(self, *, search: bool = True) -> AnyProblem:
-        """The problem; the exact solution is looked for where none is given, which takes long."""
+        """The problem; with `search` its exact solution is searched if none is given."""
 
 
 class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
-    """A kind of scene: own keys, and those that all scenes share."""
+    """A kind of scene, with own keys and the keys that all scenes share."""
 
     make: ClassVar[Callable[..., Scene]]
-    """Its scene, by own keys and :class:`SceneData`."""
+    """The function that makes the scene from own keys and :class:`SceneData`."""
     size: ClassVar[int | None] = None
-    """Number of coordinates where no other is possible."""
+    """Number of coordinates if it is fixed."""
     size_key: ClassVar[str] = ""
-    """The key that says it; empty: the largest of all entries."""
+    """The key with the number of coordinates; empty: it follows from the longest entry."""
     names: ClassVar[tuple[str, ...]] = ()
     """Names of the coordinates; empty: ``x``, or ``x1``, ``x2``, ..."""
 
@@ -99,7 +99,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
     parameters: Parameters = PARAMETERS
 
     def stated_size(self) -> tuple[KeyPath, int] | None:
-        """The path of the key that says the number of coordinates, and that number."""
+        """Path and value of the key that gives the number of coordinates; None: no key does."""
         path: KeyPath = (self.size_key,) if self.size_key else ()
         if self.size is not None:
             return path, self.size
@@ -113,7 +113,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         return self.names
 
     def coordinate_names(self) -> tuple[str, ...]:
-        """Names of the coordinates, as ``acts_on`` knows them."""
+        """Names of the coordinates, as in ``acts_on``."""
         if named := self.own_names():
             return named
         stated = self.stated_size()
@@ -129,7 +129,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         names, forces = self.coordinate_names(), self.forces
         if self.parameters:
             check_names(names, self.parameters)
-        # mass or stiffness may come from a file with entries only
+        # a file of mass or stiffness may be sparse
         sparse = any(is_sparse(file_form(one)) for one in self._matrices())
         damping, laws = build_damping(self.damping, names, sparse=sparse)
         start = self.initial
@@ -153,12 +153,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         return scene
 
     def own_values(self) -> dict[str, Any]:
-        """What stands under its own keys."""
+        """The values of the kind's own keys."""
         own = set(type(self).__annotations__) - _SHARED
         return {name: one for name, one in vars(self).items() if name in own}
 
     def make_scene(self, **data: Any) -> Scene:
-        """The scene of its own keys and what all scenes share."""
+        """The scene from its own keys and the shared arguments `data`."""
         return type(self).make(**self.own_values(), **data)
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
@@ -171,7 +171,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         )
 
     def build_problem(self, *, search: bool = True) -> Problem:
-        """The scene with its exact solution, as far as that is known."""
+        """The scene with its exact solution if that is known."""
         scene = self.build_scene()
         power = None if scene.forcing is None else fractional_power(scene.forcing.pieces[0])
         if power is not None and power < LEAST_POWER:
@@ -188,7 +188,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             if reason := objection(exact, scene):
                 raise ArgumentError("exact", reason)
         elif search and scene.is_linear:
-            # looking for it takes long to import
+            # a slow import, needed only for the search
             from fvi_cli.scenes.linear_response import trusted_solution
 
             exact, source, error = trusted_solution(scene)
@@ -207,11 +207,11 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
         )
 
     def numbers(self) -> Mapping[str, float]:
-        """Numbers that expressions along a motion know by name."""
+        """Numbers by their names in expressions along a motion."""
         return self.parameters or {}
 
     def ready_quantities(self) -> Mapping[str, Expression]:
-        """Formulas of quantities that need none, by their names."""
+        """Formulas of built-in quantities by name."""
         return {}
 
 
@@ -220,7 +220,7 @@ def _numbered(size: int) -> tuple[str, ...]:
 
 
 def _with_laws(equation: str, scene: Scene) -> str:
-    """The equation of a scene whose damping has relaxation laws: their moduli G stand in it."""
+    """The equation of a scene, with moduli G if its damping has relaxation laws."""
     if not scene.laws or "G(D)" in equation:
         return equation
     both = r"sum mu D^gamma \1 + sum G(D) \1" if scene.damping else r"sum G(D) \1"
@@ -228,7 +228,7 @@ def _with_laws(equation: str, scene: Scene) -> str:
 
 
 def _size(entry: object) -> int:
-    """Number of coordinates that an entry speaks of; 1 where it does not say."""
+    """Number of coordinates that an entry has values for; 1 for a number."""
     if isinstance(entry, list | tuple):
         return int(np.size(entry, 0))
     return 1 if type(entry) in PLAIN else matrix_size(entry) or 1

@@ -1,4 +1,4 @@
-"""``material``: a damper on the bench, whose displacement is given and whose force is sought."""
+"""``material``: a damper on the bench: the displacement is given, the force is computed."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Material(
     parameters: Parameters = PARAMETERS
 
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The keys with the time of the last sample."""
+        """The keys, with the time of the last sample as default of ``final_time``."""
         given = values.get("displacement")
         if isinstance(given, Mapping) and "content" in given:
             time, _ = samples_from_text(str(given["content"]))

@@ -189,7 +189,7 @@ class DoublePendulum(SceneKind):
 
 
 class LagrangianKind(SceneKind):
-    """Any mechanical system, by its Lagrangian as a formula."""
+    """Any mechanical system, by the formula of its Lagrangian."""
 
     kind = "lagrangian"
     equation = "d/dt dL/dv - dL/dq + sum mu D^gamma q = f(t)"

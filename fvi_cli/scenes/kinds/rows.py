@@ -39,7 +39,7 @@ BASE_SHEAR: Final = "base_shear"
 
 
 def _between_floors(count: int, term: Term, factor: float) -> Coefficient:
-    """The coefficient of a damper of a building of so many storeys."""
+    """The coefficient of a damper in a building of `count` storeys."""
     storeys = term.storey if isinstance(term, AtStorey) else None
     for index, storey in enumerate(storeys or ()):
         place = "storey" if len(storeys or ()) == 1 else f"storey.{index}"
@@ -169,14 +169,14 @@ class FrameKind(
 
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
-        """A list of storeys stands in place of the number or list under the other name."""
+        """Refuse a number and a list of storeys for the same property, e.g. mass and masses."""
         for one in ("mass", "stiffness"):
             several = cls.alternatives[one]
             if at.has(several) and at.has(one) and at.under(one).scalar != 1.0:
                 at.refuse_key(several, f"give this or {one}, not both")
 
     def make_scene(self, **data: Any) -> Scene:
-        """The scene; terms of its dampers stand before those of its damping."""
+        """The scene; terms of ``dampers`` come before those of ``damping``."""
         count = int(np.size(data["initial_position"]))
         before = max((one.number for one in (*data["damping"], *data["laws"])), default=0)
         between, damped = partial(_between_floors, count), self.rayleigh
@@ -200,11 +200,11 @@ class FrameKind(
         return {**masses, **(self.parameters or {})}
 
     def ready_quantities(self) -> Mapping[str, Expression]:
-        """Drifts, accelerations with the ground, and the force on the foundation."""
+        """Drifts, absolute accelerations (with the ground), and the force on the foundation."""
         return frame_quantities(self.coordinate_names())
 
     def stated_size(self) -> tuple[KeyPath, int]:
-        """The key that says the number of storeys, and that number."""
+        """Path and value of the key with the number of storeys."""
         if isinstance(self.storeys, int):
             return ("storeys",), self.storeys
         for name in ("masses", "stiffnesses", "mass", "stiffness"):
@@ -230,7 +230,7 @@ def frame_quantities(coordinates: tuple[str, ...]) -> Mapping[str, Expression]:
         own = f"a{name}", ground
         found[f"acceleration_{number}"] = Expression.parse(" + ".join(own), variables=own)
         below = name
-    # as text the sum of a tall building would be too long
+    # built without text, since the sum of a tall building would exceed the longest text
     builder = Builder()
     moved = builder.number(0.0)
     total = builder.number(0.0)
@@ -243,7 +243,7 @@ def frame_quantities(coordinates: tuple[str, ...]) -> Mapping[str, Expression]:
 
 
 class Pluck(Setting):
-    """A triangle."""
+    """A triangle, the initial shape of a plucked string."""
 
     at: Fraction = key("Place, as a fraction of the length (no unit).", default=0.5)
     height: float = key("Height there.", unit="length", default=0.0)

@@ -20,7 +20,7 @@ from fvi_cli.scenes.structures.matrix_keys import MASS_FILE
 
 
 def _damping(order: str, coefficient: str) -> Refusal:
-    """What to write for one number of a damping term; ``{}`` stands for it."""
+    """Advice to write a single number as a damping term; ``{}`` is replaced by the number."""
 
     def refusal(at: Cursor) -> str:
         given = f"{at.scalar:g}" if type(at.scalar) in (int, float) else "..."
@@ -135,7 +135,7 @@ class DamperKeys(Setting, refused=WRONG_NAMES):
 
 
 def dampers(unit: str, where: str = "") -> ListOf:
-    """A list of dampers in many places; `where` describes that with another unit in the schema."""
+    """The shape of a list of dampers; `where` names lists with another unit in the schema."""
     keys = {
         **DamperKeys.keys,
         "coefficient": replace(DamperKeys.keys["coefficient"], unit=unit),
@@ -145,7 +145,7 @@ def dampers(unit: str, where: str = "") -> ListOf:
 
 
 def vector_of(value: object, names: Sequence[str], place: str) -> Array:
-    """A number for every coordinate, one per coordinate, or those of some, ``(d,)``."""
+    """A vector ``(d,)`` from one number, a list, or numbers of some coordinates (others are 0)."""
     if isinstance(value, Mapping):
         given = by_coordinate(value["at"], names, f"{place}.at")
         return np.array([float(given.get(name, 0.0)) for name in names])

@@ -1,4 +1,4 @@
-"""Structures: by matrices as finite-element programs write them, and a clamped sandwich beam."""
+"""Structures given by matrices of finite-element programs, and a clamped sandwich beam."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class SandwichBeam(SceneKind):
     core: Core = key("Fractional Zener law of the core in shear.", default=as_plain(Core.of({})))
 
     def own_names(self) -> tuple[str, ...]:
-        """Four for every node."""
+        """Names of the coordinates, four for every node."""
         return beam_coordinates(int(self.elements))
 
     def make_scene(self, **data: Any) -> Scene:

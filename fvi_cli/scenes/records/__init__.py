@@ -1,1 +1,1 @@
-"""Files of samples and matrices: read, complained of, and put into a text that travels."""
+"""Reading files of samples, with complaints, and storing their contents as text."""

@@ -23,7 +23,7 @@ from fvi_cli.scenes.records.data_files import (
 class ColumnOfFile(
     Setting, expected="a column of a file, such as {file: building.csv, column: mass}"
 ):
-    """Positive numbers, one in every line."""
+    """Positive numbers from a column of a file, one in every line."""
 
     file: Annotated[str, Text(what="the path of a CSV file")] = key(
         "CSV file with names of columns in its first line; a relative path begins at the "
@@ -72,7 +72,7 @@ COLUMN_FILE: Final = record_of(ColumnOfFile)
 
 
 def numbers_in(text: str) -> tuple[float, ...]:
-    """The numbers of a text from a column."""
+    """The numbers in the text of a column."""
     try:
         return tuple(map(float, text.split()))
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Samples from CSV files and accelerograms, with complaints that name their lines."""
+"""Samples from CSV files and accelerograms, with complaints that name lines."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_MISTAKES: Final = 5
 _DELIMITERS: Final = (",", ";", "\t")
 _WHOLE: Final = re.compile(r"[-+]?\d+([eE][-+]?\d+)?")
 _ARCHIVE: Final = b"PK\x03\x04"
-"""How a sheet of a spreadsheet program begins."""
+"""First bytes of a file of a spreadsheet program."""
 SPREADSHEETS: Final = (".xlsx", ".xls", ".xlsm", ".ods", ".numbers")
 NO_TEXT: Final = "not a text but a spreadsheet; save the sheet as CSV, names of columns in line 1"
 
@@ -38,8 +38,8 @@ NO_TEXT: Final = "not a text but a spreadsheet; save the sheet as CSV, names of 
 class CsvColumns:
     """Columns of numbers."""
 
-    table: NDArray[np.float64]  # as they stand in the file, shape ``(n, columns)``
-    sha256: str  # of the bytes of the file
+    table: NDArray[np.float64]  # numbers in the order of the file, shape ``(n, columns)``
+    sha256: str  # digest of the bytes of the file
     lines: tuple[int, ...] = ()  # the line of every row, counted from 1
 
 
@@ -47,14 +47,14 @@ class CsvColumns:
 class CsvSamples:
     """Times and values of a file."""
 
-    time: NDArray[np.float64]  # as they stand in the file, shape ``(n,)``
+    time: NDArray[np.float64]  # times in the order of the file, shape ``(n,)``
     values: NDArray[np.float64]
     sha256: str  # of the bytes of the file
     lines: tuple[int, ...] = ()  # the line of every sample, counted from 1
 
 
 def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> CsvSamples:
-    """Read a column and its times, which must increase, as :func:`read_csv_columns`."""
+    """Read a column and its times as :func:`read_csv_columns`; times must increase."""
     found = read_csv_columns(path, name, (time_column, column), increasing=time_column)
     time, values = found.table.T
     return CsvSamples(time=time, values=values, sha256=found.sha256, lines=found.lines)
@@ -63,16 +63,16 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
 def read_csv_columns(
     path: Path, name: str, columns: tuple[str, ...], *, increasing: str = ""
 ) -> CsvColumns:
-    """Read columns of numbers; the first may have to increase, under the name `increasing`.
+    """Read columns of numbers; with `increasing`, the name of the first column, that must increase.
 
-    The first line holds the names of the columns; between them stand commas, semicolons or
-    tabulators. Empty lines and lines that begin with ``#`` are left out.
+    The first line holds the names of the columns, separated by commas, semicolons or tabulators.
+    Empty lines and lines that begin with ``#`` are ignored.
 
     Raises
     ------
     DataFileError
-        ``<name>:<line>: what is wrong``: no such file or column, cells that are empty or not
-        finite numbers, more cells than names, times that do not increase, or more than is allowed.
+        With messages ``<name>:<line>: ...``: no such file or column, cells that are empty or not
+        finite numbers, more cells than names, times that do not increase, or too many samples.
     """
     if path.suffix.lower() in SPREADSHEETS:
         raise DataFileError(f"{name}: {NO_TEXT}")
@@ -88,14 +88,14 @@ def read_csv_columns(
     rows = _rows(text, name)
     line, header = next(rows, (1, []))
     places = [_place(header, wanted, f"{name}:{line}") for wanted in columns]
-    # the first of them
+    # the first mistakes only
     mistakes: list[str] = []
     count = 0
     found: list[tuple[float, ...]] = []
     lines: list[int] = []
     for line, row in rows:
         if len(row) > len(header) and (hint := _decimal_commas(row, len(header))):
-            # every line has them
+            # one message: every line has decimal commas
             raise DataFileError(f"{name}:{line}: {hint}")
         cells = [row[place].strip() if place < len(row) else "" for place in places]
         numbers = tuple(number_or_nan(cell) for cell in cells)
@@ -108,7 +108,7 @@ def read_csv_columns(
         if len(found) == MOST_SAMPLES:
             wrong = [f"more than {MOST_SAMPLES} samples are too many; thin them out"]
         elif increasing and found and is_number and not numbers[0] > found[-1][0]:
-            # the line before alone is compared: one time at a wrong place is one mistake
+            # compare with the previous line only, so that one wrong time is one mistake
             wrong = [
                 f"{increasing} = {numbers[0]:g} is not after {found[-1][0]:g} in line "
                 f"{lines[-1]}; sort the lines, times must increase"
@@ -132,7 +132,7 @@ def read_csv_columns(
 
 
 def _rows(text: str, name: str) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of every line that holds something; the first are the names."""
+    """(Line number, cells) of every line that is not empty; the first has the names."""
     first = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
     delimiter = max(_DELIMITERS, key=first.count)
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)
@@ -158,7 +158,7 @@ def _place(header: list[str], wanted: str, where: str) -> int:
 
 
 def _decimal_commas(row: list[str], count: int) -> str:
-    """What to write where numbers seem to have a decimal comma between commas; else nothing."""
+    """Advice where numbers with decimal commas seem to be separated by commas; else empty."""
     cells = [cell.strip() for cell in row]
     if not all(_WHOLE.fullmatch(cell) for cell in cells):
         return ""
@@ -171,7 +171,7 @@ def _decimal_commas(row: list[str], count: int) -> str:
 
 
 def number_or_nan(cell: str) -> float:
-    """The number that a cell holds; nan where it holds none."""
+    """The number in a cell; nan for any other cell."""
     try:
         return parse_number(cell)
     except ValueError:
@@ -189,7 +189,7 @@ def _complaint(label: str, cell: str) -> str:
 SUFFIX: Final = ".at2"
 HEADER_LINES: Final = 4
 LONGEST_LINE: Final = 300
-"""Characters of a line of the header with NPTS and DT, at most; records have some 80."""
+"""Most characters of the header line with NPTS and DT; records have some 80."""
 _NUMBER: Final = r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)"
 _NAMED: Final = re.compile(rf"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*{_NUMBER}", re.IGNORECASE)
 _BEFORE: Final = re.compile(rf"(\d+)\s+{_NUMBER}\s+NPTS\s*,\s*DT", re.IGNORECASE)
@@ -200,7 +200,7 @@ _IN_CM: Final = re.compile(r"\bcm\s*/\s*s|\bgals?\b", re.IGNORECASE)
 
 
 def unit_of_at2(path: Path, name: str) -> str:
-    """``g`` or ``cm/s^2``, as the header of a record says; empty where it says neither."""
+    """The unit ``g`` or ``cm/s^2`` in the header of a record; empty if it has neither."""
     lines = read_content(path, name, LARGEST_FILE).decode("latin-1").splitlines()[:HEADER_LINES]
     header = "\n".join(line for line in lines if len(line) <= LONGEST_LINE)
     if _IN_G.search(header):
@@ -209,7 +209,7 @@ def unit_of_at2(path: Path, name: str) -> str:
 
 
 def read_at2_samples(path: Path, name: str) -> CsvSamples:
-    """Read a record: times k DT, and accelerations in units of g as they stand in the file.
+    """Read a record: times k DT, and the accelerations in the file, in units of g.
 
     Four lines of header, the last of which has ``NPTS= 4000, DT= .0050 SEC`` (older files:
     ``4000 0.0050 NPTS, DT``), then NPTS numbers, several in a line.

@@ -1,4 +1,4 @@
-"""Files that are read together with a configuration, and their content as text beside it."""
+"""Files that are read together with a configuration, and their contents as text."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from fvi_cli.mathematics.arrays import Array
 T = TypeVar("T")
 
 MOST_LINES: Final = 1_000_000
-"""Lines of a text file, at most; there may be fewer samples."""
+"""Most lines of a text file; the limit on samples is lower."""
 Digest = Annotated[str | None, Text(what="64 hexadecimal digits")]
 SHA256: Final = key(
     "Of the file; filled in, and checked where it is given and the file is there.", default=None
@@ -34,7 +34,7 @@ CONTENT_SHA256: Final = key("Of the text under content; checked where it is give
 
 
 class DataFileError(Exception):
-    """What is wrong with a file, one message for each mistake (no more than a few)."""
+    """A file cannot be used; one message for each of the first mistakes."""
 
     def __init__(self, *messages: str) -> None:
         self.messages = messages
@@ -47,22 +47,22 @@ class DataFileError(Exception):
 
 
 def file_under(given: str, at: Cursor) -> tuple[Path, str]:
-    """A file of the configuration, beside it, and what messages call it."""
+    """Path of a file, relative to the configuration, and its name in messages."""
     folder = at.complaints.folder
     return Path(given) if folder is None else folder / given, excerpt(given, 200)
 
 
 def no_such_file(path: Path, name: str) -> str:
-    """The complaint of a file that does not exist, with the nearest one in its folder."""
+    """The complaint about a missing file, with the most similar name in its folder."""
     files = [one.name for one in path.parent.glob("*") if one.is_file()]
     near = suggestion(path.name, files) or "; paths begin at the folder of the configuration"
     return f"{name}: cannot be read: no such file{near}"
 
 
 def read_content(path: Path, name: str, largest: int) -> bytes:
-    """The bytes of a file that has no more than `largest`."""
+    """The bytes of a file; refuses more than `largest` bytes."""
     try:
-        # a pipe or a device would be read for ever
+        # reading a pipe or a device might never end
         if path.exists() and not path.is_file():
             raise DataFileError(f"{name}: not a file")
         with path.open("rb") as file:
@@ -78,7 +78,7 @@ def read_content(path: Path, name: str, largest: int) -> bytes:
 
 
 def read_once(at: Cursor, key: tuple[Hashable, ...], read: Callable[[], T]) -> T:
-    """What `read` returns, called once for a text and a key of the file and its part."""
+    """The result of `read`, which is called once per configuration and `key` (file and part)."""
     known = at.complaints.files
     if key not in known:
         known[key] = read()
@@ -86,7 +86,7 @@ def read_once(at: Cursor, key: tuple[Hashable, ...], read: Callable[[], T]) -> T
 
 
 def check_lines(content: bytes, name: str) -> None:
-    """Refuse a text of more than `MOST_LINES` lines: empty ones take time as well."""
+    """Refuse a text of more than `MOST_LINES` lines: empty lines take time as well."""
     lines = content.count(b"\n") + content.count(b"\r") - content.count(b"\r\n")
     if lines > MOST_LINES:
         raise DataFileError(
@@ -95,8 +95,8 @@ def check_lines(content: bytes, name: str) -> None:
 
 
 def parse_number(word: str) -> float:
-    """The number that a word in a file is."""
-    # Python also takes 1_000
+    """The number that a word in a file means."""
+    # Python also accepts 1_000
     if "_" in word:
         raise ValueError(f"{excerpt(word)!r} is not a number")
     return float(word)
@@ -114,9 +114,9 @@ def filled_in(
 ) -> Any:
     """The keys with ``sha256`` and ``content`` filled in from the file, or as they are given.
 
-    `read` returns the digest of the file, its content as text, and what that is; `parse` raises
-    ValueError for a text that is none, `is_equal` says whether two of them mean the same. A content
-    that is given stands without its digest.
+    `read` returns (digest of the file, content as text, words for the content); `parse` raises
+    ValueError for a wrong text; `is_equal` says whether two texts have the same contents. The
+    result has no ``content_sha256``.
     """
     name = excerpt(values["file"], 200)
     if "content" not in values:
@@ -143,7 +143,7 @@ def filled_in(
             "content",
         )
     if "sha256" in values and file_under(values["file"], at)[0].is_file():
-        # another file by this name says nothing of the content
+        # only the same file, by its digest, can contradict the content
         with contextlib.suppress(DataFileError):
             sha256, text, _ = read_once(at, key, read)
             if sha256 == values["sha256"].lower() and not is_equal(text, values["content"]):
@@ -153,15 +153,15 @@ def filled_in(
 
 MOST_SAMPLES: Final = 100_000
 LARGEST_TEXT: Final = 500_000
-"""Characters of samples as text: they stand in every result file, and in every run's identity."""
+"""Most characters of samples as text, which is part of every result file and run identity."""
 _LARGEST_LINE: Final = 52
 
 
 def samples_as_text(time: Array, values: Array) -> str:
     """Times and values without loss as one word.
 
-    Lines ``t,value`` with the shortest digits that give the numbers back, compressed (zlib) and in
-    letters (base64).
+    Lines ``t,value`` with the fewest digits from which the numbers are read back, compressed (zlib)
+    and encoded in letters (base64).
     """
     lines = "".join(f"{t!r},{v!r}\n" for t, v in zip(time.tolist(), values.tolist(), strict=True))
     return base64.b64encode(zlib.compress(lines.encode(), 9)).decode()
@@ -169,9 +169,9 @@ def samples_as_text(time: Array, values: Array) -> str:
 
 @functools.lru_cache(maxsize=8)
 def samples_from_text(text: str) -> tuple[Array, Array]:
-    """Times and values of a text from `samples_as_text`, which are only to be read.
+    """Times and values of a text from `samples_as_text`; the arrays are read-only.
 
-    Members of a sweep have the same text.
+    They are cached, since members of a sweep have the same text.
     """
     limit = MOST_SAMPLES * _LARGEST_LINE
     try:
@@ -180,7 +180,7 @@ def samples_from_text(text: str) -> tuple[Array, Array]:
         if unpacking.unconsumed_tail or content.count(b"\n") > MOST_SAMPLES:
             raise ValueError(f"more than {MOST_SAMPLES} samples")
         if not unpacking.eof or unpacking.unused_data:
-            # only at its end is the checksum of what was compressed
+            # the checksum of the content is at the end of the compressed data
             raise ValueError("the text is cut off or continues after its end")
         rows = [line.split(",") for line in content.decode("ascii").removesuffix("\n").split("\n")]
         table = np.array([[float(cell) for cell in row] for row in rows])
@@ -220,7 +220,7 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
 
 
 def end_of_samples(specification: Mapping[str, Any], final_time: float) -> float:
-    """Where samples end before T with nothing behind them; infinite where they do not."""
+    """Time before T at which samples with ``beyond: zero`` end; infinite otherwise."""
     if specification.get("beyond") != "zero" or "content" not in specification:
         return math.inf
     end = float(samples_from_text(str(specification["content"]))[0][-1])

@@ -1,1 +1,1 @@
-"""Structures as finite-element programs have them: matrices from files."""
+"""Structures of finite-element programs: matrices from files."""

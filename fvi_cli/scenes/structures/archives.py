@@ -1,8 +1,8 @@
-"""Matrices in the containers of NumPy and MATLAB, unpacked within limits.
+"""Matrices in file formats of NumPy and MATLAB, unpacked within limits.
 
-MATLAB's files of the versions 5 to 7 (MathWorks, *MAT-File Format*, level 5) are read here, the
-numbers and the sparse ones of them: SciPy's reader is compiled and believes types and lengths, of
-which a wrong one ends the process.
+Numeric and sparse arrays in MATLAB's files of the versions 5 to 7 (MathWorks, *MAT-File Format*,
+level 5) are read here, not by SciPy: its compiled reader trusts types and lengths, and a wrong one
+crashes the process.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ _LOGICAL, _COMPLEX = 1 << 9, 1 << 11
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _MatVariable:
-    """A variable of a file, of which only the head was read."""
+    """A variable of a file; at first only its head is read."""
 
     name: str
     kind: str  # its class, ``double``, ``sparse``, ``cell``
     shape: tuple[int, ...]
     is_complex: bool
-    parts: Iterator[NDArray[Any]]  # its arrays, read when they are asked for
+    parts: Iterator[NDArray[Any]]  # its arrays, read on demand
 
     def value(self) -> Any:
         """The matrix, dense or sparse."""
@@ -73,7 +73,7 @@ class _MatVariable:
         if len(parts) < 3:
             raise ValueError("a sparse matrix without its entries")
         rows, ends, data = *parts[:2], self._with_imaginary(parts[2:])
-        # room that was set aside for more entries is not taken
+        # ignore space that was reserved for more entries
         count = int(ends[-1]) if ends.size else 0
         if not 0 <= count <= min(rows.size, data.size):
             raise ValueError(f"{count} entries are declared, {data.size} are there")
@@ -101,14 +101,14 @@ def read_mat(content: bytes, name: str, variable: str | None) -> Any:
             f"{name}: not a .mat file, or one of MATLAB 7.3; save it with -v7, or as Matrix Market"
         )
     variables = [_variable(data, order) for data in _matrices(content, order)]
-    # a workspace of functions has no name
+    # the workspace of functions has no name
     named = [one for one in variables if one.name and not one.name.startswith("__")]
     which = chosen([one.name for one in named], name, variable)
     return next(one.value() for one in named if one.name == which)
 
 
 def _matrices(content: bytes, order: str) -> Iterator[memoryview]:
-    """The elements of a file, unpacked: then nothing in them is larger than it is."""
+    """The elements of a file, unpacked within limits; so no element is larger than declared."""
     size = 0
     for kind, data in _elements(memoryview(content)[HEADER:], order, padded=False):
         if kind == _COMPRESSED:
@@ -119,7 +119,7 @@ def _matrices(content: bytes, order: str) -> Iterator[memoryview]:
             _check_unpacked(size, len(content))
             if not unpacking.eof or len(body) < 8:
                 raise ValueError("a compressed element is cut off")
-            # its own length may say anything
+            # the length in its tag is not trusted
             (kind,), data = struct.unpack_from(f"{order}I", body), memoryview(body)[8:]
         if kind != _MATRIX:
             raise ValueError(f"an element of type {kind} where a matrix is needed")
@@ -146,13 +146,13 @@ def _variable(data: memoryview, order: str) -> _MatVariable:
 def _elements(
     data: memoryview, order: str, *, padded: bool = True
 ) -> Iterator[tuple[int, memoryview]]:
-    """Types and bytes of elements, one after the other."""
+    """(Type, bytes) of successive elements."""
     place = 0
     while place + 8 <= len(data):
         kind, length = struct.unpack_from(f"{order}II", data, place)
         begin = place + 8
         if kind >> 16:
-            # up to four bytes stand in the tag itself
+            # up to four bytes of data are in the tag itself
             kind, length, begin = kind & 0xFFFF, kind >> 16, place + 4
             place += 8
             if length > 4:
@@ -175,7 +175,7 @@ def _numbers(kind: int, data: memoryview, order: str) -> NDArray[Any]:
 
 
 def _mat_4(content: bytes, name: str, variable: str | None) -> Any:
-    """A matrix of a file of MATLAB's version 4, which SciPy reads without compiled code."""
+    """A matrix of a file of MATLAB's version 4, read by SciPy, which uses no compiled code here."""
     from scipy.io import loadmat, whosmat
 
     known = whosmat(io.BytesIO(content))  # type: ignore[arg-type]
@@ -197,7 +197,7 @@ _SPARSE_PARTS: Final = ("data", "indices", "indptr", "row", "col", "offsets")
 
 
 def read_npy(content: bytes) -> NDArray[Any]:
-    """The array of an ``.npy`` file, which must hold as many bytes as its header says."""
+    """The array of an ``.npy`` file, whose length must agree with its header."""
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version not in _HEADERS:
@@ -240,10 +240,10 @@ def read_npz(content: bytes, name: str, variable: str | None) -> Any:
 
 
 def _unpacked_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, packed: int) -> bytes:
-    """The bytes of a file in an archive of so many bytes."""
+    """The bytes of a file in an archive of `packed` bytes."""
     if member.flag_bits & 1:
         raise ValueError(f"{excerpt(member.filename)} is encrypted")
-    # the library unpacks other kinds without a limit
+    # other kinds of compression are unpacked without a limit
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(
             f"{excerpt(member.filename)} is compressed in another way than NumPy does; save it "
@@ -254,7 +254,7 @@ def _unpacked_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo, packed: 
 
 
 def _check_unpacked(size: int, packed: int) -> None:
-    """Refuse what unpacks to more bytes than an honest file does."""
+    """Refuse data that unpack to more bytes than those of a genuine file."""
     most = max(LARGEST_ARRAY, 4 * packed)
     if size > most:
         raise DeclaredError(
@@ -264,7 +264,7 @@ def _check_unpacked(size: int, packed: int) -> None:
 
 
 def chosen(names: list[str], name: str, variable: str | None) -> str:
-    """The name of the matrix that is meant."""
+    """The name of the requested matrix, or of the only one."""
     if variable is None and len(names) == 1:
         return names[0]
     if variable in names:

@@ -1,4 +1,4 @@
-"""What a file declares of a matrix is checked before memory is taken or a library sees it."""
+"""Checks of the sizes that a file declares, before memory is allocated or a library is called."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from fvi_cli.effects.matrices import SparseMatrix
 from fvi_cli.errors import ArgumentError
 
 MOST_ROWS: Final = 300_000
-"""Rows of a sparse matrix, at most."""
+"""Most rows of a sparse matrix."""
 MOST_DENSE_ROWS: Final = 2000
-"""Rows of a dense matrix, at most: larger ones are rarely short enough to travel as text."""
+"""Most rows of a dense matrix; as text larger ones would rarely be short enough to be stored."""
 LARGEST_ARRAY: Final = 8 * MOST_DENSE_ROWS**2 + 2**16
-"""Bytes of one array of a compressed file with its head, unless the file itself is large."""
+"""Most bytes of one array of a compressed file with its head, unless the file itself is large."""
 
 
 class DeclaredError(ValueError):
-    """A size that is not allowed is declared."""
+    """A file declares a size that is not allowed."""
 
 
 _NUMBERS: Final = "iufc"
@@ -28,7 +28,7 @@ _WHOLE: Final = "iu"
 
 
 def check_rows(shape: Sequence[int], *, sparse: bool) -> None:
-    """Refuse a shape that is not square, or larger than a matrix may be."""
+    """Refuse a shape that is not square or too large."""
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 1:
         text = " x ".join(map(str, shape))
         raise DeclaredError(f"it is {text or 'a number'}; a square matrix is needed")
@@ -41,16 +41,16 @@ def check_rows(shape: Sequence[int], *, sparse: bool) -> None:
 def sparse_matrix(
     kind: str, shape: Sequence[int], parts: Mapping[str, NDArray[Any]]
 ) -> SparseMatrix:
-    """A square sparse matrix from the arrays that SciPy keeps, of a file from anywhere.
+    """A square sparse matrix from untrusted arrays of a file.
 
-    SciPy believes these arrays: an index outside of the matrix ends the process. `kind` is one of
-    csr, csc, bsr, coo and dia, `parts` are ``data``, and ``indices`` and ``indptr``, ``row`` and
-    ``col``, or ``offsets``.
+    SciPy does not check these arrays: an index outside the matrix crashes the process. `kind` is
+    csr, csc, bsr, coo or dia; `parts` are SciPy's arrays: ``data``, and ``indices`` and ``indptr``,
+    or ``row`` and ``col``, or ``offsets``.
 
     Raises
     ------
     ValueError
-        If an array is missing, has another length than the others say, or an index lies outside.
+        If an array is missing or has a wrong length, or an index lies outside the matrix.
     """
     from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array
 
@@ -84,14 +84,14 @@ def sparse_matrix(
 
 
 def checked_sparse(found: Any) -> SparseMatrix:
-    """What a library has read as a sparse matrix, made anew of its arrays."""
+    """A sparse matrix that a library has read, checked and rebuilt from its arrays."""
     names = ("data", "indices", "indptr", "row", "col", "offsets")
     parts = {name: np.asarray(getattr(found, name)) for name in names if hasattr(found, name)}
     return sparse_matrix(str(found.format), found.shape, parts)
 
 
 def _part(parts: Mapping[str, NDArray[Any]], name: str, kinds: str, dimension: int) -> NDArray[Any]:
-    """One of the arrays."""
+    """One of the arrays, checked."""
     if name not in parts:
         raise ArgumentError(name, "missing")
     found = parts[name]
@@ -106,7 +106,7 @@ def _part(parts: Mapping[str, NDArray[Any]], name: str, kinds: str, dimension: i
 def _indices(
     parts: Mapping[str, NDArray[Any]], name: str, least: int, end: int, count: int
 ) -> NDArray[np.int32]:
-    """So many whole numbers from `least` up to below `end`."""
+    """An array of `count` integers i with `least` <= i < `end`."""
     found = _part(parts, name, _WHOLE, 1)
     if len(found) != count:
         raise ArgumentError(name, f"{len(found)} numbers where there must be {count}")

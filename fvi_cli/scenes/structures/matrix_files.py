@@ -1,4 +1,4 @@
-"""Symmetric matrices from the files that finite-element programs write."""
+"""Symmetric matrices from files of finite-element programs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from fvi_cli.scenes.structures.declared import (
 )
 
 LARGEST_FILE: Final = 400_000_000
-"""Bytes of a file of a matrix, at most."""
+"""Most bytes of a file of a matrix."""
 _COMMENTS: Final = re.compile(rb"(?:%[^\n]*\n|[ \t\r]*\n)*+")
 _DIGITS: Final = b"0123456789+-.eE \t\r\n"
 _BETWEEN: Final = re.compile(r"[,;\s]+")
@@ -41,10 +41,10 @@ _BETWEEN: Final = re.compile(r"[,;\s]+")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatrixFile:
-    """A matrix with the file's fingerprint."""
+    """A matrix with the digest of its file."""
 
     form: Form  # the matrix, sparse where the file holds entries only
-    sha256: str  # of the bytes of the file
+    sha256: str  # digest of the bytes of the file
 
 
 def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFile:
@@ -78,7 +78,7 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
     except DeclaredError as error:
         raise DataFileError(f"{name}: {error}") from None
     except Exception as error:
-        # libraries raise nearly anything of bytes that are not those of their format
+        # libraries raise nearly any exception for bytes of another format
         reason = excerpt(str(error) or type(error).__name__, 160)
         raise DataFileError(f"{name}: not a readable {suffix} file: {reason}") from None
     if value.dtype.kind not in "iuf":
@@ -93,8 +93,8 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
 
 
 def _symmetric(value: Any, name: str) -> Form:
-    """A matrix of numbers, sparse where it is large and has few of them."""
-    # what is not finite, or too large for a double, is refused by its entry
+    """A matrix, sparse where it is large and has few entries; refuses unsymmetric ones."""
+    # entries that are not finite, or too large for a double, are refused below
     with np.errstate(all="ignore"):
         if not is_sparse(value):
             value = np.asarray(value, dtype=float)
@@ -112,7 +112,7 @@ def _market(content: bytes, name: str) -> Any:
     is_sparse = layout == "coordinate"
     if is_sparse:
         check_rows((rows, columns), sparse=True)
-    # a digit and a line break, at least
+    # an entry takes a digit and a line break, at least
     if 2 * entries > len(content) + 2:
         raise ValueError(f"{entries} entries are declared, {len(content)} bytes are there")
     _check_digits(content, name)
@@ -121,7 +121,7 @@ def _market(content: bytes, name: str) -> Any:
 
 
 def _check_digits(content: bytes, name: str) -> None:
-    """Refuse what the library leaves out: it reads 1,5 and 1_0 and 1D5 as 1."""
+    """Refuse numbers that SciPy would read in part: it reads 1,5 and 1_0 and 1D5 as 1."""
     begin = _COMMENTS.match(content)
     place = begin.end() if begin else 0
     odd = content[place:].translate(None, _DIGITS)

@@ -1,4 +1,4 @@
-"""Symmetric matrices as they stand under a key: from files, and as a text that travels."""
+"""Symmetric matrices under a key: from files, and as text that is stored with runs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from fvi_cli.scenes.structures.declared import check_rows, sparse_matrix
 from fvi_cli.scenes.structures.matrix_files import read_matrix
 
 LARGEST_TEXT: Final = 20_000_000
-"""Characters of a matrix as text: it stands in every result file, and in every run's identity."""
+"""Most characters of a matrix as text, which is part of every result file and run identity."""
 _MOST_ENTRIES: Final = 10_000_000
 _HEADER: Final = re.compile(r"(dense|sparse) (\d{1,7}) ")
 
@@ -45,7 +45,8 @@ def matrix_as_text(matrix: Form) -> str:
     """A symmetric matrix without loss as one line.
 
     ``dense`` or ``sparse`` and the number of rows, then the lower triangle compressed (zlib) and
-    in letters (base64): all entries by rows, or ends of rows, columns and entries.
+    encoded in letters (base64): for dense all entries by rows; for sparse ends of rows, columns and
+    entries.
     """
     rows = matrix.shape[0]
     if isinstance(matrix, np.ndarray):
@@ -59,7 +60,7 @@ def matrix_as_text(matrix: Form) -> str:
 
 
 def check_text(text: str) -> tuple[int, bool]:
-    """Number of rows that a matrix as text declares, and whether it is sparse."""
+    """Number of rows that the text of a matrix declares, and whether it is sparse."""
     found = _HEADER.match(text)
     if found is None:
         raise ValueError("not a matrix as fvi writes it")
@@ -118,11 +119,11 @@ def _packed(content: bytes) -> str:
 
 
 def _unpacked(packed: bytes, size: int, *, is_whole: bool = True) -> bytes:
-    """The first bytes of what was compressed; `is_whole` says that there are no more."""
+    """The first `size` bytes of compressed data; with `is_whole` there must be no more."""
     unpacking = zlib.decompressobj()
     content = unpacking.decompress(packed, size + 1)
     if is_whole and (not unpacking.eof or unpacking.unused_data) and len(content) == size:
-        # only at its end is the checksum of what was compressed
+        # the checksum of the content is at the end of the compressed data
         raise ValueError("the text is cut off or continues after its end")
     if len(content) < size or (is_whole and len(content) > size):
         raise ValueError(f"{len(content)} bytes where there must be {size}")
@@ -156,7 +157,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
 
 
 class MatrixFileShape(PlainSetting, expected="a matrix from a file, such as {file: K.mtx}"):
-    """A symmetric matrix from a file, read together with the configuration."""
+    """A symmetric matrix from a file that is read together with the configuration."""
 
     file: Annotated[str, Text(what="the path of a file, from the configuration's folder")] = key(
         "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or "
@@ -186,7 +187,7 @@ MASS_FILE: Final = record_of(MassFile)
 
 def file_form(value: object) -> Form | None:
     """The matrix of a mapping that was read by `MATRIX_FILE`; None for anything else."""
-    # whether something is a mapping takes long to ask, and sweeps are large
+    # test plain types first: isinstance with Mapping is slow, and sweeps are large
     if type(value) in PLAIN or not isinstance(value, Mapping) or "file" not in value:
         return None
     if "content" not in value:
@@ -205,7 +206,7 @@ def matrix_size(value: object) -> int | None:
 
 
 def matrix_of(value: object, dimension: int, *, sparse: bool = False) -> Form:
-    """A number times the unit matrix, which may be sparse; a matrix as it is."""
+    """A number times the unit matrix (sparse if requested), or a matrix unchanged."""
     from_file = file_form(value)
     if from_file is not None:
         return from_file

@@ -24,7 +24,7 @@ LARGEST_DENSE: Final = 400
 
 @dataclass(frozen=True, kw_only=True)
 class _Ratio(Number):
-    """A damping ratio, which is easily given in percent."""
+    """A damping ratio; explains a number that seems to be in percent."""
 
     def read(self, at: Cursor) -> Any:
         """A float."""
@@ -43,7 +43,7 @@ class Rayleigh(
         "stiffness: b}",
     ),
 ):
-    """Damping (a M + b K) x' by two ratios."""
+    """Damping (a M + b K) x' by two damping ratios."""
 
     ratios: Annotated[
         tuple[float, float],
@@ -63,8 +63,8 @@ def rayleigh_damping(
     Raises
     ------
     ArgumentError
-        For modes that do not exist, have one frequency, or of which the ratios need a negative
-        factor a or b, which drives other modes.
+        For modes that do not exist or have the same frequency, and for ratios that need a negative
+        factor a or b, which would make other modes grow.
     """
     size = mass.shape[0]
     if max(modes) > size:

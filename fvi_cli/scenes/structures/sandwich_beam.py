@@ -37,8 +37,8 @@ def beam_matrices(
 ) -> tuple[Form, Form, Form]:
     """M, K of faces, K of a core with shear modulus 1, each ``(4 elements, 4 elements)``.
 
-    Four degrees of freedom for each of the nodes from the clamped end on: w, w', u_1, u_3. Cubic
-    deflection and linear axial displacements in every element.
+    Each node except the clamped one has four degrees of freedom: w, w', u_1, u_3. In every element
+    the deflection is cubic and axial displacements are linear.
     """
     size = length / elements
     hf, hc, b = face_thickness, core_thickness, width
@@ -61,7 +61,7 @@ def beam_matrices(
 
 
 def _shapes(x: float, size: float) -> tuple[Array, ...]:
-    """Deflection, slope, curvature, axial displacements and stretches for unit values of nodes."""
+    """Shape functions: deflection, slope, curvature, axial displacements, stretches at x."""
     zero = np.zeros(2 * PER_NODE)
     w, slope, bend, u1, u3, stretch1, stretch3 = (zero.copy() for _ in range(7))
     bending = [0, 1, PER_NODE, PER_NODE + 1]
@@ -90,7 +90,7 @@ def _shapes(x: float, size: float) -> tuple[Array, ...]:
 
 
 def _assembled(element: Array, elements: int) -> Form:
-    """Equal elements in a row, the first node held."""
+    """The matrix of equal elements in a row, with the first node clamped."""
     from scipy.sparse import coo_array, csr_array
 
     width = 2 * PER_NODE

@@ -23,7 +23,7 @@ from fvi_cli.scenes.structures.matrix_keys import matrix_of
 from fvi_cli.scenes.structures.rayleigh import Rayleigh, natural_modes, rayleigh_damping
 
 LARGEST_MODAL: Final = 400
-"""Degrees of freedom up to which damping is given by modes: its matrix is full."""
+"""Most degrees of freedom for damping by modes, whose matrix is full."""
 
 
 class Proportional(Setting):
@@ -55,7 +55,7 @@ def structure(
               + \sum_i 2 \zeta_i \omega_i (M \phi_i)(M \phi_i)^T x' + K x = f(t) - M r a(t)
 
     `mass` and `stiffness` are numbers, matrices or mappings of files, `modal_damping` the ratios
-    :math:`\zeta_i` of the first modes :math:`\phi_i` of M and K; a(t) has one component, r the
+    :math:`\zeta_i` of the first modes :math:`\phi_i` of M and K; a(t) has one component, r has
     shape ``(d,)`` or is a number.
     """
     found = [matrix_of(one, 1) for one in (mass, stiffness)]
