@@ -1,1 +1,1 @@
-"""What a run will take and what order to expect, before it begins."""
+"""Forecasts before a run begins: its cost, memory, order of convergence and resolution."""

@@ -1,12 +1,13 @@
-r"""What the errors of all steps add up to along the path of a run.
+r"""The sum of the errors of all steps along the path of a run.
 
-Close to a state y = (q, p) a motion is that of its quadratic Lagrangian, :math:`y' = A y + c`. From
-there one step of the method is off by :math:`d_k`, and what earlier steps left is carried on:
+Near a state y = (q, p) the quadratic expansion of the Lagrangian has the linear motion
+:math:`y' = A y + c`. From there one step of the method has the error :math:`d_k`, and the motion
+carries earlier errors on:
 
 .. math:: e_{k+1} = \Phi_k e_k + d_k, \qquad \Phi_k = e^{h (A_k + A_{k+1}) / 2} .
 
-So phases shift, and errors grow where a motion leaves unstable states. Where nothing gives or takes
-energy, the error has that of the run: :math:`\nabla H \cdot e_k = H(y_k) - H(y_0)`.
+So phases shift, and errors grow where a motion leaves unstable states. Where energy is conserved,
+the error in the energy is known from the run: :math:`\nabla H \cdot e_k = H(y_k) - H(y_0)`.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.planning.one_step import exponentials, increments, rate_errors
 
 MOST_STEPS = 1_000
-"""Steps up to which all are looked at, of a scene with one coordinate."""
+"""For scenes with one coordinate all steps are examined up to this number."""
 MOST_ENTRIES = 4_000
-"""Second derivatives that are looked at."""
+"""Most second derivatives that are evaluated."""
 WINDOWS, SHORTEST = 4, 8
-"""Parts of longer runs that are looked at, and the fewest steps of one."""
+"""Number of windows of longer runs that are examined, and fewest steps of a window."""
 ROUND_OFF = 1e-12
-"""Changes of the energy below this part of the kinetic one are no error (guessed)."""
+"""Changes of the energy below this share of the kinetic energy are no error (guessed)."""
 ITERATIONS = 8
-"""For the rates of damped motions."""
+"""Fixed-point iterations for the rates of damped motions."""
 FINER, LARGEST_RATIO, MOST_REFINEMENTS = 1.25, 4.0, 9
-"""Ratios of the steps that are tried for a smaller error, and how many."""
+"""Least and largest ratio of successive refinements of steps, and most refinements."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,33 +45,33 @@ class AccumulatedError:
 
     time: Array
     error: Array
-    amplification: float  # of the largest over the errors of all steps
-    refinement: float | None  # so many times shorter steps have what was wanted, if any
+    amplification: float  # largest error over the sum of the errors of all steps
+    refinement: float | None  # factor by which steps must be shorter for the wanted error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _States:
-    """n states of b independent parts of k coordinates: of a linear scene these are its modes."""
+    """n states of b independent parts of k coordinates; parts of a linear scene are its modes."""
 
-    step: Array  # lengths of the steps from there, (n,)
-    every: int  # so many of which lie between two states
+    step: Array  # lengths of the steps from the states, (n,)
+    every: int  # number of steps between two states
     velocity: Array  # (n, b, k)
     force: Array
     momentum: Array
     mass: Array  # (n, b, k, k)
     mixed: Array
-    stiffness: Array  # of L: minus that of the potential
-    damping: tuple[tuple[float, Array], ...]  # orders and coefficients, (b, k, k)
-    gain: Array | None  # of energy since the first state, (n,), where it should be 0
+    stiffness: Array  # second derivatives of L by q: minus those of the potential
+    damping: tuple[tuple[float, Array], ...]  # pairs (order, coefficients (b, k, k))
+    gain: Array | None  # energy gained since the first state, (n,); None where it need not be 0
 
-    is_regular: bool  # of a linear scene, by equal steps: all have one map
+    is_regular: bool  # linear scene and equal steps: one map carries all errors
 
     @property
     def acceleration(self) -> Array:
         return _solved(self.mass, self.force)
 
     def flow(self, rate: Array, *, with_damping: bool) -> Array:
-        """The matrices A, with losses of the damping at given rates, (n, b, 2 k, 2 k)."""
+        """The matrices A, with the losses by damping at frequencies `rate`, (n, b, 2 k, 2 k)."""
         inverse = np.linalg.inv(self.mass)
         turned = self.mixed.swapaxes(-1, -2)
         slope = inverse @ self.mixed
@@ -83,7 +84,7 @@ class _States:
 
 
 def _solved(matrix: Array, vector: Array) -> Array:
-    """Solutions (n, b, k); many equations in one unknown take LAPACK long."""
+    """Solutions (n, b, k); without LAPACK for single unknowns, where it is slow."""
     if vector.shape[-1] == 1:
         return np.asarray(vector / matrix[..., 0])
     return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0])
@@ -92,9 +93,10 @@ def _solved(matrix: Array, vector: Array) -> Array:
 def accumulated_error(
     scene: Scene, method: AnyMethod, trajectory: Trajectory, wanted: float
 ) -> AccumulatedError | None:
-    """Estimate the errors of a run by a method with patterns, and the steps for those `wanted`.
+    """Estimate the errors of a run, and how much shorter the steps must be for those `wanted`.
 
-    To first order; None where the path does not move or is not finite.
+    To first order, for methods with step patterns; None where the path does not move or is not
+    finite.
 
     Raises
     ------
@@ -114,17 +116,17 @@ def accumulated_error(
     windows = [_states(scene, trajectory, shapes, one, one + length) for one in starts]
     windows, rate = _with_real_parts(windows)
     orders, steps = tuple(one[0] for one in windows[0].damping), np.diff(trajectory.time)
-    # by time: many short steps behind a singular start make the others no shorter
+    # weighted by time: short steps after a singular start must not dominate the mean
     mean = float(steps @ steps) / float(steps.sum())
 
     def shifts(finer: float) -> ComplexArray:
-        """Of modes at the rates of the motion, of what is not in the increments of a step."""
+        """Rate errors that :func:`increments` does not contain, for modes at the motion's rates."""
         if isinstance(method, Method) and not orders:
             return np.zeros((1, rate.size), dtype=np.complex128)
         return rate_errors(method, orders, rate * (mean / (finer * trajectory.every)))
 
     def made(finer: float) -> list[Array]:
-        """The errors of the steps of each window."""
+        """Errors of the steps in each window."""
         shifted = shifts(finer)
         if not windows[0].is_regular:
             return [errors_of_steps(one, method, rate, shifted, finer) for one in windows]
@@ -138,7 +140,7 @@ def accumulated_error(
         if len(starts) == 1:
             errors.append(np.abs(np.einsum("dbk,nbk->nd", shapes, place)).max(axis=1))
         else:
-            # the steps up to the next window do as those of this one
+            # assume that steps up to the next window err like those of this one
             gap = trajectory.time[-1] / len(starts)
             total *= np.exp(-gap * _losses(states, rate).mean(axis=0))[:, None]
             total += lasting * np.abs(place[-max(length // 4, 1) :]).max(axis=0)
@@ -154,7 +156,7 @@ def accumulated_error(
             _sum(one, local, shapes, rate) for one, local in zip(windows, made(finer), strict=True)
         )
         before, largest = largest, float(error.max()) * lasting * left / made_by_steps
-        # by the order that is seen
+        # by the order that the last refinement shows
         order = math.log(max(before / largest, 1.0 + 1e-9)) / math.log(ratio) if largest else 1.0
         ratio = min(max((largest / wanted) ** (1.0 / max(order, 0.5)), FINER), LARGEST_RATIO)
     ends = range(count + 1) if len(starts) == 1 else [0, *(one + length for one in starts)]
@@ -167,7 +169,7 @@ def accumulated_error(
 
 
 def _shapes(scene: Scene) -> Array:
-    """Modes of a linear scene, relative to its mass; else all coordinates together: (d, b, k)."""
+    """Mass-normalised modes of a linear scene, else one part of all coordinates: (d, b, k)."""
     if not scene.is_linear:
         return np.eye(scene.dimension)[:, None, :]
     inverse = np.linalg.inv(np.linalg.cholesky(dense(scene.inertia.form)))
@@ -226,7 +228,7 @@ def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, las
     gain = None
     if not changes and energy is not None:
         gain = energy[here] - energy[first]
-        # a part of the energy so small is round-off
+        # such a small share of the energy is round-off
         gain[
             np.abs(gain) < ROUND_OFF * np.abs((parts["momentum"] * velocity[:, None]).sum((1, 2)))
         ] = 0
@@ -244,9 +246,9 @@ def _states(scene: Scene, trajectory: Trajectory, shapes: Array, first: int, las
 
 
 def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
-    r"""States with the mass and stiffness of damping, and the rate of each part's motion, (b,).
+    r"""States with the mass and stiffness that damping adds, and the frequency of each part, (b,).
 
-    Of oscillations :math:`(i \omega)^\gamma` is a stiffness, a loss and, above 1, a mass.
+    The real part of :math:`(i \omega)^\gamma` is a stiffness, for orders above 1 a mass.
     """
     squares = [
         sum((one**2).sum(axis=(0, 2)) for one in parts)
@@ -267,7 +269,7 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
     for _ in range(ITERATIONS if known else 0):
         shares = [np.zeros_like(rate), np.zeros_like(rate)]
         for kind, order, _, share in known:
-            # above 1 it pulls as a mass does, outwards
+            # for orders above 1 the real part is negative: it acts as a mass
             shares[kind] = shares[kind] + (1 - 2 * kind) * share * rate ** (order - 2.0 * kind)
         used = rate
         rate = np.sqrt((square + np.maximum(shares[0], 0.0)) / (1.0 + np.maximum(shares[1], 0.0)))
@@ -288,7 +290,7 @@ def _with_real_parts(windows: list[_States]) -> tuple[list[_States], Array]:
 
 
 def _units(states: _States) -> _States:
-    """A unit of the velocity, and one of the force, each by itself: what one step makes of them."""
+    """Two states, one with unit velocity and one with unit force, for the errors of a step."""
     units = np.eye(3, 2)[:, :, None, None] * np.ones_like(states.velocity[0])
     mass = states.mass[:3]
     return replace(
@@ -306,12 +308,12 @@ def _units(states: _States) -> _States:
 def errors_of_steps(
     states: _States, method: AnyMethod, rate: Array, shifts: ComplexArray, finer: float = 1.0
 ) -> Array:
-    """What steps from states add to the error, those so many times shorter, (n - 1, b, 2 k)."""
+    """Errors of the steps from states, `finer` times shorter ones, (n - 1, b, 2 k)."""
     h, k = states.step / finer, states.velocity.shape[2]
     velocity, acceleration, mass = states.velocity[:-1], states.acceleration[:-1], states.mass[:-1]
     rate_by, long = rate[:, None], h[:, None]
     turned = acceleration / rate_by
-    # what errs, by its unit of mass
+    # pairs (matrix relative to the mass, rate error)
     parts: list[tuple[Array, ComplexArray]] = []
     if not isinstance(method, Method):
         parts.append((np.eye(k), shifts[0] * np.ones_like(long)))
@@ -331,13 +333,13 @@ def errors_of_steps(
         place = form @ ((imaginary * velocity - real * turned) / rate_by)[..., None]
         speed = mass @ form @ (real * velocity + imaginary * turned)[..., None]
         found += np.concatenate([place, speed], axis=-2)[..., 0]
-    # where a motion is lost in a step, so is its error
+    # damping reduces the error of a step together with the motion
     found *= np.exp(-_losses(states, rate) * long)[..., None]
     return np.asarray(found * finer * states.every)
 
 
 def _losses(states: _States, rate: Array) -> Array:
-    """Rates at which amplitudes decay, of the coordinates least damped, (n - 1, b)."""
+    """Decay rates of amplitudes in the least damped direction, (n - 1, b)."""
     mass = states.mass[:-1]
     loss = np.zeros(mass.shape[:2])
     for order, form in states.damping:
@@ -348,14 +350,14 @@ def _losses(states: _States, rate: Array) -> Array:
 
 
 def _carried(states: _States, local: Array, rate: Array) -> Array:
-    """Errors behind all steps, (n - 1, b, 2 k)."""
+    """Accumulated errors after every step, (n - 1, b, 2 k)."""
     flow = states.flow(rate, with_damping=True)[: 2 if states.is_regular else None]
     h = (states.step * states.every)[: len(flow) - 1, None, None, None]
     maps, errors = exponentials(0.5 * h * (flow[:-1] + flow[1:])), local[..., None].copy()
     if states.is_regular:
         return _repeated(maps[0], local)
     if states.gain is not None:
-        # in place of the energy that they have by the maps, that which is known
+        # replace the component along the gradient of the energy by the known error of the energy
         slope = np.concatenate([-states.force, states.velocity], axis=-1)[1:]
         units = np.abs(states.stiffness).sum(axis=-1), 1.0 / np.abs(states.mass).sum(axis=-1)
         units = np.maximum(units[0], 1e-12 * units[0].max()), units[1]
@@ -374,7 +376,7 @@ def _carried(states: _States, local: Array, rate: Array) -> Array:
 
 
 def _repeated(carrying: Array, local: Array) -> Array:
-    """Errors behind all steps where one map carries them all."""
+    """Accumulated errors after every step where one map carries all errors."""
     errors, shift = np.ascontiguousarray(np.moveaxis(local, 0, -1)), 1
     while shift < len(local):
         errors[..., shift:] += carrying @ errors[..., :-shift]
@@ -383,7 +385,7 @@ def _repeated(carrying: Array, local: Array) -> Array:
 
 
 def _sum(states: _States, local: Array, shapes: Array, rate: Array) -> float:
-    """The sum of the sizes of local errors, as positions at the rates of the motion."""
+    """The sum of the sizes of local errors; those of p become positions by the rates."""
     k = shapes.shape[2]
     speed = _solved(states.mass[:-1], local[..., k:])
     place = (np.abs(local[..., :k]) + np.abs(speed) / rate[:, None]).sum(axis=0)

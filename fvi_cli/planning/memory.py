@@ -1,4 +1,4 @@
-"""Largest memory of a run, from the sizes of the arrays that are alive together."""
+"""Peak memory of a run, from the sizes of the arrays that exist at the same time."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from fvi_cli.integrator.run.mesh_plan import MeshPlan
 from fvi_cli.integrator.step_tables import step_tables
 
 SHORT_BLOCK, SHORT_NONLINEAR = 8, 3
-"""Steps of a block of graded steps, about: traced on 30 scenes with a graded start, both kinds."""
+"""Typical steps in a block of graded steps, linear and nonlinear: traced on 30 scenes with a graded
+start."""
 SMALLEST = 8_000
-"""Numbers in the tables of a method, in expressions and the like."""
+"""Number of floats in the tables of a method, in expressions etc."""
 
 
 def peak_bytes(
     scene: Scene, method: Method, plan: MeshPlan, *, n_kept: int, members: int, is_diagnosed: bool
 ) -> int:
-    """Bytes at the peak of a run or of a batch of members, the program itself left out.
+    """Peak memory in bytes of a run or of a batch of members, without the program itself.
 
-    Numbers are counted as they were found by tracing: tables of the blocks with what is kept so
-    far and a chunk of steps, or with the points that are put together at the end; or what makes
-    the tables of a recurrence; or what diagnostics evaluate along the run.
+    The formulas were found by tracing. The peak is the largest of four sums: the tables of the
+    blocks with the kept points and a chunk of steps; the tables with the points that are joined at
+    the end; the arrays that make the tables of a recurrence; the evaluations of diagnostics.
     """
     tables = step_tables(method)
     samples, stages, degree = tables.sample_points.size, tables.points.size, tables.degree
@@ -38,12 +39,12 @@ def peak_bytes(
     chunk = min(chunk_steps(together * e), plan.n_steps)
 
     def of_tables(block: int) -> float:
-        """Matrices of a block of all systems that are stepped together, and of their memory."""
+        """Entries of the matrices of a block, for all systems that are stepped together."""
         unknowns = block * degree * e
         found = 1.0 * together * unknowns * (unknowns + block * e)
         memory = block * samples * (block * inputs + 1.5 * plan.n_states)
         found += len(pattern_of(scene)) * memory
-        # remainders at the points: of momenta too, for general Lagrangians
+        # remainders at the points; for general Lagrangians also those of momenta
         rests = 0 if is_linear else block * stages * e * (2 if scene.lagrangian else 1)
         return found + together * rests * (rests + unknowns) + rests * unknowns
 
@@ -58,7 +59,7 @@ def peak_bytes(
         making = given * (2.0 * outputs + block * (degree + 2) * e)
         recurrence = outputs * (given + block * samples * e + size)
         recurrence += (DOUBLINGS + 1.0) * size * size + is_forced * (2 * outputs + size) * loads
-    # positions of modes are copied into the coordinates of their scenes
+    # positions of modes are transformed into a copy in the coordinates of their scenes
     per_step = d * (5 + (plan.systems > 1))
     per_step += d * (3 * (degree + 1) * is_forced + 5 * degree * (not is_linear))
     if is_forced and method.forcing_quadrature != "galerkin":

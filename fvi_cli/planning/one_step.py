@@ -1,4 +1,4 @@
-"""What one step of a method makes of quadratic Lagrangians and of oscillators."""
+"""One step of a method for quadratic Lagrangians and for oscillators."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 PADE = 6
-"""Degree of the rational functions of which exponentials are made."""
+"""Degree of the Pade approximants of exponentials."""
 DIFFERENCE = 1e-4
-"""Damping by which slopes of step determinants are found."""
+"""Damping in the difference quotients for slopes of step determinants."""
 
 
 def increments(
@@ -29,7 +29,8 @@ def increments(
 ) -> Array:
     """Increments of q and p in steps of quadratic Lagrangians, (n, b, 2 k).
 
-    Steps of lengths (n,) from states with these derivatives of L, (n, b, k) and (n, b, k, k).
+    The steps have lengths `h` (n,) and begin at states with these first and second derivatives of
+    L, (n, b, k) and (n, b, k, k).
     """
     tables = step_tables(method)
     s, basis, slopes = tables.degree, tables.basis, tables.slopes
@@ -38,14 +39,14 @@ def increments(
     long = h[:, None, None, None, None, None]
 
     def product(left: Array, right: Array, matrix: Array) -> Array:
-        """Sums over the rule, rows of all nodes and columns of the unknowns."""
+        """Quadrature sums; rows for all nodes, columns for the unknown nodes."""
         table = np.einsum("i,ni,mi->nm", tables.weights, left, right[1:])
         return np.asarray(table[:, None, :, None] * matrix[:, :, None, :, None, :])
 
     left = product(slopes, slopes, mass) / long + long * product(basis, basis, stiffness)
     left += product(slopes, basis, mixed) + product(basis, slopes, turned)
     left = left.reshape(n, b, (s + 1) * k, s * k)
-    # the rest of p and of dL/dq, where v is not that of the state
+    # the parts of p and of dL/dq that do not depend on v
     rests = (
         momentum - (mass @ velocity[..., None])[..., 0],
         h[:, None, None] * (force - (turned @ velocity[..., None])[..., 0]),
@@ -63,8 +64,9 @@ def increments(
 def rate_errors(method: AnyMethod, orders: tuple[float, ...], turned: Array) -> ComplexArray:
     r"""Errors of :math:`s h` of the mode :math:`s = i \omega` of an oscillator, ``(1 + j, n)``.
 
-    The first without damping, the others for each :math:`c h^{2 - \gamma} / m` of a damping. The
-    determinant of the step equations without damping is a polynomial of degree 2 in z.
+    The first row is the error without damping, the others are coefficients of
+    :math:`c h^{2 - \gamma} / m` for each damping. The determinant of the step equations without
+    damping is a polynomial of degree 2 in z.
     """
     square = (turned**2)[:, None, None]
     matrices = step_patterns(method, ())(np.array([0.0, 1.0, -1.0], dtype=np.complex128))
@@ -73,7 +75,7 @@ def rate_errors(method: AnyMethod, orders: tuple[float, ...], turned: Array) -> 
     root = np.sqrt(linear**2 - 4.0 * ends[0] * quadratic)
     with np.errstate(all="ignore"):
         both = np.stack([-linear + root, -linear - root]) / (2.0 * quadratic)
-        # beyond half a turn as well
+        # the quotient keeps the logarithm right beyond half a revolution per step, too
         errors = -np.log(both * np.exp(1j * turned))
         best = np.abs(errors).argmin(axis=0)[None]
         z, first = (np.take_along_axis(one, best, axis=0)[0] for one in (both, errors))
@@ -91,7 +93,7 @@ def rate_errors(method: AnyMethod, orders: tuple[float, ...], turned: Array) -> 
 
 
 def exponentials(matrices: Array) -> Array:
-    """Of matrices ``(..., m, m)``, by squares of those of small ones."""
+    """Exponentials of matrices ``(..., m, m)``, by scaling and squaring."""
     size = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
     squares = max(math.ceil(math.log2(size)) + 1, 0) if 0.0 < size < math.inf else 0
     small = matrices / 2.0**squares

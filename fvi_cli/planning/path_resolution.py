@@ -1,4 +1,4 @@
-"""Whether the steps of a finished run were short enough for what it met, and for its method."""
+"""Whether the steps of a finished run were short enough for its path and its method."""
 
 from __future__ import annotations
 
@@ -23,53 +23,53 @@ from fvi_cli.planning.resolution import SLACK, STEPS_PER_PERIOD, advice
 TAKES_PART = 1e-3
 """Modes that move by less than this share of the motion do not count (guessed)."""
 MOST_MODES = 400
-"""Degrees of freedom up to which periods are looked at."""
+"""Most degrees of freedom for which periods are computed."""
 MOST_VALUES = 1_000_000
-"""Second derivatives along a path that are looked at."""
+"""Most second derivatives that are evaluated along a path."""
 MOST_SUDDEN = 1_000
-"""Steps of sudden changes that are looked at."""
+"""Most steps with sudden changes that are examined."""
 MOST_STATES = 500
-"""Steps of a long run that are looked at beside those of sudden changes (guessed)."""
+"""Most steps of a long run that are examined in addition to those with sudden changes (guessed)."""
 SUDDEN, UNEXPLAINED = 0.25, 0.3
-"""Changes in one step, relative to the largest momentum, that are looked at, and that are remarked
-on where forces do not explain them: of 504 right runs in walls none was above 0.075, of 11 wrong
-ones none below 1.2."""
+"""Changes in one step, relative to the largest momentum: those above the first are examined, and
+above the second a remark is made if forces do not explain them. Of 504 correct runs against walls
+none was above 0.075, of 11 wrong ones none below 1.2."""
 MANY_MORE = 4
-"""Times as many steps are advised where nothing says how short a wall or a pulse is (guessed)."""
+"""Advised factor in the number of steps if the length of a wall or pulse is unknown (guessed)."""
 BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
-"""Places in every step where a path is looked at, where there is room for all."""
+"""Places in every step at which a path is examined if there are not too many, as shares of it."""
 SHARE = 0.03
-"""Errors below this part of the motion are not remarked on, nor long steps of which the method
-makes less over the run and, of the turn of the fastest mode, in one step. Of 155 runs that were off
-by more than a tenth this silences three, a tenth in its place twelve."""
+"""Errors below this share of the motion get no remark; nor do long steps if the error of the run and
+the phase error of the fastest mode in one step are both less. Of 155 runs with errors above a tenth
+three then have no remark; with a tenth as threshold twelve would have none."""
 AMPLIFIED = 10.0
-"""So many times larger than all steps made them, errors are remarked to grow (guessed)."""
+"""A remark says that errors grow if they exceed the sum of all steps by this factor (guessed)."""
 NO_STEPS = "round-off alone is too large for that: take a shorter run"
 UNBOUNDED, FAR = 3.0, 100.0
-"""So many times farther than before a run moves without bound, one that ends early, and one that
-reaches its end (guessed)."""
+"""A run moves without bound if it is so many times farther than before: first for runs that end
+early, second for runs that reach their end (guessed)."""
 BEYOND = 2.0 ** np.arange(7.0)
-"""Parts of the way where its potential has to fall."""
+"""Multiples of the displacement at which the potential has to fall."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Modes:
-    """Modes of linear scenes close to a path, by n states and d modes."""
+    """Modes of a scene that is linearised at n states of a path; d modes each."""
 
     time: Array  # (n,)
     position: Array  # (n, d)
-    step: Array  # lengths of the steps there, (n,)
-    rates: Array  # (n, d), 0 where a mode does not oscillate
-    decay: Array  # of their amplitudes, (n, d)
-    share: Array  # of the motion that they move by, (n, d)
+    step: Array  # lengths of the steps at the states, (n,)
+    rates: Array  # angular frequencies (n, d), 0 where a mode does not oscillate
+    decay: Array  # decay rates of their amplitudes, (n, d)
+    share: Array  # their amplitudes as shares of the motion, (n, d)
 
 
 def path_remarks(
     scene: Scene, method: AnyMethod, trajectory: Trajectory, *, with_errors: bool = True
 ) -> tuple[str, ...]:
-    """What the steps of a run were too long for, with what to write; empty: nothing.
+    """Warnings of steps that were too long, with advice; empty: there are none.
 
-    Errors are estimated where none is known, and no impact takes energy.
+    With `with_errors`, and without impacts, errors are estimated as well.
     """
     with_errors &= trajectory.steps is None or trajectory.steps.jump is None
     if scene.prescribed is not None or scene.is_sparse or scene.dimension > MOST_MODES:
@@ -100,9 +100,9 @@ def path_remarks(
 
 
 def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
-    """That a run was driven away by its potential, and since when.
+    """A warning that its potential drives a run away without bound, and since when.
 
-    Of one that reached its end where it went far, as along a negative stiffness.
+    A run that reached its end must have gone farther, as along a negative stiffness.
     """
     if scene.prescribed is not None or scene.is_sparse or scene.dimension > MOST_MODES:
         return ()
@@ -114,7 +114,7 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
         if not far > np.abs(path[0]).max():
             return ()
         distance = np.abs(path - path[0]).max(axis=1)
-        # behind a singular start points are dense
+        # equal times, since points are dense after a singular start
         usual = np.interp(np.linspace(0.0, time[-1], time.size), time, distance)
         if not far > np.median(usual):
             return ()
@@ -128,7 +128,7 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
         energy = potential(path, time)
         beyond = potential(path[0] + BEYOND[:, None] * (path[-1] - path[0]), time[-1])
         lowest = -np.linalg.eigvalsh(np.nan_to_num(at.stiffness[0]))[-1]
-    # it drives outwards, ever faster, only where it falls, and it falls beyond
+    # the force points outwards, increases outwards, and the potential falls there and beyond
     outwards = float(at.force[0] @ (path[-1] - path[0])) > 0.0 > lowest
     if not outwards or energy[-1] > energy.min() or (np.diff(beyond) > 0.0).any():
         return ()
@@ -143,7 +143,7 @@ def unbounded_remark(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
 
 
 def _met(modes: _Modes, method: AnyMethod, error: float, scene: Scene) -> tuple[str, ...]:
-    """Of the period that is shortest for the step that met it, where the method errs there."""
+    """A warning of the period that is shortest relative to its step, if the method errs there."""
     takes_part = (modes.share >= TAKES_PART) & (modes.decay < modes.rates)
     fastest = np.where(takes_part, modes.rates, 0.0).max(axis=1)
     # a linear scene has the same modes everywhere
@@ -168,18 +168,18 @@ def _met(modes: _Modes, method: AnyMethod, error: float, scene: Scene) -> tuple[
 
 
 def _unexplained(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
-    """Of the largest change of momentum in one step that forces between its ends do not make.
+    """A warning of the largest change of momentum in one step that forces do not explain.
 
-    What damping does changes slowly: it is the same in the steps before and behind.
+    The change by damping varies slowly: it is estimated from the steps before and after.
     """
     momentum, steps = trajectory.momentum, trajectory.steps
     if scene.is_linear or momentum is None or trajectory.every > 1 or momentum.shape[0] < 4:
         return ()
     path, time = trajectory.position, trajectory.time
-    # those of the first step may be damped however quickly
+    # damping may change the momentum quickly in the first step: leave it out
     is_sudden = _sudden(momentum)[1:-1]
     if steps is not None and steps.jump is not None:
-        # impacts change it at once
+        # impacts change the momentum at once
         pushed = np.asarray(steps.jump[: time.size].any(axis=1))
         is_sudden &= ~(pushed[:-3] | pushed[1:-2] | pushed[2:-1] | pushed[3:])
     sudden = np.flatnonzero(is_sudden)[:MOST_SUDDEN, None] + 1
@@ -215,7 +215,7 @@ def _unexplained(scene: Scene, trajectory: Trajectory) -> tuple[str, ...]:
 
 
 def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
-    """Modes at states of a run, of a linear scene at one; None where it has too few points."""
+    """Modes at states of a run, for a linear scene at one; None where there are too few points."""
     time, path = _finite(trajectory)
     size = 0.5 * float(np.ptp(path, axis=0).max(initial=0.0))
     if time.size < 3 or not size > 0.0:
@@ -233,7 +233,7 @@ def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
         time, path, velocity, step = _between(time, path, velocity, step)
         mass, stiffness, force = _derivatives(scene, time, path, velocity)
         known = np.isfinite(mass).all(axis=(1, 2)) & np.isfinite(stiffness).all(axis=(1, 2))
-        # where steps are short for any mode there is nothing to find, and that is seen at once
+        # a cheap bound first: if steps are short for any mode no warning is possible
         lowest = (
             np.linalg.det(mass) / np.trace(mass, axis1=1, axis2=2) ** (d - 1)
             if d > 1
@@ -250,7 +250,7 @@ def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
     shapes = inverse.swapaxes(1, 2) @ turned
     oscillates = squares > 1e-12 * np.abs(squares).max(initial=0.0)
     rates = np.where(oscillates, np.sqrt(np.abs(squares)), 0.0)
-    # amplitudes by what velocities and forces would make of them, in the mode alone
+    # amplitudes of each mode by its velocity and its force
     swing = np.abs(np.einsum("...a,...am->...m", velocity, mass @ shapes)) / rates
     displaced = np.abs(np.einsum("na,nam->nm", force, shapes)) / squares
     moved = np.hypot(swing.max(axis=0) if scene.is_linear else swing, displaced)
@@ -271,14 +271,14 @@ def _modes_along(scene: Scene, trajectory: Trajectory) -> _Modes | None:
 
 
 def _finite(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times and positions as far as these are finite."""
+    """Times and positions of the points with finite positions."""
     known = np.isfinite(trajectory.position)
     rows = slice(None) if known.all() else known.all(axis=1)
     return trajectory.time[rows], trajectory.position[rows]
 
 
 def _linear_derivatives(scene: Scene) -> tuple[Array, Array, Array]:
-    """Mass, stiffness and no force of one state, ``(1, d, d)`` and ``(1, d)``."""
+    """Mass and stiffness ``(1, d, d)`` and zero force ``(1, d)`` for a single state."""
     mass = dense(scene.inertia.form)
     return mass[None], scene.stiffness[None], np.zeros((1, scene.dimension))
 
@@ -302,9 +302,9 @@ def _derivatives(
 def _between(
     time: Array, path: Array, velocity: Array, step: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """States at the points of a run and, where there is room, between them by cubics.
+    """States at the points of a run and, if there are not too many, between them by cubics.
 
-    Of long runs those of some steps, with all in which velocities change suddenly.
+    For long runs only some steps are taken, and all steps in which velocities change suddenly.
     """
     values = path.shape[1] ** 2
     first = np.arange(time.size - 1)
@@ -328,15 +328,15 @@ def _between(
 
 
 def _sudden(values: Array) -> NDArray[np.bool_]:
-    """Steps in which any component changes by a large part of its largest value, ``(n - 1,)``."""
-    # NumPy is slow along short axes
+    """Steps in which a component changes by a large share of its largest value, ``(n - 1,)``."""
+    # transposed, since NumPy is slow along short axes
     rows = np.ascontiguousarray(values.T)
     size = np.abs(rows).max(axis=1, keepdims=True)
     return np.asarray((np.abs(np.diff(rows, axis=1)) > SUDDEN * size).any(axis=0))
 
 
 def _cubic(ends: Sequence[Array], h: Array, tau: Array | float) -> tuple[Array, Array]:
-    """Positions and velocities at parts tau of steps h by both positions, and both velocities."""
+    """Cubic positions and velocities at shares tau of steps h; `ends`: q, q, v, v at both ends."""
     left, right, begin, end = ends
     chord = right - left
     bend = (begin * h - chord, chord - end * h)

@@ -1,4 +1,4 @@
-"""How the engine will do a run and what that takes, before the first step."""
+"""How the engine will integrate a run, and its work and memory, before the first step."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.planning.memory import peak_bytes
 
 OPERATIONS_OF_A_CALL = 1000
-"""A call of a small NumPy function takes as long as so many multiply-adds (guessed)."""
+"""A call of a small NumPy function counts as so many multiply-adds (guessed)."""
 CALLS_OF_A_STEP, CALLS_OF_A_BLOCK = 60, 30
-"""Of a step with an iteration, and of a block of linear steps (guessed)."""
+"""Calls for a step with an iteration, and for a block of linear steps (guessed)."""
 
 FORCING_WORDS = {
     "galerkin": "at the points of the rule",
@@ -30,35 +30,35 @@ FORCING_WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What a run simulates and how."""
+    """The plan of a run: its scene and method, its mesh, and remarks."""
 
     scene: Scene
     method: AnyMethod
     n_steps: int
     every: int
     is_diagnosed: bool
-    members: int  # how many scenes are integrated as one batch with it; 1: individually
-    mesh: MeshPlan  # what the engine will do
-    remarks: tuple[str, ...] = ()  # what else the reader should know
+    members: int  # number of scenes in its batch; 1: it is integrated individually
+    mesh: MeshPlan  # how the engine will step
+    remarks: tuple[str, ...] = ()  # further remarks for the reader
 
     @property
     def history_operations(self) -> int | None:
-        """Multiply-adds of the memory if the run reaches its end; None: not known."""
+        """Multiply-adds of the memory sums if the run reaches its end; None: not known."""
         return self.mesh.operations
 
     @property
     def n_directions(self) -> int:
-        """Matrices along which the damping acts; terms of one share their sums."""
+        """Number of matrices of the damping; terms with the same matrix share their sums."""
         return len(pattern_of(self.scene))
 
     @property
     def systems(self) -> int:
-        """Systems that are stepped as one batch, those of all members."""
+        """Number of systems that are stepped as one batch, over all members."""
         return self.members * self.mesh.systems
 
     @property
     def memory_bytes(self) -> int:
-        """Largest memory of the run, or of its batch, without the program itself."""
+        """Peak memory of the run, or of its batch, without the program itself."""
         if isinstance(self.method, Baseline):
             kept = 4 + 2 * len(self.scene.active_damping)
             return 8 * kept * self.scene.dimension * self.n_steps
@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def work(self) -> float:
-        """What a run takes, in multiply-adds, roughly: a count, the same on every machine."""
+        """Approximate work in multiply-adds: a count, equal on every machine."""
         mesh = self.mesh
         blocks = (mesh.n_steps - mesh.single) / max(mesh.block, 1)
         steps = float(mesh.single)
@@ -84,7 +84,7 @@ class Plan:
 
     @property
     def steps(self) -> str:
-        """How the steps are done, and of what."""
+        """How the steps are computed, and for which systems."""
         mesh, is_linear = self.mesh, self.scene.is_linear
         if isinstance(self.method, Baseline):
             return f"{self.n_steps} single steps of {self.method.name}"
@@ -106,7 +106,7 @@ class Plan:
                 if is_linear
                 else f"Newton's iteration with the exact Jacobian, {mesh.single} single steps"
             ]
-        # sums that are written out need no systems
+        # systems are not mentioned where every sum is written out
         is_written_out = is_linear and mesh.n_lags == mesh.single > 0
         return ", ".join(words if is_written_out else [*words, self._systems_in_words])
 
@@ -120,7 +120,7 @@ class Plan:
 
     @property
     def history(self) -> str:
-        """How the memory is summed up."""
+        """How the memory sums are evaluated."""
         mesh = self.mesh
         if not self.n_directions:
             return "not needed: the scene has no damping"
@@ -138,7 +138,7 @@ class Plan:
 
     @property
     def start(self) -> str:
-        """What becomes of a singular start."""
+        """How a singular start is treated."""
         start = "none" if isinstance(self.method, Baseline) else self.method.start
         if start == "graded":
             return (
@@ -185,9 +185,9 @@ def plan_run(
     is_diagnosed: bool = False,
     grading: float = 1.0,
 ) -> Plan:
-    """Tell how `integrate` or `integrate_members` will do a run, without doing it.
+    """Plan how `integrate` or `integrate_members` will compute a run, without computing it.
 
-    So many `members` of its kind are given, see :func:`fvi_cli.integrator.members.companions`.
+    `members` is the size of its batch, see :func:`fvi_cli.integrator.members.companions`.
     """
     mesh: int | Mesh = n_steps
     most, is_batch = None, False
@@ -205,7 +205,7 @@ def plan_run(
             n_lags=n_steps,
         )
     else:
-        # a run with a break point between two equal steps is refused when it begins, not here
+        # the run itself, not its plan, refuses break points between grid points
         fits = method.is_runge_kutta or fits_break_points(scene, n_steps)
         if not fits:
             mesh = uniform_mesh(scene.final_time, n_steps)
@@ -227,7 +227,7 @@ def plan_run(
 
 
 def effects_of_scene(scene: Scene) -> tuple[str, ...]:
-    """Names of what is simulated."""
+    """Names of the effects of a scene."""
     inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
     effects = [f"{inertia} ({scene.dimension} dof)"]
     if scene.potential is not None:

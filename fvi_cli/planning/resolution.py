@@ -18,21 +18,21 @@ from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.arrays import Array
 
 STEPS_PER_PERIOD = 4.0
-"""With fewer steps a period is not resolved."""
+"""Fewer steps do not resolve a period."""
 NEGLIGIBLE_MOTION = 1e-9
 """Pulses that move a scene by less than this share of its start do not count (guessed)."""
 STEPS_PER_PULSE = 2.0
-"""Steps up to so many times the length in which a pulse is a polynomial see it, by three nodes
-(guessed)."""
+"""Steps with three nodes resolve a pulse if they are at most so many times the length over which it
+is a polynomial (guessed)."""
 FIRST_DIGITS = 0.01
-"""Pulses of which steps lose less than this share of the impulse do not count (guessed)."""
+"""Pulses count only if steps lose more than this share of their impulse (guessed)."""
 PANELS, NODES = 256, 8
-"""Parts of a run, and nodes in each, by which integrals are found."""
+"""Number of panels of a run, and nodes in each, for integrals."""
 Effect = Callable[[Array], Array]
 WAVES = ("sin", "cos")
 SLACK = 1.0 + 1e-9
 DIFFERENCE = 1e-6
-"""Times by which rates of arguments are found lie so far apart, relative to T."""
+"""Step of difference quotients for the rates of arguments, relative to T."""
 
 
 def resolution_remarks(
@@ -43,13 +43,13 @@ def resolution_remarks(
     nodes: int = 3,
     trajectory: Trajectory | None = None,
 ) -> tuple[str, ...]:
-    """What steps are too long for, with both numbers and what to write; empty: nothing.
+    """Warnings of steps that are too long, with both lengths and advice; empty: there are none.
 
-    Motions say themselves what they were too long for, by `path_remarks`. A step sees so many nodes
-    of a formula. Lagrangians that depend on the time are looked at in states of a run, where there
-    is one.
+    They concern samples, pulses and periods of forces; for the periods of motions see
+    `path_remarks`. A step evaluates formulas at `nodes` nodes. Lagrangians that depend on time are
+    evaluated at states of `trajectory`, if there is one.
     """
-    # the longest one of N steps with ends T (k/N)^r
+    # the longest of N steps that end at T (k/N)^r
     step = scene.final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading)
     found: list[str] = []
     for component in () if scene.forcing is None else scene.forcing.samples:
@@ -83,9 +83,9 @@ def _long_steps(scene: Scene, step: float, periods: Sequence[tuple[float, str]])
 def _pulse_remarks(
     scene: Scene, step: float, nodes: int, trajectory: Trajectory | None
 ) -> list[str]:
-    """Of the narrowest pulses that steps may pass over, where that is seen in the first digits.
+    """Warnings of the narrowest pulses that steps may pass over with a visible error.
 
-    Jumps, kinks and steep flanks are as narrow, and steps across them are off by far less.
+    Jumps, kinks and steep flanks are also narrow, but steps across them err far less.
     """
     size = float(np.abs(scene.initial_position).max())
     size += scene.final_time * float(np.abs(scene.initial_velocity).max())
@@ -100,7 +100,7 @@ def _pulse_remarks(
 
 
 def _motion_of(trajectory: Trajectory) -> Motion | None:
-    """Positions, velocities and momenta between the points of a run."""
+    """A function that interpolates positions, velocities and momenta of a run."""
     path, time, momentum = trajectory.position, trajectory.time, trajectory.momentum
     if time.size < 3 or momentum is None or not np.isfinite(path).all():
         return None
@@ -114,7 +114,7 @@ def _motion_of(trajectory: Trajectory) -> Motion | None:
 
 
 def _passed_over(one: Pulsed, scene: Scene, step: float, nodes: int) -> tuple[float, str]:
-    """Steps that see all of it, and words where these are too long."""
+    """Steps that resolve a pulse, and a warning if the present ones are too long."""
     points, seen = np.array(one.pulses.points), step
     if points.size < 2:
         return step, ""
@@ -133,18 +133,18 @@ def _passed_over(one: Pulsed, scene: Scene, step: float, nodes: int) -> tuple[fl
 
 
 def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes: int) -> float:
-    """Part of the range of an integral that nodes in every step lose near `points`."""
+    """Error of the integral by nodes in every step near `points`, as a share of its range."""
     ends = [0.0, *(one for one in scene.break_points if one < scene.final_time), scene.final_time]
     coarse = np.linspace(0.0, scene.final_time, PANELS + 1)
     times = np.unique([*ends, *points, *coarse])
     whole = np.cumsum(_integrals(effect, times, NODES), axis=0)
-    # inside of pulses it may be much larger
+    # the range between pulses: within a pulse the integral may be much larger
     whole = whole[np.isin(times[1:], coarse)]
     size = float((np.maximum(whole.max(axis=0), 0) - np.minimum(whole.min(axis=0), 0)).max())
     lost = 0.0
     places = np.interp(np.arange(0, points.size - 0.9, 0.25), np.arange(points.size), points)
     for shift in (0.0, 0.5):
-        # the ends of those steps that have such points in them, or lie between two that are close
+        # ends of the steps that contain such points, or lie between two close ones
         first = step * (np.unique(np.floor(places / step - shift)) + shift)
         edges = np.unique(np.clip([*first, *(first + step), *ends], 0.0, scene.final_time))
         edges = edges[np.diff(edges, prepend=-math.inf) > 1e-13 * scene.final_time]
@@ -157,7 +157,7 @@ def _lost_share(effect: Effect, scene: Scene, points: Array, step: float, nodes:
         has_points = np.isin(np.arange(edges.size - 1), np.searchsorted(edges, places) - 1)
         has_points &= np.diff(edges) <= step * SLACK
         missed = np.cumsum(np.where(has_points[:, None], held - seen, 0.0), axis=0)
-        # behind pulses: what steps across one miss cancels
+        # after pulses, where errors of the steps across one pulse have cancelled
         has_points[-1] = False
         lost = max(lost, float(np.abs(missed[~has_points]).max()))
     return lost / size if size > 0 else 0.0
@@ -174,7 +174,7 @@ def _integrals(effect: Effect, ends: Array, count: int) -> Array:
 
 
 def advice(final_time: float, wanted: float) -> str:
-    """What to write for steps of a length that is wanted."""
+    """Advice to take enough steps of at most the length `wanted`."""
     least = math.ceil(final_time / wanted * (1.0 - 1e-9))
     return f"take {least} steps or more, or `accuracy: {{tolerance: ...}}`"
 
@@ -200,7 +200,7 @@ def _waves_period(pieces: Sequence[ForcingPiece], final_time: float) -> float:
 
 
 def _lagrangian_period(scene: Scene, lagrangian: Lagrangian) -> float:
-    """The same of those in a Lagrangian, by the time alone, where the motion begins."""
+    """The same for a Lagrangian as a function of time, at the initial position and velocity."""
     waves = arguments_of(lagrangian.value, WAVES)
     if TIME not in waves.names:
         return math.inf
@@ -215,13 +215,13 @@ def _lagrangian_period(scene: Scene, lagrangian: Lagrangian) -> float:
 
 
 def _pairs(begin: float, end: float, final_time: float) -> Array:
-    """Probed times between two, and times close behind them, ``(2, n)``."""
+    """Probed times in an interval, and times shortly after them, ``(2, n)``."""
     times = begin + max(end - begin, 0.0) * PROBED_FRACTIONS
     return np.stack([times, times + DIFFERENCE * final_time])
 
 
 def _fastest(arguments: Iterable[Array | float], both: Array) -> float:
-    """Largest rate of change from the first times to the second."""
+    """Largest rate of change of arguments between both rows of times."""
     rate = 0.0
     for values in arguments:
         slopes = np.abs(np.diff(np.broadcast_to(values, both.shape), axis=0)) / np.diff(

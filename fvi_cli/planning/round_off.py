@@ -1,4 +1,4 @@
-"""What rounding leaves of a run: the measured floors of the methods."""
+"""Round-off of runs: the measured floors of the methods."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from fvi_cli.mathematics.arrays import Array
 EPSILON: Final = float(np.finfo(float).eps)
 
 TABLE: Final = Path(__file__).with_name("round_off.csv")
-"""Measured by ``python -m benchmarks floors``."""
+"""Table of floors, measured by ``python -m benchmarks floors``."""
 
 SAFETY: Final = 10.0
-"""Scenes differ from the one that was measured."""
+"""Safety factor, since scenes differ from the measured one."""
 
 
 def relative_round_off(scene: Scene | None, method: AnyMethod, n_steps: int) -> float:
-    r"""Errors below this part of the largest position are round-off.
+    r"""Round-off of a run relative to the largest position.
 
-    At least :math:`100 \epsilon \sqrt{N}`; more where :data:`SAFETY` times what was measured of
-    the method with the highest order of damping of the scene is more, as it is near order 2.
+    It is the larger of :math:`100 \epsilon \sqrt{N}` and :data:`SAFETY` times the measured floor of
+    the method for the highest order of damping; the floor is large near order 2.
     """
     usual = 100 * EPSILON * math.sqrt(n_steps)
     order = max((term.order for term in scene.active_damping), default=0.0) if scene else 0.0
@@ -38,10 +38,10 @@ def relative_round_off(scene: Scene | None, method: AnyMethod, n_steps: int) -> 
 
 
 def measured_floor(method: Method, order: float, n_steps: int) -> float:
-    """Interpolated in the table, of logarithms in the order and in log N.
+    """The floor of a method: its logarithm is interpolated in the order and in log N.
 
-    Below the least N in proportion to N; above the largest and next to order 2 as the last two
-    go on. Of degrees that the table does not have the nearest one.
+    Below the least N of the table it is proportional to N; above the largest N, and above the
+    largest order, it is extrapolated from the last two. The nearest degree of the table is used.
     """
     rows = _rows_of(method)
     if not rows:
@@ -56,7 +56,7 @@ def measured_floor(method: Method, order: float, n_steps: int) -> float:
 
 
 def _along(at: float, places: Array, values: Array) -> float:
-    """Values between places that increase, or behind the last, of which logarithms are linear."""
+    """Value at a place; logarithms are linear between increasing places and beyond the last."""
     if places.size == 1:
         return float(values[0])
     k = int(np.clip(np.searchsorted(places, at), 1, places.size - 1))
@@ -65,7 +65,7 @@ def _along(at: float, places: Array, values: Array) -> float:
 
 
 def _rows_of(method: Method) -> dict[float, tuple[tuple[float, float], ...]]:
-    """By order, increasing: pairs of log N and the floor, for the nearest method of the table."""
+    """Pairs (log N, floor) by increasing order, for the nearest method of the table."""
     of_kind = {key: rows for key, rows in _table().items() if key[0] == method.cq}
     if not of_kind:
         return {}
@@ -91,7 +91,7 @@ def _table() -> dict[tuple[str, str, int], dict[float, tuple[tuple[float, float]
 
 
 def _increasing(pairs: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """With N increasing, and floors that do not fall (one measurement is a sample)."""
+    """The pairs with N increasing and floors that do not fall: one measurement is only a sample."""
     sizes, floors = zip(*sorted(pairs), strict=True)
     rising = itertools.accumulate((max(one, EPSILON) for one in floors), max)
     return tuple(zip(sizes, rising, strict=True))

@@ -1,4 +1,4 @@
-"""How long a job will take: the begin of the very job, and how much dearer its outputs make it."""
+"""The time that a job will take, from timing its beginning and the extra cost of its outputs."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 
 FIRST_STEPS = 16
-"""Steps of the run that loads modules and makes tables which all share, and at least of the begin
-of a job (guessed)."""
+"""Steps of the warm-up run, which imports modules and makes shared tables, and least steps of the
+timed beginning of a job (guessed)."""
 MOST_SECONDS, MOST_WITH_IMPACTS = 0.5, 2.0
-"""Of the begin of a job, which is stopped then; impacts come when they come (guessed)."""
+"""Time after which the timed beginning is stopped; longer with impacts, which may come late
+(guessed)."""
 PATIENCE = 4.0
-"""After so many times these a job is stopped before its first steps are done (guessed)."""
+"""After so many times that time a job is stopped even if it has made too few steps (guessed)."""
 AGAIN_SECONDS = 0.125
-"""Of its steps that are done again, with all outputs and without (guessed)."""
+"""Time for steps that are computed twice more, with and without all outputs (guessed)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """When how many steps of a run were done, and what its outputs add."""
+    """Numbers of finished steps over time, and the extra cost of outputs."""
 
-    n_steps: tuple[int, ...]  # increasing, up to where the run was stopped or at its end
+    n_steps: tuple[int, ...]  # increasing, up to the stop or the end of the run
     seconds: tuple[float, ...]
-    is_quadratic: bool  # whether every step sums over all before it
-    multiple: float = 1.0  # seconds with all outputs by those of the steps alone
+    is_quadratic: bool  # whether every step sums over all earlier steps
+    multiple: float = 1.0  # seconds with all outputs over seconds without outputs
 
     def at(self, n_steps: int) -> float:
-        """Seconds of so many steps: between measured ones, or as the second half went on."""
+        """Seconds of `n_steps` steps: interpolated, or extrapolated from the second half."""
         sizes, taken = np.array(self.n_steps, dtype=float), np.array(self.seconds)
         ahead = n_steps - sizes[-1]
         if ahead <= 0.0 or sizes.size == 1:
@@ -56,7 +57,7 @@ class Timing:
 
 
 ShortJob = Callable[[int, bool], object]
-"""Does so many steps, with all outputs that are requested or without."""
+"""Computes so many steps, with all requested outputs (True) or without outputs."""
 
 
 class _EnoughError(Exception):
@@ -71,9 +72,9 @@ def time_job(
     is_quadratic: bool = False,
     most_seconds: float = MOST_SECONDS,
 ) -> Timing:
-    """Measure the begin of a job; seconds are those of one of its `n_runs` members.
+    """Time the beginning of a job; seconds are those of one of its `n_runs` members.
 
-    Processor seconds: others may be busy on the machine meanwhile.
+    Processor seconds are measured, since the machine may be busy.
     """
     run(min(FIRST_STEPS, n_steps), True)
     samples: list[tuple[int, float]] = []
@@ -82,10 +83,10 @@ def time_job(
     def note(done: int, of: int) -> None:
         taken = time.process_time() - began
         if not samples or done > samples[-1][0]:
-            # meshes with a graded start have more steps
+            # a graded start has more steps than n_steps
             samples.append((done * n_steps // of, taken))
         ahead = samples[-1][0] - samples[0][0]
-        # many short steps may stand before the first of those that follow
+        # a graded start may begin with many short steps, which do not count as progress
         if taken > most_seconds and (
             ahead >= FIRST_STEPS or (ahead and taken > PATIENCE * most_seconds)
         ):
@@ -125,10 +126,10 @@ def short_job(
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     grading: float = 1.0,
 ) -> ShortJob:
-    """The first steps of a run, or of a batch of members, with all its requested outputs or none.
+    """The first steps of a run or of a batch of members, with all requested outputs or none.
 
-    Steps have the size of the whole job; those of graded meshes go to the end of the motion.
-    Impacts are no outputs: they belong to the motion.
+    Steps have the size of those of the whole job; on graded meshes fewer steps cover the whole
+    motion. Impacts are not outputs: they belong to the motion.
     """
     requested = observations or [Observations()] * len(scenes)
 

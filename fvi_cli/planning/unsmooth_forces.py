@@ -1,4 +1,4 @@
-"""Where the forces of a scene are not smooth: kinks and roots that a motion may go through."""
+"""Forces that are not smooth: kinks and roots through which a motion may pass."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array
 
 LINES, SAMPLES, ZOOMS = 6, 2401, 6
 TOUCHED = 1e-9
-"""Part of its usual size below which the least value of a function is zero."""
+"""A least value of a function below this share of its usual size counts as zero."""
 _SIGNED = (*KINKED, "cbrt")
 _ROOTS = ("sqrt", "power", "**")
 
@@ -28,13 +28,13 @@ Line = Callable[[Array], Mapping[str, Array | float]]
 
 @functools.lru_cache(maxsize=8)
 def has_kinks(scene: Scene) -> bool:
-    """Whether forces have kinks, or roots of what comes to zero, where a motion may pass.
+    """Whether a motion may pass kinks of forces, or zeros of the argument of a root.
 
-    Energies are followed along random straight lines through the space of positions, velocities
-    and time: where the argument of ``abs``, ``sign`` or ``cbrt``, or the difference of those of
-    ``min`` or ``max``, changes its sign on them, or that of a root touches zero, motions go through
-    such places. What vanishes at single points of the plane alone, such as a distance, is met by no
-    line. A force is followed over its own pieces.
+    Energies are evaluated along random straight lines through the space of positions, velocities
+    and time. A motion may pass a kink if on a line the argument of ``abs``, ``sign`` or ``cbrt``,
+    or the difference of the arguments of ``min`` or ``max``, changes its sign, or the argument of a
+    root touches zero. Arguments that vanish only at single points of the plane, such as a distance,
+    vanish on no line. Forces are evaluated over their own pieces in time.
     """
     random = np.random.default_rng(20)
     for system, parameters, names in _energies(scene):
@@ -42,7 +42,7 @@ def has_kinks(scene: Scene) -> bool:
         place[: scene.dimension] = scene.initial_position
         for _ in range(LINES):
             line = _line_through(parameters, names, place, random.standard_normal(len(names)))
-            # near and far alike, on both sides
+            # sample points near and far on both sides
             if _meets_kinks(system, line, 1e-9 * np.sinh(np.linspace(-45.0, 45.0, SAMPLES))):
                 return True
     return _force_has_kinks(scene)
@@ -99,10 +99,10 @@ def _arguments(
 def _touches_zero(
     system: FormulaSystem, line: Line, along: Array, index: int, values: Array
 ) -> bool:
-    """Whether what a root is taken of, with values along a line, comes to zero and turns back."""
+    """Whether the argument of a root, with `values` along a line, touches zero without crossing."""
     usual = float(np.nanmedian(np.abs(values)))
     for _ in range(ZOOMS):
-        # where it is negative the motion cannot be
+        # no motion enters the region where the argument is negative
         inside = np.where(np.isfinite(values) & (values >= 0), values, np.inf)
         least = int(inside.argmin())
         if not 0 < least < values.size - 1 or not np.isfinite(inside[least]):
