@@ -1,1 +1,1 @@
-"""What commands print, write and compare."""
+"""Output of commands: texts, files, and comparison with files."""

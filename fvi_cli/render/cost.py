@@ -1,4 +1,4 @@
-"""The page on what accuracy costs."""
+"""The page on the cost of accuracy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fvi_cli.studies.cost import CostTable
 
 PAGE = "cost.md"
 PAGE_CONFIGS = ("cost-paper", "cost-step-forced", "cost-pendulum")
-"""Shipped configurations that the page is about."""
+"""Shipped configurations with a section on the page."""
 
 
 def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]]) -> Path:
@@ -39,9 +39,9 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
     ]
     for index, (name, tables) in enumerate(measured_tables.items()):
         blocks.append(Heading(level=2, words=name))
-        # how to read the numbers is explained once
+        # the explanation of the numbers is printed once
         blocks += list(cost_summary(tables, level=3))[min(index, 1) :]
-    # a picture is no block of a report: it is put below the heading of its configuration
+    # pictures are no blocks of a report, so they are inserted below the heading afterwards
     text = to_markdown(blocks)
     for name, tables in measured_tables.items():
         pictures = "".join(

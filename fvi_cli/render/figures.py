@@ -1,4 +1,4 @@
-"""Figures put into files, and compared with those that are there."""
+"""Writing figures to files, and comparing figures with stored ones."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 @contextmanager
 def drawn_as(formats: Sequence[str], style: Path | None) -> Iterator[None]:
-    """Within this context figures follow a style file; formats are checked before it begins.
+    """A context in which figures follow a style file; formats are checked at its beginning.
 
     Raises
     ------
     RequestError
-        For a format that is unknown, or a style file that cannot be followed.
+        For an unknown format, or a style file that cannot be used.
     """
     if formats or style:
-        # a slow import, which other requests need not wait for
+        # a slow import, which other requests do not need
         from fvi_cli import plotting
     for kind in formats:
         if kind not in plotting.FORMATS:
@@ -45,15 +45,14 @@ def write_figures(
     formats: Sequence[str] = (),
     anew: bool = False,
 ) -> list[Path]:
-    """Bring figures under ``figures/`` in `output` up to date; returns the paths.
+    """Update figures under ``figures/`` in `output`; returns the paths.
 
-    Pictures are in these `formats`, or PDF and PNG. Where the files show what the figure shows
-    they are left as they are, and only pictures that are missing are drawn, unless it is wanted
-    `anew`.
+    `formats` are those of pictures, by default PDF and PNG. Files of a figure that has not changed
+    stay unchanged, and only missing pictures are drawn; with `anew` all files are written.
     """
     if not figures:
         return []
-    # a slow import, which tables need not wait for
+    # a slow import, which tables do not need
     from fvi_cli.plotting import USUAL_FORMS, save_figure
 
     forms = list(dict.fromkeys((*formats, "json") if formats else USUAL_FORMS))
@@ -72,7 +71,7 @@ def compare_figures(
 ) -> list[str]:
     """One line for everything that the stored figures show differently.
 
-    Pictures in `formats` must be there: by default PNG, which documents show.
+    Pictures in `formats` must exist: by default PNG, which documents show.
     """
     lines = []
     for name, figure in figures.items():
@@ -84,7 +83,7 @@ def compare_figures(
 
 
 def _differences(path: Path, figure: Figure) -> list[str]:
-    """One line for everything that the figure and what is stored of it show differently."""
+    """One line for every difference between a figure and its stored data."""
     from fvi_cli.plotting import compare_drawn, drawn_text
 
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""Results as one JSON document each: keys that stay, null for a number that is none."""
+"""Results as JSON documents with stable keys; null in place of nan and infinity."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.fits.result import FitResult
 
 JSON_FORMAT = 1
-"""Raised when a key is renamed or taken away; new ones may come."""
+"""Increased when a key is renamed or removed; new keys do not increase it."""
 
 
 def document(content: Mapping[str, object]) -> str:
@@ -26,13 +26,13 @@ def document(content: Mapping[str, object]) -> str:
 
 
 def plans_as_json(plans: Sequence[PlannedRun]) -> str:
-    """What would be done with every run, why, and what it would take."""
+    """For every run the action, its reason, and the forecast of its cost."""
     forecasts = forecast_runs(plans)
     return document({"runs": [_plan(one, forecasts.get(one.run)) for one in plans]})
 
 
 def contents_as_json(stored: StoredFile) -> str:
-    """Where a result file comes from, and every run in it."""
+    """The provenance of a result file, and every run in it."""
     runs = [
         {name: value for name, value in asdict(run).items() if name != "observed"}
         | {"complete": True, **_observed(run.observed)}
@@ -103,14 +103,14 @@ def fit_as_json(result: FitResult) -> list[object]:
 
 
 def _end_in_words(end: float) -> str:
-    """What null stands for at an end of an interval."""
+    """The meaning of an end of an interval that may be null."""
     if math.isfinite(end):
         return "found"
     return "not found" if math.isnan(end) else "no limit"
 
 
 def shipped_as_json(titles: Mapping[str, str]) -> str:
-    """The configurations that come with the program, and what each shows."""
+    """The shipped configurations with their titles."""
     listed = [{"name": name, "title": title} for name, title in titles.items()]
     return document({"configurations": listed})
 
@@ -135,7 +135,7 @@ def _run(run: Run) -> dict[str, object]:
 
 
 def run_as_json(finished: FinishedRun) -> dict[str, object]:
-    """A run with what came of it."""
+    """A run with its result."""
     own = finished.assurance
     trajectory = finished.trajectory
     return {
@@ -158,7 +158,7 @@ def run_as_json(finished: FinishedRun) -> dict[str, object]:
 
 
 def _observed(summary: ObservedSummary) -> dict[str, object]:
-    """How large quantities become, and how often events happened."""
+    """Extents of quantities, and numbers of events."""
     return {
         "quantities": {name: asdict(one) for name, one in summary.extents.items()},
         "events": dict(summary.counts),

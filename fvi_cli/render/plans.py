@@ -1,4 +1,4 @@
-"""What is printed of runs before they are computed."""
+"""Texts on runs before they are computed."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 
 def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
-    """One line for every run: what would be done with it, why, which effects it has, what it takes.
+    """One line for every run: action, reason, effects, and the time that it takes.
 
-    Members of a sweep with which the same would be done share a line, which has the effects of the
-    first of them, and the time of all. `in_full`: the machinery of every run stands below.
+    Members of a sweep with the same action and reason share a line, with the effects of the first
+    member and the time of all. `in_full`: followed by the plan of the engine for every run.
     """
     header = ("experiment", "method", "n_steps", "step_size", "action", "predicted", "effects")
     rows = [(*header, "operations", "memory", "time", "reason")]
@@ -59,7 +59,7 @@ def _method_and_steps(plan: PlannedRun, names: Mapping[str, MethodName]) -> tupl
 
 
 def machinery_as_text(plans: Mapping[Run, Plan]) -> str:
-    """How every run is done, in a paragraph each; runs that are done alike share one."""
+    """The plan of the engine for every run, a paragraph each; equal plans share one."""
     paragraphs: dict[str, list[str]] = {}
     for run, plan in plans.items():
         lines = "\n".join(f"  {line}" for line in plan.lines())
@@ -98,7 +98,7 @@ def describe_observations(run: Run) -> list[str]:
 
 
 def effects_of(problem: AnyProblem) -> list[str]:
-    """Names of what is simulated; what is absent costs nothing."""
+    """Names of the effects that are simulated."""
     if isinstance(problem, DerivativeProblem):
         return [f"derivative of order {problem.order:g}"]
     return list(effects_of_scene(problem.scene))

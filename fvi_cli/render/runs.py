@@ -1,4 +1,4 @@
-"""What is printed of runs that are finished, and of what a result file holds."""
+"""Texts on finished runs, and on the contents of a result file."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def _as_text(grid: Grid) -> str:
 
 
 def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> str:
-    """One line for every finished run; of a sweep one for each method and number of steps.
+    """One line for every finished run; for a sweep one for each method and number of steps.
 
-    `every_member` of a sweep may have a line as well.
+    With `every_member` every member of a sweep has a line as well.
     """
     rows = [("experiment", "method", "n_steps", "step_size", "error", "status", "expected")]
     summed_up = []
@@ -78,7 +78,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
 
 
 def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> list[str]:
-    """Tolerance, estimate and choice of runs that were chosen for a tolerance; sweeps summed up."""
+    """Tolerance, estimate and choice of runs for a tolerance; summarised for sweeps."""
     rows = [("experiment", "tolerance", "estimate", "choice")]
     for outcome in outcomes:
         found = [(one.run, one.assurance) for one in outcome.finished if one.assurance is not None]
@@ -104,7 +104,7 @@ def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> l
 
 
 def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
-    """Quantities and events of every run that stands alone."""
+    """Quantities and events of every run that is not a member of a sweep."""
     return _quantities_as_text(
         About(
             experiment=outcome.experiment.name,
@@ -121,7 +121,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _labels(outcome: Outcome) -> dict[str, MethodName]:
-    """What people call the methods of an experiment, by their cases."""
+    """Names of the methods of an experiment for readers, by case."""
     return method_names([one.run.method for one in outcome.finished])
 
 
@@ -137,7 +137,7 @@ _EVENT_COLUMNS = (
 
 
 def _quantities_as_text(runs: Iterable[About]) -> list[str]:
-    """A table of the quantities and one of the events of runs with what was `observed` of them."""
+    """A table of the quantities of runs, and one of their events."""
     found = list(runs)
     named = [Column(name, title=name) for name in ("experiment", "method", "n_steps")]
     texts = []
@@ -157,7 +157,7 @@ def _quantities_as_text(runs: Iterable[About]) -> list[str]:
 
 
 def _members_as_text(outcome: Outcome) -> str:
-    """One line for each method and number of steps of a sweep; errors of members that have one."""
+    """One line for each method and N of a sweep; with errors of members that have one."""
     groups: dict[tuple[str, int], list[FinishedRun]] = {}
     for one in outcome.finished:
         groups.setdefault((one.run.method.case, one.run.n_steps), []).append(one)
@@ -195,7 +195,7 @@ _STORED_COLUMNS = (
 
 
 def _method(case: str) -> str:
-    """What people call a method of this name in files, as far as the name says which it is."""
+    """The name for readers of a method whose name in files is `case`; if unknown `case`."""
     try:
         return method_name(method_named(case))
     except ValueError:
@@ -203,7 +203,7 @@ def _method(case: str) -> str:
 
 
 def contents_as_text(stored: StoredFile) -> str:
-    """Where a result file comes from, and one line for every run in it."""
+    """The provenance of a result file, and one line for every run in it."""
     lines = [f"{name}: {value}" for name, value in stored.provenance.items()]
     is_varied = any(run.variant for run in stored.runs)
     grid = grid_of([c for c in _STORED_COLUMNS if is_varied or c.name != "variant"], stored.runs)

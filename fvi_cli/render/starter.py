@@ -1,4 +1,4 @@
-"""The configuration to start from, and the schema for editors, as files."""
+"""Writing starter configurations, and the schema for editors."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _logger = logging.getLogger(__name__)
 
 
 def write_starter(name: str, kind: str) -> Path:
-    """Write a commented configuration into the current folder; it must not be there yet.
+    """Write a commented configuration into the current folder; the file must not exist yet.
 
-    The JSON schema for editors is put beside it, or brought up to date; a file of that name that
-    is no schema of ours is left alone.
+    The JSON schema for editors is written next to it, or updated; another file of that name is not
+    touched.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def write_starter(name: str, kind: str) -> Path:
 
 
 def _write_schema(path: Path) -> None:
-    """Write the schema unless it is there already, or another file is."""
+    """Write the schema unless it exists already, or another file has its name."""
     fresh = schema_text()
     try:
         stored = path.read_text(encoding="utf-8") if path.exists() else ""
