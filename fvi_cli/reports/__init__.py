@@ -1,8 +1,8 @@
 """Results as tables: one description of a table, one file per kind of result, one writer per form.
 
-A kind of result (:mod:`fvi_cli.reports.kinds`) makes a :class:`Report` of its results; everything
-else (CSV, JSON, Markdown, LaTeX, what a terminal shows, whether stored files are up to date) is
-done with the report alone.
+A kind of result (:mod:`fvi_cli.reports.kinds`) makes a :class:`Report` from its results. CSV, JSON,
+Markdown, LaTeX, the text on a terminal and the check of stored files are made from the report
+alone.
 """
 
 from fvi_cli.reports.compare import compare, missing, write

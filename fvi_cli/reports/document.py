@@ -1,4 +1,4 @@
-"""What a report consists of, whatever it is written in: headings, paragraphs, lists, grids."""
+"""The blocks of a report, independent of its format: headings, paragraphs, lists, grids."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class CodeSpan:
-    """Words that are to be read letter by letter: names of files and cases."""
+    """Words in the type of code: names of files and cases."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Equation:
-    """A formula in plain text, ``M x'' + sum mu D^gamma x = 0``; typeset where that is possible."""
+    """A formula in plain text, ``M x'' + sum mu D^gamma x = 0``; typeset in LaTeX."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Rough:
-    """Words with numbers that round-off decides: on another machine they are others."""
+    """Words with numbers that depend on round-off, and so differ between machines."""
 
     text: str
 
 
 @dataclass(frozen=True)
 class Near:
-    """Words with numbers that no file has in full: other machines may round them otherwise."""
+    """Words with numbers that no file has in full digits: the last digit may differ elsewhere."""
 
     text: str
 
 
 class RoughEntry(str):
-    """An entry of a grid with numbers that round-off decides, as :class:`Rough` words."""
+    """An entry of a grid with numbers that depend on round-off, as in :class:`Rough`."""
 
     __slots__ = ()
 
@@ -48,7 +48,7 @@ Words = str | tuple[Piece, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """A title; level 1 is that of the whole report."""
+    """A title; the title of the whole report has level 1."""
 
     level: int
     words: Words
@@ -74,16 +74,15 @@ class Grid:
 
     header: tuple[str, ...]  # one entry per column
     rows: tuple[tuple[str, ...], ...]  # each as long as the header
-    # rows below a line: what follows from those above
+    # rows below a line, which summarise those above
     summary_rows: tuple[tuple[str, ...], ...] = ()
     text_columns: int = 1  # number of columns at the left that hold words; the others hold numbers
-    # number of columns at the left that are needed to read the others: they are repeated when the
-    # grid is split
+    # number of columns at the left that identify a row: they are repeated when the grid is split
     key_columns: int = 1
-    # sizes of the groups of the other columns that belong together; empty: every column by itself
+    # sizes of the groups of the other columns that must not be split; empty: every column is one
     groups: tuple[int, ...] = ()
-    is_near: bool = False  # whether no file has its numbers in full, as of :class:`Near`
-    # what ends the name of its LaTeX file; the main table of a report has none
+    is_near: bool = False  # whether no file has its numbers in full digits, as in :class:`Near`
+    # end of the name of its LaTeX file; empty for the main table of a report
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -101,18 +100,18 @@ class Grid:
         return (self.header, *self.rows, *self.summary_rows)
 
     def widths(self, letters: Callable[[str], int] = len) -> list[int]:
-        """Letters in the widest entry of every column."""
+        """Number of letters in the widest entry of every column."""
         return [max(letters(line[k]) for line in self.lines) for k in range(len(self.header))]
 
     def justified(self, line: Sequence[str], widths: Sequence[int]) -> list[str]:
-        """The entries of a line as wide as their columns, words to the left and numbers right."""
+        """The entries of a line, padded to their columns; words left, numbers right."""
         return [
             cell.ljust(width) if k < self.text_columns else cell.rjust(width)
             for k, (cell, width) in enumerate(zip(line, widths, strict=True))
         ]
 
     def select(self, columns: Sequence[int]) -> Grid:
-        """The grid of the key columns and these groups' columns."""
+        """The grid of the key columns and of the given columns."""
         chosen = [*range(self.key_columns), *columns]
 
         def cut(line: tuple[str, ...]) -> tuple[str, ...]:
@@ -130,7 +129,7 @@ class Grid:
 
 
 COLUMN_GAP = 3
-"""Letters between two columns."""
+"""Width of the gap between two columns, in letters."""
 
 
 def split_wide(
@@ -141,8 +140,8 @@ def split_wide(
 ) -> list[Grid]:
     """Grids of at most `widest` letters in a line, as few as possible and of similar width.
 
-    A group that is wider by itself stays whole. Columns of text count as `widest_text` at most,
-    where they are folded; `letters` says how many letters wide an entry is.
+    A group that is wider by itself stays whole. The width of text columns counts as `widest_text`
+    at most, at which they are wrapped; `letters` returns the width of an entry in letters.
     """
     widths = [
         COLUMN_GAP + (min(width, widest_text or width) if k < grid.text_columns else width)
@@ -167,7 +166,7 @@ def split_wide(
 
 
 def _pack(sizes: Sequence[int], room: int) -> list[list[int]]:
-    """Indices of `sizes` in order, in as few parts as fit into `room`."""
+    """Indices of `sizes` in order, divided into the fewest parts that fit into `room`."""
     parts: list[list[int]] = []
     filled = room
     for index, size in enumerate(sizes):
@@ -188,7 +187,7 @@ def pieces(words: Words) -> tuple[Piece, ...]:
 
 
 def plain_text(words: Words) -> str:
-    """The text alone."""
+    """The text of all pieces, without markup."""
     return "".join(piece if isinstance(piece, str) else piece.text for piece in pieces(words))
 
 
@@ -196,17 +195,17 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
 def without_numbers(text: str, instead: str = "#") -> str:
-    """The text with every number blotted out: two of these are the same but for numbers."""
+    """The text with `instead` for every number; equal results differ in numbers only."""
     return NUMBER.sub(instead, text)
 
 
 def _marked(text: str, mark: str) -> str:
-    """The text with a mark for every letter of its numbers: it stays as long as it is."""
+    """The text with a mark for every letter of its numbers, so that its length stays."""
     return NUMBER.sub(lambda number: mark * len(number[0]), text)
 
 
 def blank(blocks: Sequence[Block], rough: str, near: str) -> list[Block]:
-    """The blocks with marks in place of the numbers of rough words and entries and of near ones."""
+    """The blocks with the marks `rough` and `near` for letters of rough and of near numbers."""
 
     def in_words(words: Words) -> Words:
         return tuple(

@@ -1,4 +1,4 @@
-"""Members, numbers and keys as people read them."""
+"""Members, numbers and keys in words for readers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def number(value: float, form: str, missing: str = "-") -> str:
 
 
 def listing(numbers: Sequence[int]) -> str:
-    """Numbers in a row; a long row by its ends."""
+    """Numbers separated by commas; of more than four only the ends."""
     if len(numbers) > 4:
         return f"{numbers[0]}, {numbers[1]}, ..., {numbers[-1]}"
     return ", ".join(map(str, numbers))
@@ -48,7 +48,7 @@ _PARTS = {
 
 
 def key_in_words(key: str) -> str:
-    """``order of the damping`` for ``problem.damping.0.order``, as axes and legends say it."""
+    """``order of the damping`` for ``problem.damping.0.order``, for axes and legends."""
     key = _without_room(key)
     if key in _KEYS:
         return _KEYS[key]
@@ -57,7 +57,7 @@ def key_in_words(key: str) -> str:
     for place, part in enumerate(parts, start=1):
         if part.isdigit():
             head, of, rest = words.partition(" of ")
-            # the first of a list of mappings is mostly the only one
+            # the first entry of a list needs no number: it is mostly the only one
             is_first = part == "0" and place < len(parts)
             one = _SINGULAR.get(head) or head.removesuffix("s")
             words = one + ("" if is_first else f" {int(part) + 1}") + of + rest
@@ -73,7 +73,7 @@ def _without_room(key: str) -> str:
 
 
 def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
-    """The units that are given, and those that follow from time, length and force."""
+    """The given units, and those that follow from time, length and force."""
     time, length, force = (units.get(name, "") for name in ("time", "length", "force"))
     found: dict[str, str] = {}
     if time:
@@ -91,13 +91,13 @@ def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
 
 
 def unit_of(units: Mapping[str, str], *names: str) -> str:
-    """The unit of the first of some names that has one; empty where none has."""
+    """The unit of the first of `names` that has one; else empty."""
     known = all_units(units)
     return next((known[name] for name in names if name in known), "")
 
 
 def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
-    """A label with the unit of the first of some names that has one."""
+    """A label with the unit of the first of `names` that has one."""
     unit = unit_of(units, *names)
     return f"{label} ({unit})" if unit else label
 
@@ -123,15 +123,16 @@ def key_label(
     problem: Mapping[str, Any] | None = None,
     varied: Sequence[str] = (),
 ) -> str:
-    """What an entry of the configuration is called beside an axis, with its unit.
+    """The label of an axis for a key of the configuration, with its unit.
 
-    An order that stands beside it in the `problem`, and is not `varied`, is a number in the unit.
+    The unit of a coefficient contains the order next to it in `problem`: as a number unless that
+    order is `varied`.
     """
-    path, _, motion = key.partition("@")  # as of a parameter that each motion has for itself
+    path, _, motion = key.partition("@")  # a parameter of a single motion has @ and its name
     last = [part for part in path.split(".") if not part.isdigit()][-1]
     whole = _without_room(path)
     names = (whole,) if whole in _KEYS else (last, _LIKE.get(last, last))
-    # units of coefficients hold its letter
+    # the units of coefficients contain the letter of the order
     words = re.sub(r"^order\b", r"order $\\gamma$", key_in_words(path))
     label = with_unit(words, units, *names)
     order = f"{path.rpartition('.')[0]}.order"
@@ -143,7 +144,7 @@ def key_label(
 def columns_with_units(
     columns: Sequence[Column], units: Mapping[str, str], **kinds: str
 ) -> tuple[Column, ...]:
-    """The columns; some have behind their titles the unit of what they are, a length or a time."""
+    """The columns with units in their titles; `kinds` gives the quality by name of the column."""
     return tuple(
         replace(one, title=with_unit(one.title, units, kinds[one.name]))
         if one.name in kinds and one.title
@@ -153,16 +154,16 @@ def columns_with_units(
 
 
 DESIGN = "design"
-"""Column of the names."""
+"""Name of the column with names of designs."""
 
 
 def member_columns(
     members: Iterable[Member | None], member_of: Callable[[Any], Member | None], title: str = ""
 ) -> tuple[Column, ...]:
-    """``design`` where there are names, and a column for every swept key of some members.
+    """A column ``design`` if members have names, and a column for every swept key.
 
-    Numbers are numbers; lists and mappings are written as in YAML. `member_of` gives the member
-    of what a row is about, and `title` is the heading of the names where people read.
+    Lists and mappings are written as in YAML. `member_of` returns the member of the item of a row,
+    and `title` is the heading of the names for readers.
     """
     found = [member for member in members if member is not None]
     keys = dict.fromkeys(key for member in found for key in member.values)
@@ -182,7 +183,7 @@ def member_columns(
 
 
 def members_in_words(members: Sequence[Member]) -> str:
-    """``3 designs: bare, soft, stiff``, or the number of members and what is swept."""
+    """``3 designs: bare, soft, stiff``, or the number of members and the swept keys."""
     names = list(dict.fromkeys(member.name for member in members if member.name))
     keys = list(members[0].unnamed) if members else []
     swept = [swept_in_words(key, [one.values[key] for one in members]) for key in keys]

@@ -1,4 +1,4 @@
-"""What a table is, whatever stands in it: columns, sheets, and the report that holds them."""
+"""Tables of any contents: columns, sheets, and the report that holds them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Row = Mapping[str, Value]
 
 @dataclass(frozen=True, kw_only=True)
 class Within:
-    """How far two numbers a, b may be apart: |a - b| <= max(relative max(|a|, |b|), absolute).
+    """Tolerance for two numbers a, b: |a - b| <= max(relative max(|a|, |b|), absolute).
 
     nan agrees with nan, and an infinity with itself.
     """
@@ -38,38 +38,39 @@ class Within:
 
 
 SAME_NUMBER = Within(relative=1e-9)
-"""For numbers that do not depend on round-off: step sizes, expected orders."""
+"""Tolerance for numbers that do not depend on round-off: step sizes, expected orders."""
 
 
 @dataclass(frozen=True)
 class Column:
     """One column of a sheet, or of a grid for people."""
 
-    name: str  # in the CSV and JSON forms
-    meaning: str = ""  # what stands in it, with its unit
-    # its heading where people read, and the format of its numbers (as in :func:`format`, or a
-    # function of the value); no title: it is not shown
+    name: str  # name in the CSV and JSON forms
+    meaning: str = ""  # description of its values, with their unit
+    # heading for readers, and format of its numbers (as in :func:`format`, or a function of the
+    # value); without a title the column is not shown
     title: str = ""
     form: str | Callable[[Any], str] = ""
-    # how far a stored number may be from a fresh one; texts, whole numbers, yes and no must be the
-    # same. None: not compared.
+    # tolerance of a stored float against a new one; other values must be equal. None: the column
+    # is not compared
     compared: Within | None = SAME_NUMBER
-    missing: str = ""  # what stands for None in the CSV form
-    is_extra: bool = False  # whether it stands in the JSON form only
-    # whether it says more of the column before it, from which no grid may split it
+    missing: str = ""  # text for None in the CSV form
+    is_extra: bool = False  # whether only the JSON form has it
+    # whether it belongs to the column before it: no grid may separate them
     is_continuation: bool = False
-    # whether a stored value must be what the stored rows give (:attr:`Report.remake`)
+    # whether a stored value must equal the value computed from the stored rows
+    # (:attr:`Report.remake`)
     follows: bool = False
-    # how its value is got from what a row is about: a function, or a path of attributes; default
-    # the attribute of its name
+    # how to get its value from the item of a row: a function, or a path of attributes; default: the
+    # attribute with the name of the column
     get: str | Callable[[Any], Any] = ""
 
     def of(self, item: object) -> Any:
-        """Its value in the row about an item."""
+        """Its value in the row of an item."""
         return self.get(item) if callable(self.get) else attrgetter(self.get or self.name)(item)
 
     def show(self, value: Any) -> str:
-        """What people read of a value."""
+        """A value as text for readers."""
         if callable(self.form):
             return self.form(value)
         if value is None or (isinstance(value, float) and math.isnan(value)):
@@ -85,7 +86,7 @@ def number_of(value: Value) -> float:
 
 
 def within(path: str, *columns: Column) -> tuple[Column, ...]:
-    """The columns, got from what stands at a path of attributes."""
+    """The columns of an item's part at a path of attributes."""
     return tuple(
         one if callable(one.get) else replace(one, get=f"{path}.{one.get or one.name}")
         for one in columns
@@ -93,16 +94,16 @@ def within(path: str, *columns: Column) -> tuple[Column, ...]:
 
 
 class About(SimpleNamespace):
-    """What a row is about: whatever the getters of its columns ask for."""
+    """The item of a row: attributes for the getters of its columns."""
 
 
 def rows_of(columns: Iterable[Column], items: Iterable[object]) -> tuple[Row, ...]:
-    """A row about every item, with an entry for every column."""
+    """A row for every item, with an entry for every column."""
     return tuple({one.name: one.of(item) for one in columns} for item in items)
 
 
 def grid_of(columns: Sequence[Column], items: Iterable[object], **layout: Any) -> Grid:
-    """A grid for people of the columns with a title: a line about every item."""
+    """A grid for readers, with the columns that have a title, and a line for every item."""
     shown = [one for one in columns if one.title]
     return Grid(
         header=tuple(one.title for one in shown),
@@ -112,7 +113,7 @@ def grid_of(columns: Sequence[Column], items: Iterable[object], **layout: Any) -
 
 
 Cell = tuple[tuple[str, ...], str, Sequence[str]]
-"""Words at the beginning of its line, its column, and what stands there."""
+"""(First words of its line, its column, its texts)."""
 
 
 def pivot(
@@ -124,7 +125,7 @@ def pivot(
     summary: Iterable[tuple[tuple[str, ...], Mapping[str, Sequence[str]]]] = (),
     **layout: Any,
 ) -> Grid:
-    """A grid of cells: a line for every beginning, and beside it columns with these titles."""
+    """A grid of cells: a line for all cells with the same first words; `headings` by column."""
     lines: dict[tuple[str, ...], dict[str, Sequence[str]]] = {}
     for begin, column, texts in cells:
         lines.setdefault(begin, {})[column] = texts
@@ -150,15 +151,15 @@ def _no_value(stored: Row, fresh: Row) -> Container[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """Rows under columns."""
+    """A table: columns and rows."""
 
-    name: str  # what its rows are: ``runs``, ``summary``
+    name: str  # name for its rows: ``runs``, ``summary``
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]  # each with an entry for every column
     keys: tuple[str, ...]  # the columns that identify a row
-    # the columns in which this stored and this fresh row may differ at will
+    # from a stored and a new row to columns that are round-off there, and are not compared
     below_floor: Callable[[Row, Row], Container[str]] = _no_value
-    is_file: bool = True  # whether it has a CSV file; others stand in the JSON form only
+    is_file: bool = True  # whether it has a CSV file; else only the JSON form has it
 
     @classmethod
     def of(
@@ -169,12 +170,12 @@ class Sheet:
         keys: Sequence[str],
         **more: Any,
     ) -> Sheet:
-        """A row about every item."""
+        """A sheet with a row for every item."""
         rows = rows_of(columns, items)
         return cls(name=name, columns=columns, rows=rows, keys=tuple(keys), **more)
 
     def grid(self, *, text_columns: int = 1, key_columns: int = 1, name: str = "") -> Grid:
-        """The columns with a title, for people."""
+        """The grid of the columns with a title, for readers."""
         shown = [replace(c, get=itemgetter(c.name)) for c in self.columns if c.title]
         groups: list[int] = []
         for one in shown[key_columns:]:
@@ -187,7 +188,7 @@ class Sheet:
 
 
 def with_stored(item: T, columns: Iterable[Column], row: Row, path: str) -> T:
-    """What stands at a path of what a row is about, with the measured numbers of a stored row."""
+    """The part of an item at a path of attributes, with measured numbers from a stored row."""
     for one in columns:
         place = "" if callable(one.get) else one.get or one.name
         if one.compared is not SAME_NUMBER and place.startswith(f"{path}."):
@@ -206,11 +207,11 @@ def _with_value(item: Any, path: str, value: Value) -> Any:
 
 Sheets = Mapping[str, Sheet]
 Words = tuple[Sequence[Block], Sequence[Block]]
-"""What a terminal shows, and the whole."""
+"""(Blocks for a terminal, all blocks)."""
 
 
 def alike(blocks: Iterable[Block]) -> Words:
-    """Words of which a terminal shows all."""
+    """The same blocks for a terminal and for files."""
     found = tuple(blocks)
     return found, found
 
@@ -221,22 +222,22 @@ class Report:
 
     name: str  # files begin with it
     sheets: tuple[Sheet, ...]  # the first is ``<name>.csv``, another one ``<name>-<sheet>.csv``
-    # of the sheets by their names: what a terminal shows, and the whole
+    # from the sheets by their names to the blocks for a terminal and for files
     words: Callable[[Sheets], Words]
-    # the report on other rows, where more than words follows from them
+    # makes the report on other rows if more than its words depends on them
     remake: Callable[[Sheets], Report] | None = None
-    # whether its numbers are times of this machine, which are never the same twice
+    # whether its numbers are measured times, which differ from run to run
     is_timed: bool = False
     is_partial: bool = False  # whether stored tables may have more rows, and so other words
 
     @property
     def summary(self) -> Sequence[Block]:
-        """What a terminal shows."""
+        """The blocks for a terminal."""
         return self._words[0]
 
     @property
     def blocks(self) -> Sequence[Block]:
-        """The whole, for Markdown and LaTeX."""
+        """All blocks, for Markdown and LaTeX."""
         return self._words[1]
 
     @cached_property
@@ -244,7 +245,7 @@ class Report:
         return self.words({one.name: one for one in self.sheets})
 
     def on(self, sheets: Sequence[Sheet]) -> Report:
-        """The report on other rows: what follows from them is computed anew."""
+        """The report on other rows; values that depend on them are computed again."""
         if self.remake is not None:
             return self.remake({one.name: one for one in sheets})
         return replace(self, sheets=tuple(sheets))

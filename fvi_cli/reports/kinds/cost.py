@@ -1,4 +1,4 @@
-"""What accuracy costs: every measured run, and what accuracies cost, in words and numbers."""
+"""The report on cost: every measured run, and the time for given accuracies."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ _SLOPES = within(
         "factor_per_digit",
         "factor in seconds for a tenth of the error over the same rows",
         "one more digit",
-        # times scatter
+        # factors so close to 1 are scatter of times
         lambda factor: "1" if factor < 1.005 else number(factor, ".3g"),
         get="cost_of_a_digit",
     ),
@@ -76,7 +76,7 @@ _SLOPES = within(
 
 
 def _to(get: Callable[[CostCurve, float], Any], accuracy: float) -> Callable[[About], Any]:
-    """What a curve says of an accuracy."""
+    """A getter that calls `get` with the curve of a row and an accuracy."""
     return lambda of: get(of.curve, accuracy)
 
 
@@ -140,7 +140,7 @@ FRONT_COLUMNS = (
 
 
 def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
-    """What the methods of every experiment cost; seconds to accuracies come first."""
+    """The report on the cost of the methods; it begins with seconds for accuracies."""
 
     def words(sheets: Sheets) -> Words:
         summary = [Heading(level=1, words=f"What accuracy costs: {name}"), *cost_summary(tables)]
@@ -206,8 +206,8 @@ def _front(table: CostTable) -> Iterator[About]:
 
 
 def curve_name(curve: CostCurve, names: Mapping[str, MethodName]) -> str:
-    """What a reader calls the method of a curve."""
-    # one name for all tolerances
+    """The name of the method of a curve for readers."""
+    # one name, without the tolerance
     if curve.is_by_tolerance:
         return "DOP853"
     return names[curve.methods[0].case].label
@@ -218,7 +218,7 @@ def _names(table: CostTable) -> dict[str, MethodName]:
 
 
 def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> Iterator[Block]:
-    """Seconds to accuracies, what a digit costs, and who is cheapest, of every experiment."""
+    """Seconds for accuracies, cost of a digit, and cheapest methods of every experiment."""
     yield Paragraph(
         words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
         "repeats, one run after the other in one process. The order is that between the "

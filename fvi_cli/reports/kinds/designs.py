@@ -12,12 +12,12 @@ from fvi_cli.reports.table import About, Column, Sheet, Within
 from fvi_cli.studies.experiment import FinishedRun, finest_of_members
 
 GOOD = ("ok", "floor")
-"""Statuses of runs whose numbers stand for themselves."""
+"""Statuses of runs whose numbers are valid."""
 CLOSE = Within(relative=1e-3, absolute=1e-12)
-"""As for errors: other machines round otherwise."""
+"""Tolerance for numbers that depend on the rounding of the machine, as for errors."""
 _CHANGE = Within(absolute=2e-3)
 LARGE_CHANGE = 100.0
-"""Changes from which on people see a power of ten."""
+"""Changes from this on are shown as powers of ten."""
 
 
 def _of_extent(one: FinishedRun, quantity: str, what: str) -> float:
@@ -27,7 +27,7 @@ def _of_extent(one: FinishedRun, quantity: str, what: str) -> float:
 
 
 def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
-    """A row for every design, with peaks and changes in columns; None where nothing is named."""
+    """A row for every design, with columns for peaks and changes; None without designs."""
     named = [one for one in finished if one.run.member is not None and one.run.member.name]
     by_experiment: dict[str, list[FinishedRun]] = {}
     for one in named:
@@ -81,7 +81,7 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
 def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
     def change(one: About) -> float | None:
         if one.first is one.of or one.of.status not in GOOD:
-            # what a run that is not sound has reached compares with nothing
+            # the peaks of a failed run cannot be compared
             return None
         before = _of_extent(one.first, name, "peak")
         return _of_extent(one.of, name, "peak") / before - 1.0 if before else math.nan
@@ -129,7 +129,7 @@ def _label(one: Any) -> str:
 
 
 def design_blocks(sheet: Sheet) -> list[Block]:
-    """The table of the designs, and what it says."""
+    """The table of the designs, and sentences on it."""
     words = sum(bool(one.title) for one in sheet.columns[:3])
     row = sheet.rows[0]
     how = f"by {row['method']}, N = {row['n_steps']}"

@@ -1,4 +1,4 @@
-"""Mean and spread over the members of a sweep, at every time and of their peaks."""
+"""Mean and spread over the members of a sweep, at every time and for their peaks."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from fvi_cli.studies.experiment import FinishedRun, finest_of_members
 from fvi_cli.studies.figure_settings import FigureSettings
 
 _INSTANTS = 11
-"""Times of a motion in the table, from its first to its last."""
+"""Number of times of a motion in the table, from its first to its last."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ensemble:
     """One coordinate or quantity of all members, or of those of one design."""
 
-    of: FinishedRun  # the first of them
+    of: FinishedRun  # the first member
     name: str
-    design: str  # empty where members of all designs are together
+    design: str  # empty if the members are not those of one design
     time: Array  # (n,)
     values: Array  # a row for every member, (m, n)
-    peaks: Array  # largest absolute values, (m,), between the times where those are known
+    peaks: Array  # largest absolute values, (m,), also between the times if these are known
 
     @property
     def mean(self) -> Array:
@@ -36,7 +36,7 @@ class Ensemble:
 
     @property
     def deviation(self) -> Array:
-        """The standard deviation at every time with m - 1 below the root, ``(n,)``."""
+        """The standard deviation at every time, with divisor m - 1, ``(n,)``."""
         return _deviation(self.values)
 
 
@@ -47,7 +47,7 @@ def _deviation(values: Array) -> Array:
 
 
 def members_at_equal_times(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
-    """The run of every member that came to its end; none where their times are not the same."""
+    """The run of every member that reached its end; empty if their times differ."""
     ended = [one for one in finest_of_members(finished) if one.status in GOOD]
     times = [one.trajectory.time for one in ended]
     if any(time.size < 2 or time.shape != times[0].shape for time in times):
@@ -56,9 +56,9 @@ def members_at_equal_times(finished: Sequence[FinishedRun]) -> list[FinishedRun]
 
 
 def ensembles(finished: Sequence[FinishedRun], names: Sequence[str]) -> list[Ensemble]:
-    """Coordinates and quantities of members at equal times; of designs with a sweep one for each.
+    """Ensembles of coordinates and quantities; for designs with a sweep one for each design.
 
-    Members that did not come to their end are left out.
+    Members that did not reach their end are left out.
     """
     groups: dict[str, list[FinishedRun]] = {}
     for one in members_at_equal_times(finished):
@@ -123,7 +123,7 @@ def _rows(one: Ensemble) -> Iterator[About]:
 
 
 def ensemble_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
-    """Mean and spread at some times and of peaks, of experiments with a figure of them."""
+    """Mean and spread at some times and of peaks, for experiments with an ``ensemble`` figure."""
     found: list[Ensemble] = []
     for experiment in {id(one.run.experiment): one.run.experiment for one in finished}.values():
         figures = [one for one in experiment.figures if isinstance(one, FigureSettings)]

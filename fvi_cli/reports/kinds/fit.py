@@ -1,4 +1,4 @@
-"""What was fitted: estimates with intervals, correlations, comparison of models."""
+"""The report on fits: estimates with intervals, correlations, comparison of models."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fvi_cli.reports.table import (
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
-"""How close a fit comes to another one of the same data."""
+"""Tolerance between two fits of the same data."""
 ROUGH = Within(relative=1e-2)
 
 _EXPERIMENT = Column("experiment", "name of the experiment", get="result.name")
@@ -136,7 +136,7 @@ ESTIMATES = (
 
 
 def fit_report(name: str, results: Sequence[FitResult]) -> Report:
-    """Estimates of every experiment and model."""
+    """The report on the estimates of every experiment and model."""
     every = [(result, model) for result in results for model in result.models]
     whose = ("experiment", "model")
     models = [About(result=r, model=m) for r, m in every]
@@ -240,7 +240,7 @@ def _noise(model: ModelFit) -> Iterator[Piece]:
 
 
 def _digits(value: float, error: float) -> str:
-    """A number to two digits of its standard error; all are in the CSV form."""
+    """A number rounded to two digits of its standard error; the CSV form has all digits."""
     decimals = 1 - math.floor(math.log10(error)) if 0 < error < math.inf else 99
     if decimals > 8 or abs(value) >= 1e7:
         return f"{value:.8g}"
@@ -248,7 +248,7 @@ def _digits(value: float, error: float) -> str:
 
 
 def _end(one: Estimate, value: float, reached: float, sign: str) -> str:
-    """An end of an interval; where it was not found, what is known of it."""
+    """An end of an interval; if it was not found, the farthest value known to be inside."""
     if math.isinf(value):
         return "no limit"
     if not math.isnan(value):

@@ -1,4 +1,4 @@
-"""The hard cases: what was measured, what it must be, and where each method fails."""
+"""The report on hard cases: measured numbers, their limits, and where each method fails."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from fvi_cli.studies.hard_cases.case import FLAGSHIP, Finding, HardCaseReport
 NAME = "hard-cases"
 
 ROUND_OFF = 1e-9
-"""Below it numbers are round-off, or so near that only their verdicts are compared."""
+"""Smaller numbers are round-off, or so near to it that only verdicts are compared."""
 
 NEAR_THE_LIMIT = 10.0
-"""Numbers that round-off decides may lie on either side of a limit within this factor."""
+"""Numbers that depend on round-off may lie on either side of a limit within this factor."""
 
 COLUMNS = (
     Column("case", "name of the case"),
@@ -66,7 +66,7 @@ def hard_case_report(found: HardCaseReport) -> Report:
 def _words(found: HardCaseReport) -> Words:
     summary, details = summary_blocks(found), list(_details(found))
     title = Heading(level=1, words="Hard cases")
-    # the summary where it is seen, at the end
+    # on a terminal the summary comes last, where it is seen
     return [title, *details, *summary], [title, *summary, *details]
 
 
@@ -81,7 +81,7 @@ def _with_rows(found: HardCaseReport, rows: Sequence[Row]) -> HardCaseReport:
 
 
 def _below_floor(stored: Row, fresh: Row) -> set[str]:
-    """Numbers of runs that blow up, which grow from round-off, and verdicts on round-off."""
+    """Columns not compared: numbers of runs that grow from round-off, verdicts on round-off."""
     if fresh["predicted"] == "unstable":
         return {"measured", "status", "holds"}
     free = set()
@@ -93,7 +93,7 @@ def _below_floor(stored: Row, fresh: Row) -> set[str]:
 
 
 def _is_left_to_chance(stored: Row, fresh: Row) -> bool:
-    """Whether round-off may have put these two numbers on different sides of the limit."""
+    """Whether round-off may put both numbers on different sides of the limit."""
     one, other, limit = (
         number_of(value) for value in (stored["measured"], fresh["measured"], fresh["limit"])
     )
@@ -102,7 +102,7 @@ def _is_left_to_chance(stored: Row, fresh: Row) -> bool:
 
 
 def summary_blocks(report: HardCaseReport) -> list[Block]:
-    """For every method how much holds, and in which cases something does not."""
+    """For every method the number of claims that hold, and the cases in which some do not."""
 
     def cells(method: str) -> tuple[str, str, str]:
         own = [finding for finding in report.findings if finding.method == method]
@@ -151,7 +151,7 @@ def _cell(finding: Finding) -> str:
 
 
 def failures(report: HardCaseReport) -> list[str]:
-    """One line for every claim that does not hold with the method for which all must."""
+    """One line for every claim that fails with the method for which all must hold."""
     return [
         f"{f.case}: {f.quantity}: {f.measured:.3g} ({f.status}) with {f.method}; it must be "
         f"{f.sense} {f.limit:g}"

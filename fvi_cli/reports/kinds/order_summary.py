@@ -13,18 +13,18 @@ from fvi_cli.reports.table import pivot
 from fvi_cli.studies.order import OrderCase, OrderTable
 
 NOTED_DIFFERENCE = 0.06
-"""A measured slope that is further from the stated order than this is pointed out."""
+"""A sentence points out slopes that differ by more from the stated order."""
 
 ASYMPTOTIC_DIFFERENCE = 0.1
-"""A slope further than this from the finest pairwise order, or the expected one, is no order."""
+"""A slope that differs by more from the finest pairwise or the expected order is no order."""
 
 UNLIKE_EXPECTED = 0.3
-"""A finest order further from the expected one than this is pointed out: a guess."""
+"""A sentence points out finest orders that differ by more from the expected one (guessed)."""
 
 FAILURES = ("diverged", "failed", "refused")
 
 INTERPOLATED = "forcing: the interpolation"
-"""How the remark on a force from samples begins."""
+"""Beginning of the remark on a force from samples."""
 
 NORMS: Mapping[str, str] = {
     "max": "maximum norm over components and grid points",
@@ -40,7 +40,7 @@ _SOURCES: Mapping[str, str] = {
 
 
 def reference_in_words(source: str) -> str:
-    """What errors are measured against."""
+    """The reference of errors, in words."""
     if source.startswith("refined run"):
         return f"a {source}"
     if source.startswith("N = "):
@@ -56,11 +56,11 @@ def names_in_tables(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
 def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
     """Titles of the experiments, without words that repeat the beginning of `name`.
 
-    What is left of every title begins with a letter; otherwise all stay whole.
+    Every shortened title must begin with a letter; otherwise none is shortened.
     """
     titles = [table.experiment for table in tables]
     words = name.split("-")
-    # one title alone repeats nothing
+    # a single title is not shortened
     for count in range(len(words) if len(titles) > 1 else 0, 0, -1):
         prefix = "-".join(words[:count]) + "-"
         short = {title: title.removeprefix(prefix) for title in titles}
@@ -70,7 +70,7 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
 
 
 def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """Orders of all experiments in one table, with what a reader should know of them."""
+    """Orders of all experiments in one table, and remarks on them."""
     names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     titles = short_titles(name, single)
@@ -93,7 +93,7 @@ def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
 
 
 def legend(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """What every method is, and its case in the other files; what all share stands once."""
+    """A list of the methods with their cases in other files; common properties are given once."""
     names = names_in_tables(tables)
     methods = {case.method.case: case.method for table in tables for case in table.cases}
     described = {case: describe_method(method) for case, method in methods.items()}
@@ -139,7 +139,7 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
 
 
 def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
-    """Experiments with the same methods together, in the order of the configuration."""
+    """Groups of experiments with the same methods, in the order of the configuration."""
     groups: dict[tuple[str, ...], list[OrderTable]] = {}
     for table in tables:
         cases = tuple(case.method.case for case in table.cases)
@@ -151,9 +151,9 @@ def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
 def _grid(
     group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> Grid:
-    """Rows: problems, and what varies within a family; columns: families of methods.
+    """Rows: problems and members of method families; columns: families of methods.
 
-    Where methods do not fill a rectangle, rows: methods; columns: problems.
+    If methods do not fill a rectangle, rows are methods and columns problems.
     """
     own = [names[case.method.case] for case in group[0].cases]
     families, variants = (
@@ -193,7 +193,7 @@ def _grid(
 
 
 def orders_in_words(table: OrderTable) -> str:
-    """The orders of its damping, each once."""
+    """The distinct orders of the damping."""
     return ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
 
 
@@ -237,7 +237,7 @@ def _failures(
 def _stated(
     table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> list[Words]:
-    """Sentences on every stated order that is not met, or is no order."""
+    """Sentences on every stated order that is not reached, or whose slope is no order."""
     sentences: list[Words] = []
     for case in table.cases:
         if math.isnan(case.claim):
@@ -259,7 +259,7 @@ def _stated(
 def _sampled(
     table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> list[Words]:
-    """Where the interpolation of a sampled force sets the order."""
+    """Sentences where the interpolation of a sampled force limits the order."""
     labels_by_text: dict[str, list[str]] = {}
     for case in table.cases:
         limits = [text for row in case.rows for text in row.remarks if INTERPOLATED in text]
@@ -277,7 +277,7 @@ def _sampled(
 
 
 def _not_asymptotic(case: OrderCase) -> str:
-    """Why the slope is not the order for small steps; empty when it may be."""
+    """Why the slope is not the order for small steps; empty if it may be."""
     last, expected = case.last_order, case.expected_order
     is_far = abs(case.slope - last) > ASYMPTOTIC_DIFFERENCE
     misses = abs(case.slope - expected) > ASYMPTOTIC_DIFFERENCE
@@ -290,10 +290,10 @@ def _not_asymptotic(case: OrderCase) -> str:
 
 
 def unlike_expected(case: OrderCase) -> str:
-    """How the finest order differs from the expected one, on either side; empty where it may not.
+    """A clause if the finest order is far above or below the expected one; else empty.
 
-    The expected order is that of the slowest part of the error, which on longer steps may still be
-    smaller than the others.
+    The expected order is that of the slowest part of the error; on longer steps other parts may
+    still be larger.
     """
     last, expected = case.last_order, case.expected_order
     is_unstable = last <= 0 or any(row.predicted == "unstable" for row in case.rows)
@@ -310,7 +310,7 @@ def _finest_order(case: OrderCase) -> str:
 
 
 def expected_orders(case: OrderCase) -> list[str]:
-    """Where the expected order depends on the step size: off samples of a force."""
+    """Clauses where the expected order depends on the step size, as for samples inside steps."""
     by_order: dict[str, list[int]] = {}
     for row in case.rows:
         by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)
@@ -322,5 +322,5 @@ def expected_orders(case: OrderCase) -> list[str]:
 
 
 def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:
-    """Which rows of a ladder: ``every N``, or the N."""
+    """Words for rows of a ladder: ``every N``, or the N."""
     return "every N" if list(ladder) == list(steps) else f"N = {listing(steps)}"

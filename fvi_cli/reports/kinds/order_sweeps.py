@@ -1,4 +1,4 @@
-"""Orders of the members of a sweep: one by one for a few values of one key, else summed up."""
+"""Orders of the members of a sweep: one by one for a few values of one key, else summarised."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fvi_cli.studies.order import OrderCase, OrderTable
 OrderEntry = Callable[[OrderCase], str]
 
 MOST_ROWS = 32
-"""Members that have a row of their own."""
+"""Up to so many members have rows of their own."""
 
 
 def split_sweeps(
@@ -36,7 +36,7 @@ def split_sweeps(
 def sweep_summary(
     tables: Sequence[OrderTable], names: Mapping[str, MethodName], entry: OrderEntry
 ) -> list[Block]:
-    """What is swept, and the orders of its members."""
+    """The swept keys, and the orders of the members."""
     members = [table.member for table in tables if table.member is not None]
     title: Words = (CodeSpan(tables[0].experiment), f": {members_in_words(members)}.")
     tells = next(iter(members[0].unnamed), "") if not members[0].name else DESIGN
@@ -74,19 +74,19 @@ class _Spread:
 
     @property
     def finest(self) -> list[tuple[float, OrderTable]]:
-        """Errors on the finest grid, with their members."""
+        """Pairs (error on the finest grid, table of the member)."""
         errors = [(case.rows[-1].error, table) for table, case in self.found]
         return [one for one in errors if math.isfinite(one[0])]
 
     def of(self, name: str, measure: Callable[[Sequence[float]], float]) -> float:
-        """A measure of an order of all members that have one."""
+        """A measure (e.g. the least) of the order `name` over all members that have one."""
         values = [getattr(case, name) for _, case in self.found if case.has_order]
         values = [value for value in values if math.isfinite(value)]
         return measure(values) if values else math.nan
 
     @property
     def worst(self) -> tuple[float, OrderTable | None]:
-        """The largest error on the finest grid, and whose it is."""
+        """The largest error on the finest grid, and the table of its member."""
         return max(self.finest, key=lambda one: one[0], default=(math.nan, None))
 
 
@@ -127,7 +127,7 @@ _SPREAD_COLUMNS = (
 
 
 def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) -> Grid:
-    """Rows: methods; columns: how orders and errors are spread over the members."""
+    """Rows: methods; columns: range of orders and errors over the members."""
     cases: dict[str, list[tuple[OrderTable, OrderCase]]] = {}
     for table in tables:
         for case in table.cases:

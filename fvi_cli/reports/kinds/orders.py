@@ -1,4 +1,4 @@
-"""Orders of convergence, and every error of an experiment, a column for each method."""
+"""The report on orders of convergence, with every error, a column for each method."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable
 
 ERROR = Within(relative=1e-3)
-"""For errors that are reliable."""
+"""Tolerance for reliable errors."""
 
 RELIABLE = 2 * NEAR_FLOOR
-"""Errors above this many floors are the same on every machine.
+"""Errors above this many floors are equal on every machine.
 
-Twice the limit below which rows are used for no order, so that an error beside that limit may lie
-on either side of it.
+It is twice the limit below which no order uses a row, so that on another machine an error near
+that limit may lie on the other side.
 """
 
 _EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment")
@@ -83,7 +83,7 @@ COLUMNS = (
         Column("n_steps", "number N of steps"),
         Column("step_size", "h, in the scene's unit of time"),
         Column("error", "error of the position, in its unit", compared=ERROR),
-        # what follows from errors must follow from those beside it: within 0.01 of the fresh one
+        # orders must follow from the stored errors, and agree with the new ones within 0.01
         Column(
             "pairwise_order",
             "order against the row before",
@@ -133,10 +133,9 @@ EXPERIMENT_COLUMNS = (
 
 
 def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
-    """The orders of all experiments of the configuration `name`; a table for every one of them.
+    """The report on the orders of all experiments of the configuration `name`.
 
-    A sweep has a table for every member, and columns for their names and every swept key behind
-    the others.
+    A sweep has a table for every member, and the last columns hold names and every swept key.
     """
     swept = member_columns((table.member for table in tables), lambda of: of.table.member)
     columns = (*COLUMNS, *swept, *EXTRA_COLUMNS)
@@ -175,7 +174,7 @@ def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
 
 
 def _below_floor(stored: Row, fresh: Row) -> set[str]:
-    """Errors near the floor with their remarks, and how far a run diverged."""
+    """Columns not compared: errors near the floor with what follows, errors of diverged runs."""
     if fresh["status"] not in ("ok", "floor"):
         return {"error"}
     error, other, floor = (number_of(v) for v in (stored["error"], fresh["error"], fresh["floor"]))
@@ -216,7 +215,7 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> Iterator[Bloc
 
 
 def setting(tables: Sequence[OrderTable]) -> Words:
-    """Equation and norm of an experiment, which has a table for every member of a sweep."""
+    """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
     table = tables[0]
     orders = orders_in_words(table)
     if any(other.gamma != table.gamma for other in tables):
@@ -274,9 +273,9 @@ def _entries(case: OrderCase, k: int) -> list[str]:
 
 
 def error_entry(row: OrderRow) -> str:
-    """The error where the slope uses it; else in parentheses its bound, or what happened.
+    """The error if the slope uses it; else in parentheses a bound, or the status of the run.
 
-    Digits of errors near the floor, and of runs that diverged, are those of one machine.
+    Errors near the floor and of diverged runs are not shown, since they differ between machines.
     """
     if row.used_in_fit:
         return f"{row.error:.2e}"
@@ -288,13 +287,13 @@ def error_entry(row: OrderRow) -> str:
 
 
 def _residual(case: OrderCase) -> str:
-    # a line through two points has none, which says nothing
+    # a line through two points has no residual
     used = sum(row.used_in_fit for row in case.rows)
     return number(case.fit_residual, ".3f") if case.has_order and used > 2 else "-"
 
 
 def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
-    """Sentences below the grids; what holds for several methods stands once."""
+    """Sentences below the grids; a sentence on several methods is given once."""
     sentences: list[Words] = []
     if any(not row.used_in_fit for case in table.cases for row in case.rows):
         sentences.append(
@@ -331,7 +330,7 @@ def _of_case(case: OrderCase) -> Iterator[Words]:
 
 
 def _remarks_by_steps(case: OrderCase) -> list[tuple[list[int], str, bool]]:
-    """Remarks and messages with the N that they are about; those that differ in numbers once."""
+    """Triples (N's, remark, whether its numbers differ); remarks equal up to numbers are one."""
     found: dict[str, tuple[list[int], list[str]]] = {}
     for row in case.rows:
         for text in (*row.remarks, *((row.message,) if row.message else ())):

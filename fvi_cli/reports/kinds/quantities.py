@@ -1,4 +1,4 @@
-"""How large quantities become in runs, how often events happen, and loops of dampers."""
+"""The report on quantities: their extents, numbers of events, and loops of dampers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from fvi_cli.studies.members import label_of
 from fvi_cli.studies.peak_errors import with_peak_errors
 
 LOOSE = Within(relative=1e-2, absolute=1e-12)
-"""Of loops, which are taken from the stored points."""
+"""Tolerance for loops, which are computed from the stored points."""
 _RUN = (
     Column("experiment", "name of the experiment", "experiment", get="of.run.experiment.name"),
     Column(
@@ -56,7 +56,7 @@ def _estimate(value: float) -> str:
 
 
 def shown_errors(extents: Iterable[Extent], errors: Iterable[float]) -> tuple[bool, bool]:
-    """Whether people see the errors of the quantities themselves, and those of the position."""
+    """Whether to show errors of the quantities, and whether in their place those of positions."""
     is_own = any(math.isfinite(one.error) for one in extents)
     return is_own, not is_own and any(map(math.isfinite, errors))
 
@@ -90,7 +90,7 @@ EXTENT_COLUMNS = (
         Column("rms", "root of the mean square over the run", "rms", ".6g", CLOSE),
     ),
 )
-"""Of what has a `name`, the extent `found`, and the `error` of its run."""
+"""Columns for items with a `name`, an extent `found`, and the `error` of the run."""
 
 _UNIT = Column(
     "unit",
@@ -146,11 +146,11 @@ LOOP_COLUMNS = (
     _STATUS,
 )
 Found = Callable[[FinishedRun, Observed], Iterable[tuple[str, str, Any]]]
-"""From a run to names, a word beside each, and what was found."""
+"""From a run to triples (name, a further word, result)."""
 
 
 def _loops(one: FinishedRun, observed: Observed) -> Iterator[tuple[str, str, DamperLoop]]:
-    """The last loop of every damper whose force is a quantity, and its largest one."""
+    """The last and the largest loop of every damper whose force is a quantity."""
     for name in forces_of(one.run.experiment):
         if name in observed.quantities:
             motion = deformation_against(one, name)
@@ -163,15 +163,15 @@ def _named(found: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
 
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
-    """Peaks and means of every quantity, and numbers and times of every event, of every run.
+    """The report on peaks and means of quantities, and numbers and times of events, by run.
 
-    Designs have a table of their own, which compares them.
+    A separate table compares designs.
     """
     finished = with_peak_errors(finished)
     seen = [(one, one.trajectory.observed) for one in finished]
     extents = [one for _, found in seen if found is not None for one in found.extents.values()]
     is_own, is_of_position = shown_errors(extents, [one.error for one in finished])
-    # people see the status where there is a run that did not come to its end in order
+    # show the status only if some run failed
     titles = {"status": "status"} if any(one.status not in GOOD for one in finished) else {}
     titles |= dict.fromkeys(("peak_error",) * (not is_own) + ("error",) * (not is_of_position), "")
     advice = _advice(finished) if extents and not is_own else ""
@@ -188,7 +188,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     if len(experiments) == 1:
         titles["experiment"] = ""
     if all(one is None or (one.name and not one.unnamed) for one in members):
-        # the names of designs say it all
+        # names of designs are enough
         titles["member"] = ""
     units = next(iter(experiments.values())).units if len(experiments) == 1 else {}
     if any(
@@ -199,7 +199,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         titles["unit"] = "unit"
 
     def sheet(name: str, declared: tuple[Column, ...], of: Found, *keys: str) -> Sheet:
-        # names stand where people begin to read, values behind everything else
+        # names of members are among the first columns, values the last ones
         first, *rest = declared
         named = [one for one in tells if one.title]
         every = (first, *named, *rest, *(one for one in tells if not one.title))
@@ -233,7 +233,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
 
 
 def _advice(finished: Sequence[FinishedRun]) -> str:
-    """Why errors of quantities are not known, and what to write, if they could be."""
+    """Why errors of quantities are not known, and advice, if they could be known."""
     moving = [one for one in finished if getattr(one.run.problem.scene, "prescribed", 1) is None]
     if not moving or any(one.run.is_search for one in moving):
         return ""
@@ -265,8 +265,7 @@ def _words(name: str, sheets: Sheets, advice: str) -> Iterator[Block]:
                 words="The last loop of every damper, and the largest one where that is wider; "
                 "figures mark them."
             )
-        # what distinguishes a run from the others, and names of quantities and events, are repeated
-        # where a grid is split
+        # the columns that identify a run, quantity or event are repeated where a grid is split
         shown = [column.name for column in sheet.columns if column.title]
         keys = shown.index("n_steps") + 2 + ("loop" in shown)
         if sheet.rows:

@@ -1,4 +1,4 @@
-"""Stability over steps and parameters: predicted and observed."""
+"""The report on stability over steps and parameters: predicted and observed."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from fvi_cli.studies.members import label_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 MOST_LINES = 200
-"""Lines of a grid; of a longer study only the numbers of unstable members are listed."""
+"""Most lines of a grid; a longer study lists only numbers of unstable members."""
 
 PREDICTED = Within(relative=2e-3, absolute=1e-9)
 
 
 def _seen(name: str, missing: Value = None) -> Callable[[About], Any]:
-    """What was observed of a run."""
+    """A getter for an attribute of the observation; `missing` if there is none."""
     return lambda of: missing if of.row.observation is None else getattr(of.row.observation, name)
 
 
@@ -106,7 +106,7 @@ REGION_COLUMNS = (
 
 
 def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
-    """Predicted and observed stability of every method, member and step, and shares of planes."""
+    """The report on every method, member and step, and on stable shares of planes."""
     runs = [About(table=table, row=row) for table in tables for row in table.rows]
     regions = [About(table=table, row=one) for table in tables for one in table.regions]
     members = (of.row.run.member for of in runs)
@@ -193,7 +193,7 @@ def _rows(table: StabilityTable, name: str) -> Iterator[Block]:
 
 
 def _counts(table: StabilityTable, steps: Sequence[int]) -> Grid:
-    """For a study of many members: how many are unstable."""
+    """For a study of many members the number of unstable ones."""
     names = method_names(table.experiment.methods)
     found: dict[tuple[str, int], list[bool]] = {}
     for row in table.rows:
@@ -228,7 +228,7 @@ def _size(step: float, final_time: float) -> str:
 
 
 def _exact(rows: Sequence[StabilityRow]) -> tuple[str, ...]:
-    """Growth of the exact scene, from the smallest step."""
+    """Growth rate of the exact scene, taken from the row with the smallest step."""
     finest = min(rows, key=lambda row: row.run.step_size)
     growth = finest.prediction.exact_growth / finest.run.step_size
     return (f"{growth:.4g}" if growth else "0",)

@@ -1,4 +1,4 @@
-"""Modes and harmonic responses."""
+"""The reports on modes and on harmonic responses."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ MEMBER = Column("member", "swept values", "member", get="table.member")
 
 
 def _at(name: str, part: str = "real") -> Callable[[About], Any]:
-    """A number of an output at a frequency."""
+    """A getter for the real part, or another part, of an output at a frequency."""
     return lambda of: getattr(getattr(of.table, name)[of.number, of.column].item(), part)
 
 
@@ -100,7 +100,7 @@ PEAK_COLUMNS = (
 
 
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
-    """Frequencies, damping ratios and loss factors of modes."""
+    """The report on frequencies, damping ratios and loss factors of modes."""
     owner, units = _owner(tables), _units(tables)
     columns = columns_with_units(
         MODE_COLUMNS, units, real="rate", imaginary="rate", frequency_hz="frequency"
@@ -119,19 +119,19 @@ def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
 
 
 def _units(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> Mapping[str, str]:
-    """The units that all tables have."""
+    """The units of the tables; empty if they differ."""
     first = tables[0].units if tables else {}
     return first if all(table.units == first for table in tables) else {}
 
 
 def magnitude_label(table: ResponseTable) -> str:
-    """What the size of a response is called, with its unit: metres per newton."""
+    """The label of the size of a response, with its unit, such as metres per newton."""
     below = "acceleration" if table.load.split(" ")[0] == GROUND else "force"
     return with_ratio("magnitude", table.units, "length", below)
 
 
 def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Column, ...]:
-    """Columns that say whose a row is."""
+    """Columns with the experiment and member of a row, as far as they differ."""
     owner = (EXPERIMENT,) if len({table.name for table in tables}) > 1 else ()
     return (*owner, MEMBER) if any(table.member for table in tables) else owner
 
@@ -143,7 +143,7 @@ def _sheet(
     items: list[About],
     *keys: str,
 ) -> Sheet:
-    """Rows with whose they are, which is shown where there are several."""
+    """A sheet whose first columns are `owner`, the experiment and member of a row."""
     members = (item.table.of_member for item in items)
     columns = (*columns, *member_columns(members, lambda of: of.table.of_member))
     return Sheet(
@@ -155,7 +155,7 @@ def _sheet(
 
 
 def _own_grid(sheet: Sheet, experiment: str, name: str) -> Grid:
-    """The rows of an experiment."""
+    """The grid of the rows of an experiment."""
     own = tuple(row for row in sheet.rows if row["experiment"] == experiment)
     keeps = any(row["member"] for row in own)
     columns = tuple(one for one in sheet.columns if keeps or one is not MEMBER)
@@ -177,7 +177,7 @@ def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterato
 
 
 def _completeness(tables: Sequence[ModeTable]) -> Iterator[str]:
-    """Whether modes are missing, of the members of a sweep in few words where none is."""
+    """Sentences on missing modes; a single one for a sweep without missing modes."""
     missing = [table for table in tables if not table.is_complete]
     if len(tables) == 1:
         yield completeness(tables[0])
@@ -217,7 +217,7 @@ def completeness(table: ModeTable) -> str:
 
 
 def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
-    """Amplitudes over frequencies, and peaks with their half-power widths."""
+    """The report on amplitudes over frequencies, and peaks with half-power widths."""
     owner, units = _owner(tables), _units(tables)
     items = [
         About(table=table, one=output, number=i, column=column)
@@ -240,7 +240,7 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     if units:
         label = magnitude_label(tables[0])
         columns = tuple(replace(c, title=label) if c.name == "magnitude" else c for c in columns)
-    # round-off decides the last digits of a frequency: peaks are distinguished by their numbers
+    # peaks are identified by numbers: the last digits of their frequencies are round-off
     peak_sheet = _sheet("peaks", owner, columns, peaks, "at", "peak")
     return Report(
         name=f"{name}-response",

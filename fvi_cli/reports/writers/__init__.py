@@ -18,17 +18,17 @@ def csv_name(report: Report, sheet: Sheet) -> str:
 
 
 TEXT = "text"
-"""What ends the name of the LaTeX file that has headings and words too."""
+"""End of the name of the LaTeX file that also has headings and words."""
 
 
 def forms(name: str, blocks: Sequence[Block]) -> dict[str, str]:
-    """What people read of the report of that name, by the names of files.
+    """The texts of a report for readers, by the names of files.
 
-    These are Markdown, LaTeX, and a file with nothing but a LaTeX table for every one.
+    They are Markdown, LaTeX, and for every table a file with this LaTeX table alone.
     """
     texts = {f"{name}.md": to_markdown(blocks), f"{name}-{TEXT}.tex": to_latex(blocks)}
     for own, text in to_tabulars(blocks).items():
-        # the name of an experiment may begin as that of the report
+        # do not repeat the name of the report if that of an experiment begins with it
         whole = own if f"{own}-".startswith(f"{name}-") else "-".join(filter(None, (name, own)))
         texts[f"{whole}-table.tex" if f"{whole}.tex" in texts else f"{whole}.tex"] = text
     return texts

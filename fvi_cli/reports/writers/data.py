@@ -1,4 +1,4 @@
-"""Sheets as CSV and JSON, numbers in full precision, and read back."""
+"""Sheets as CSV and JSON with numbers in full precision, and reading of CSV."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ FORMAT = 2
 def to_csv(sheet: Sheet) -> str:
     """A line for every row under the names of the columns.
 
-    A float is written as its ``repr``, which reads back as the same number; nan says that there is
-    none. Lines end with a newline only.
+    A float is written as its ``repr``, from which the same number is read back; nan means that
+    there is no number. Lines end with a newline only.
     """
     columns = csv_columns(sheet)
     text = io.StringIO()
@@ -33,17 +33,17 @@ def csv_columns(sheet: Sheet) -> list[Column]:
 
 
 def as_word(value: Value, column: Column) -> str:
-    """What stands for a value in the CSV form."""
+    """The text of a value in the CSV form."""
     if value is None:
         return column.missing
     if isinstance(value, bool):
         return "yes" if value else "no"
-    # NumPy's numbers too
+    # `float` also converts NumPy's numbers
     return repr(float(value)) if isinstance(value, float) else str(value)
 
 
 def as_value(word: str, like: Value) -> Value:
-    """The value for which `word` stands, if it is of the kind of `like`; otherwise the word."""
+    """The value of `word` if it can be read with the type of `like`; otherwise the word."""
     try:
         if isinstance(like, bool):
             return {"yes": True, "no": False}.get(word, word)
@@ -57,7 +57,7 @@ def as_value(word: str, like: Value) -> Value:
 def to_json(report: Report) -> str:
     """All sheets with the meaning of their columns, one row in a line.
 
-    What is missing and nan are null, infinities the texts ``inf`` and ``-inf``.
+    Missing values and nan become null, infinities the texts ``inf`` and ``-inf``.
     """
     sheets = ",\n".join(f" {_quoted(sheet.name)}: {_sheet(sheet)}" for sheet in report.sheets)
     head = f'{{"format": {FORMAT},\n"name": {_quoted(report.name)},\n"sheets": {{\n'

@@ -26,10 +26,10 @@ _LETTERS |= {"~": r"\sim ", "\\": r"\backslash ", "_": r"\_", "^": "{}^", '"': "
 
 
 def to_mathematics(text: str) -> list[tuple[str, bool]]:
-    """The pieces of an equation in plain text, and whether each is mathematics for LaTeX.
+    """Pairs (piece, whether it is mathematics for LaTeX) of an equation in plain text.
 
-    Words between formulas stay words: those of two letters or more that are no name of a Greek
-    letter or a function, and stand beside no operator.
+    Words between formulas stay words: they have two letters or more, are not the name of a Greek
+    letter or a function, and are not next to an operator.
     """
     words = " ".join(text.split()).split(" ")
     found: list[tuple[list[str], bool]] = []
@@ -56,7 +56,7 @@ def to_mathematics(text: str) -> list[tuple[str, bool]]:
 
 
 def _tight(formula: str) -> str:
-    """Without blanks that end no command."""
+    """The formula without blanks, except those that end a command."""
     return re.sub(r"(\\[a-z]+) +(?![A-Za-z ])", r"\1", re.sub(r" +", " ", formula))
 
 
@@ -81,7 +81,7 @@ def _typeset(formula: str) -> Iterator[str]:
         is_root = word == "sqrt" and k < len(tokens) and tokens[k][1] == "("
         if kind in ("power", "index") or is_root:
             inside, k = _argument(tokens, k)
-            # two powers, or two indices, in a row need something between them
+            # LaTeX needs {} between two successive powers, or two indices
             between = "{}" if (was_raised if kind == "power" else was_lowered) else ""
             start = r"\sqrt" if is_root else f"{between}{'^' if kind == 'power' else '_'}"
             yield f"{start}{{{''.join(_typeset(inside))}}}"
@@ -107,7 +107,7 @@ def _typeset(formula: str) -> Iterator[str]:
 
 
 def _argument(tokens: list[tuple[str, str]], k: int) -> tuple[str, int]:
-    """What an exponent, an index or a root applies to, and the place behind it."""
+    """The argument of an exponent, an index or a root, and the place after it."""
     if k >= len(tokens):
         return "", k
     if tokens[k][1] == "-" and k + 1 < len(tokens):

@@ -25,16 +25,16 @@ PACKAGES = ("amsmath", "array", "booktabs", "longtable")
 _HEAD = rf"""% To \input; needs \usepackage{{{",".join(PACKAGES)}}}"""
 
 WIDEST = 92
-"""Letters in a line of a table that fit into the text of the class ``article``, footnote size."""
+"""Most letters in a line of a table for the text width of the class ``article``, footnote size."""
 
 WIDEST_TEXT = 34
-"""Texts in a table are folded at so many letters."""
+"""Texts in a table are wrapped at so many letters."""
 
 LONGEST = 40
-"""Rows of a table that stay on one page."""
+"""Most rows of a table on one page."""
 
 _EM = 0.47
-"""Width of a letter in the size of letters, on average."""
+"""Average width of a letter, in em."""
 
 _SECTIONS = ("section*", "subsection*", "subsubsection*")
 
@@ -57,7 +57,7 @@ _ESCAPES: Mapping[str, str] = {
     "³": r"\textsuperscript{3}",
 }
 
-# what every LaTeX sets without a package: printable ASCII and the letters of Latin-1
+# characters that LaTeX sets without packages: printable ASCII and the letters of Latin-1
 _LETTER = re.compile(r"[\x20-\x7e\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u00ff]")
 
 _NUMBER = re.compile(
@@ -66,7 +66,7 @@ _NUMBER = re.compile(
 
 
 def to_latex(blocks: Sequence[Block]) -> str:
-    """The blocks as a fragment; every table in it can be taken out by itself."""
+    """The blocks as a fragment; every table in it can be used by itself."""
     words = (_block(block) for block in blocks)
     return "\n\n".join([_HEAD, r"{\raggedright\setlength{\parindent}{0pt}", *words, "}"]) + "\n"
 
@@ -74,8 +74,8 @@ def to_latex(blocks: Sequence[Block]) -> str:
 def to_tabulars(blocks: Sequence[Block]) -> dict[str, str]:
     r"""Every table by its name, as a bare ``tabular`` in the size of the text around it.
 
-    A wide one has numbered parts, each narrow enough for ``\footnotesize`` with columns that are
-    ``4pt`` apart. So have tables of one name.
+    A wide table is divided into numbered parts, each narrow enough for ``\footnotesize`` with
+    columns ``4pt`` apart. Several tables of one name are numbered, too.
     """
     named: dict[str, list[Grid]] = {}
     for block in blocks:
@@ -90,7 +90,7 @@ def to_tabulars(blocks: Sequence[Block]) -> dict[str, str]:
 
 
 def _file_words(name: str) -> str:
-    """A name with nothing that a file name or a path in LaTeX may not have."""
+    """A name with hyphens for characters that a path in LaTeX may not have."""
     return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")
 
 
@@ -107,7 +107,7 @@ def _block(block: Block) -> str:
 
 
 def _letters(cell: str) -> int:
-    # powers of ten are wider than the e that they are written with
+    # powers of ten are wider in LaTeX than the letter e
     return len(cell) + 2 * sum(match["exponent"] is not None for match in _NUMBER.finditer(cell))
 
 
@@ -117,7 +117,7 @@ def _inline(words: Words) -> str:
         if isinstance(piece, Equation):
             found.append(_equation(piece.text))
         elif isinstance(piece, CodeSpan):
-            # names of methods may be broken behind a hyphen
+            # names of methods may be broken after a hyphen
             found.append(rf"\texttt{{{escape_latex(piece.text)}}}".replace("-", r"-\allowbreak{}"))
         else:
             found.append(_folding(_with_numbers(plain_text((piece,)))))
@@ -132,7 +132,7 @@ def _equation(text: str) -> str:
 
 
 def escape_latex(text: str) -> str:
-    """Text in which nothing is taken for a command; letters beyond Latin-1 by their number."""
+    """Text without LaTeX commands; letters beyond Latin-1 are given by their number."""
     letters = []
     for letter in " ".join(text.splitlines()):
         known = letter if _LETTER.fullmatch(letter) else f"U+{ord(letter):04X}"
@@ -141,12 +141,12 @@ def escape_latex(text: str) -> str:
 
 
 def _folding(text: str) -> str:
-    """Long words with places where a line may end: behind hyphens between letters, and dots."""
+    """Text in which long words may be broken after dots and hyphens between letters."""
     return re.sub(r"(?<=[a-z0-9][-.])(?=[a-z])", r"\\allowbreak{}", text)
 
 
 def _with_numbers(text: str) -> str:
-    """Text with its numbers in mathematical type."""
+    """Text with its numbers as mathematics."""
     parts = []
     end = 0
     for match in _NUMBER.finditer(text):
@@ -198,5 +198,5 @@ def _table(grid: Grid, *, is_long: bool = False) -> str:
 def _row(cells: Sequence[str], text_columns: int) -> str:
     words = [_folding(escape_latex(cell)) for cell in cells[:text_columns]]
     words += [_with_numbers(cell) for cell in cells[text_columns:]]
-    # a bracket after the end of a row would be its optional argument
+    # a bracket at the beginning of a row would be an optional argument of the row end before it
     return " & ".join(f"{{}}{word}" if word.startswith("[") else word for word in words) + r" \\"

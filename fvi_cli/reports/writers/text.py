@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 WIDEST = 120
-"""Letters in a line of a table where no terminal says how many there are."""
+"""Width of a line of a table, in letters, where there is no terminal."""
 
 WIDEST_TEXT = 40
-"""Texts in a table are folded on a terminal, not below this many letters."""
+"""On a terminal texts in a table are wrapped, but not to fewer letters than this."""
 
 
 def to_text(blocks: Sequence[Block]) -> str:
@@ -46,13 +46,13 @@ def _plain(block: Block) -> str:
 
 
 def aligned(grid: Grid) -> str:
-    """The lines of a grid, however wide, without a newline at the end."""
+    """The lines of a grid of any width, without a newline at the end."""
     widths = grid.widths()
     return "\n".join("  ".join(grid.justified(row, widths)).rstrip() for row in grid.lines)
 
 
 def show(blocks: Sequence[Block], stream: TextIO | None = None) -> None:
-    """Print the blocks: on a terminal within its width, elsewhere as :func:`to_text` has them."""
+    """Print the blocks: on a terminal within its width, elsewhere as :func:`to_text`."""
     stream = stream or sys.stdout
     if not stream.isatty():
         print(to_text(blocks), file=stream)
@@ -103,7 +103,7 @@ _ACTIVE = re.compile(r"([\\`*_\[\]<>|~#$&])")
 
 
 WIDEST_MARKDOWN = 160
-"""Letters in a line of a table: what fits into a browser window."""
+"""Most letters in a line of a table, which fit into a browser window."""
 
 
 def to_markdown(blocks: Sequence[Block]) -> str:
@@ -131,7 +131,7 @@ def _inline(words: Words) -> str:
 
 
 def escape_markdown(text: str) -> str:
-    """Text in which nothing is taken for markup."""
+    """Text with markup characters escaped."""
     return _ACTIVE.sub(r"\\\1", " ".join(text.splitlines()))
 
 
