@@ -1,4 +1,4 @@
-"""What the command line does, one call away: for notebooks and programs.
+"""The commands of the command line as functions, for notebooks and programs.
 
 ``import fvi_cli as fvi`` gives every name of this module; each is loaded when it is first used.
 
@@ -26,11 +26,11 @@ command             call
 ``fvi schema``      :func:`json_schema`
 =================== ===========================================================================
 
-:func:`as_text` is what a command prints of a result, :func:`write` puts it into files and
-:func:`compare` tells, as ``--check`` does, in what stored files differ. Without any configuration,
-:func:`integrate` computes a :class:`Scene` by a :class:`Method`, or by the name of one, and
-:func:`gradient` differentiates a number of its run by its parameters; :func:`solve` computes it to
-a tolerance.
+:func:`as_text` returns what a command prints of a result, :func:`write` writes the result to files,
+and :func:`compare` returns, as ``--check`` does, how stored files differ from it. Without a
+configuration, :func:`integrate` computes a :class:`Scene` by a :class:`Method` or its name,
+:func:`solve` computes it to a tolerance, and :func:`gradient` differentiates a number of its run
+with respect to its parameters.
 
 Examples
 --------
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """A public name; the command line needs none of them, and is quick to begin without."""
+    """A public name; loaded on demand, so that the command line, which needs none, starts fast."""
     names = importlib.import_module("fvi_cli.api.names")
     if name == "__all__":
         return [one for one in vars(names) if not one.startswith("_")]
@@ -70,7 +70,7 @@ def __getattr__(name: str) -> Any:
 
 @functools.cache
 def _public(name: str, found: Any) -> Any:
-    """What a name stands for; wrong calls of a function say which arguments it has."""
+    """The object of a public name; errors of wrong calls list the arguments of a function."""
     if not inspect.isfunction(found) or hasattr(found, "__signature__"):
         return found
     from fvi_cli.keys.arguments import explained

@@ -1,4 +1,4 @@
-"""Derivatives of runs, for programs."""
+"""Derivatives of results of runs, for programs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Subject = Scene | Problem | Experiment
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gradient:
-    r"""A number of a trajectory, and what it changes by.
+    r"""A number of a trajectory, and its derivatives.
 
     Parameters
     ----------
@@ -39,10 +39,10 @@ class Gradient:
         For every parameter an array G of the shape of its value, such that the number changes by
         :math:`\sum G\, d\theta`.
     left_out
-        Parameters of those that all were wanted which have no derivative, and why.
+        Where all parameters were requested, those without a derivative, and why.
     n_steps, step_solves
-        Steps of the run, and the linear systems of a step that the derivatives took, the run
-        itself aside: one for every step, however many parameters there are.
+        Number of steps of the run, and number of linear systems of a step that were solved for the
+        derivatives (not for the run): one for every step, for any number of parameters.
     """
 
     value: float
@@ -67,43 +67,43 @@ def gradient(
 ) -> Gradient:
     """Derivatives of one number of a run, by the adjoint of its discrete equations.
 
-    They are derivatives of what the run computes, on its own mesh (that of an adaptive run is held
-    fixed), good to about ten digits, and cost one run and one sweep backwards.
+    They are derivatives of the computed number on the mesh of the run (the mesh of an adaptive run
+    is fixed), accurate to about ten digits, and cost one run and one backward sweep.
 
     Parameters
     ----------
     scene
-        What moves: a :class:`fvi_cli.Scene`, a :class:`fvi_cli.Problem`, or an
-        :class:`fvi_cli.Experiment` with its ``quantities``; or a function that makes one of the
-        parameters, given by name.
+        A :class:`fvi_cli.Scene`, a :class:`fvi_cli.Problem`, or an :class:`fvi_cli.Experiment` with
+        its ``quantities``; or a function that makes one of these from the parameters, which are
+        its keyword arguments.
     method
         A Runge-Kutta method that takes any mesh, or the name of one.
     steps
         As for :func:`fvi_cli.integrate`.
     quantity
-        What is differentiated: :func:`fvi_cli.position_at`, :func:`fvi_cli.velocity_at`,
+        The number to differentiate: :func:`fvi_cli.position_at`, :func:`fvi_cli.velocity_at`,
         :func:`fvi_cli.acceleration_at`, :func:`fvi_cli.quantity_at` for an expression or a quantity
         of the experiment, :func:`fvi_cli.smoothed_peak`, :func:`fvi_cli.misfit`, or a
-        :class:`fvi_cli.Quantity` of your own. Expressions may have the parameters in them.
+        :class:`fvi_cli.Quantity` of your own. Expressions may contain the parameters.
     parameters
-        Of a scene the names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
+        For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
-        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``laws.0.order`` and the like; None:
-        all that have a derivative, and `left_out` names the others. Of a function its arguments
-        with their values.
+        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``laws.0.order`` and similar; None:
+        all that have a derivative; `left_out` names the others. For a function its arguments with
+        their values.
 
     Raises
     ------
     ValueError
-        For names that do not exist, a number that adds up over the run (the work on a damper), a
-        motion with impacts, a method without polynomials, and a run that does not come to its end.
+        For names that do not exist, a number that accumulates over the run (the work on a damper),
+        a motion with impacts, a method without polynomials, and a run that does not reach its end.
 
     Notes
     -----
-    A Caputo derivative of order above 1 subtracts the start velocity, one of order 1 or less does
-    not: with a start velocity the motion jumps where an order passes 1, and the derivative is that
-    from the side of its value (at 1 from below). At a break point of a force an acceleration is
-    that before it.
+    A Caputo derivative of order above 1 subtracts the start velocity, a derivative of order 1 or
+    less does not. So with a start velocity the motion jumps where an order passes 1; the derivative
+    is then one-sided, from the side of the value (at 1 from below). At a break point of a force the
+    acceleration before it is taken.
     """
     if not isinstance(quantity, Quantity):
         raise ArgumentError(
@@ -171,12 +171,12 @@ def gradient(
 
 
 def _scene(subject: Subject) -> Scene:
-    """What moves.
+    """The scene.
 
     Raises
     ------
     ValueError
-        If nothing does, or by impacts.
+        If there is no motion, or one with impacts.
     """
     if isinstance(subject, Scene):
         return subject
@@ -189,7 +189,7 @@ def _scene(subject: Subject) -> Scene:
 
 
 def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
-    """What names in expressions mean; arguments of functions do not hide what the motion gives."""
+    """The names in expressions; variables of the motion hide arguments of the same name."""
     given = Observations(coordinates=names_of(_scene(subject)))
     problem: object = subject
     if isinstance(subject, Experiment):

@@ -1,4 +1,4 @@
-"""The public names, each by where it comes from."""
+"""The public names, imported from their modules."""
 
 from fvi_cli.api.derivatives import Gradient as Gradient
 from fvi_cli.api.derivatives import gradient as gradient
