@@ -1,6 +1,6 @@
 """The command line: every command by its name.
 
-The rest of the project is imported inside the commands, so that ``--help`` is quick.
+The commands import the rest of the project only when they run, so that ``--help`` is quick.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class _Groups(TyperGroup):
 
 
 class _Options(TyperCommand):
-    """Lists options that have a section of their own below the others; shows what is missing."""
+    """Lists rarely used options in a section below the others; shows an example on errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         try:
@@ -65,7 +65,7 @@ class _Options(TyperCommand):
         except typer.BadParameter as error:
             lines = [one.strip() for one in (self.epilog or "").splitlines()]
             example = next((one for one in lines if one.startswith("fvi ")), "")
-            # click says of what is missing nothing else
+            # click has no message of its own for a missing argument
             if example and not error.message:
                 error.message = f"Write, for example, {example}"
             raise
@@ -76,19 +76,19 @@ class _Options(TyperCommand):
             usual = "Arguments" if one.param_type_name == "argument" else "Options"
             title = getattr(one, "rich_help_panel", None) or usual
             if (record := one.get_help_record(ctx)) is not None:
-                # without the type, which is one of Python
+                # without the type, which is a name of Python
                 words, text = record[0].partition(" <")[0], record[1]
                 sections.setdefault(title, []).append((words, text))
-        # what every command has stands before what few need
+        # options that few users need come last
         for title in sorted(sections, key=["Arguments", "Options", CLUSTERS].index):
             with formatter.section(title):
                 formatter.write_dl(sections[title])
 
 
 def app(arguments: Sequence[str] = ()) -> typer.Typer:
-    """The command line for these arguments; where they begin with a command, of that one alone.
+    """The command line for these arguments; only one command if they begin with its name.
 
-    To work out what a command takes is most of what there is to do before it begins.
+    Collecting the options of a command takes most of the time before it starts.
     """
     made = typer.Typer(
         name="fvi",
@@ -109,14 +109,14 @@ def app(arguments: Sequence[str] = ()) -> typer.Typer:
 
 
 def command_line() -> Callable[[], object]:
-    """What the command ``fvi`` does; to put it together takes a moment, in which nothing begins."""
+    """A function that runs the command ``fvi``; building it takes a moment but starts nothing."""
     command = typer.main.get_command(app(sys.argv[1:]))
 
     def carried_out() -> None:
         _open_standard_streams()
         sys.unraisablehook = _not_ignored
         signal.signal(signal.SIGTERM, _interrupt)
-        # the status of a run reports overflows
+        # overflows need no warning: the status of a run reports them
         warnings.filterwarnings("ignore", category=RuntimeWarning)
         command(prog_name="fvi")
 
@@ -126,8 +126,8 @@ def command_line() -> Callable[[], object]:
 def _open_standard_streams() -> None:
     """Discard output where a standard stream is closed, so that it reaches no file.
 
-    Words that standard error refuses are dropped too: Python holds them, and tries them once more
-    before it begins a process (which fails then) and where it ends (with a code of its own).
+    Text that standard error refuses is dropped too. Python would keep it and try to write it again
+    when it starts a process (which then fails) and at its end (with an exit code of its own).
     """
     while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
@@ -144,7 +144,7 @@ def _open_standard_streams() -> None:
 
 
 class _Unheard(io.FileIO):
-    """A file that takes what its device refuses."""
+    """A file that accepts and drops data that its device refuses."""
 
     def write(self, words: ReadableBuffer, /) -> int:
         with contextlib.suppress(OSError):
@@ -153,7 +153,7 @@ class _Unheard(io.FileIO):
 
 
 def _not_ignored(unraisable: sys.UnraisableHookArgs) -> None:
-    """Interrupt once more where a Ctrl-C fell into a callback, whose exceptions Python ignores."""
+    """Repeat a Ctrl-C that came within a callback, since Python ignores exceptions there."""
     if unraisable.exc_type is KeyboardInterrupt:
         threading.Timer(0.01, _thread.interrupt_main).start()
     else:
@@ -161,7 +161,7 @@ def _not_ignored(unraisable: sys.UnraisableHookArgs) -> None:
 
 
 def _interrupt(signal_number: int, frame: object) -> NoReturn:
-    """Let a termination leave through the same door as Ctrl-C: finished runs are kept."""
+    """Treat a termination signal like Ctrl-C, so that finished runs are kept."""
     raise KeyboardInterrupt
 
 

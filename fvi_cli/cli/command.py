@@ -1,4 +1,4 @@
-"""What commands share: their options, how they begin, show what they compute, and end."""
+"""Common parts of commands: options, reading of requests, output, and exit code."""
 
 from __future__ import annotations
 
@@ -44,12 +44,13 @@ ALWAYS = ("quiet", "verbose")
 CONFIGURED = ("output", "overrides", "dry_run", "fail_fast", "json")
 COMPUTED = (*CONFIGURED, "workers", "dask", "wait", "fresh", "allow_unstable")
 DRAWN = ("formats", "style")
-"""Options of all commands, of those that read configurations, compute runs, or draw."""
+"""Shared options: of all commands, of those that read configurations, that compute runs, that draw.
+"""
 
 
 @dataclass(kw_only=True, eq=False)
 class Call:
-    """One call of a command: its shared options, and what it found so far."""
+    """One call of a command: its shared options, and its results so far."""
 
     output: Output = RESULTS
     check: Check = False
@@ -77,14 +78,14 @@ class Call:
     violations: list[str] = field(init=False, default_factory=list)
 
     def gather(self, sources: Sequence[str], over: Sequence[str] = ()) -> Sequence[Request]:
-        """Read and check configurations, with what the options change in them."""
+        """Read and check configurations, with the changes by options."""
         from fvi_cli.keys.complaints import ChecksMember, every_member
         from fvi_cli.runner.request import gather
 
         checks_member: ChecksMember = every_member
         results: Callable[[str], Path] | None = None
         if self.stores_runs:
-            # needs the engine, without which other commands check
+            # this import loads the engine, which other commands do not need for a check
             from fvi_cli.runner.parts.shard import shard_named
 
             part = shard_named(self.shard)
@@ -102,7 +103,7 @@ class Call:
         return self.requests
 
     def remark(self) -> None:
-        """Say what is valid in what was gathered and surely not meant."""
+        """Warn of settings in the requests that are valid and surely not meant."""
         from fvi_cli.runner.request import plausibility_remarks
 
         for request in self.requests:
@@ -111,7 +112,7 @@ class Call:
 
     @property
     def keep(self) -> bool:
-        """Whether what is computed is stored."""
+        """Whether computed runs are stored."""
         return not self.check
 
     @property
@@ -120,24 +121,24 @@ class Call:
         return not self.quiet
 
     def options_of(self, called: Callable[..., object]) -> dict[str, Any]:
-        """Those of the shared options that a call of the api has."""
+        """The shared options that are arguments of a function of the api."""
         names = inspect.signature(called).parameters
         return {name: getattr(self, name) for name in names if hasattr(self, name)}
 
     def show_plans(self) -> int:
-        """Print what would be done with every run."""
+        """Print the plan of every run."""
         from fvi_cli.render.json import plans_as_json
         from fvi_cli.render.plans import plans_as_text
         from fvi_cli.runner.plan import plan
 
-        # what is measured or studied anew finds no run stored
+        # commands that store no runs do not use stored ones either
         options = self.options_of(plan) | {"fresh": self.fresh or not self.stores_runs}
         plans = [one for request in self.requests for one in plan(request, **options)]
         print(plans_as_json(plans) if self.json else plans_as_text(plans, in_full=self.verbose))
         return DONE
 
     def show_tasks(self, tasks_of: Callable[[Request], Sequence[Task]]) -> int:
-        """Print what would be computed other than runs."""
+        """Print the tasks: results other than runs that would be computed."""
         from fvi_cli.render.json import document
         from fvi_cli.render.runs import columns_of_words
 
@@ -149,7 +150,7 @@ class Call:
         return DONE
 
     def note(self, results: Results) -> None:
-        """Count what of the results decides the exit code."""
+        """Count violations and failures in the results, which determine the exit code."""
         from fvi_cli.render.results import result_kind
 
         kind, found = result_kind(results)
@@ -166,12 +167,12 @@ class Call:
         tasks: Callable[[Request], Sequence[Task]] | None = None,
         **options: object,
     ) -> int:
-        """Compute what every request asks for and show it; returns the exit code.
+        """Compute every request and show the results; returns the exit code.
 
-        `compute` is a call of the api: it is given a request, those of the shared options that it
-        has, and `options`. `report` makes of the results what is shown, by :meth:`show` if by
-        nothing else, unless the command was stopped. `tasks` are what would be computed where that
-        is no runs.
+        `compute` is a function of the api; it gets a request, its arguments among the shared
+        options, and `options`. `report` converts the results for output, unless the command was
+        stopped; `show` prints them (default :meth:`show`). With ``--dry-run`` the command prints
+        `tasks`, or plans of runs.
         """
         from fvi_cli.render.figures import drawn_as
 
@@ -198,9 +199,9 @@ class Call:
         also: Callable[[], list[Path]] = list,
         is_kept: bool = True,
     ) -> None:
-        """Print and write results, or with ``--check`` find in what the stored ones differ.
+        """Print and write results, or with ``--check`` find differences from stored ones.
 
-        `also` writes further files; what is not kept is printed only.
+        `also` writes further files; with `is_kept` false results are only printed.
         """
         from fvi_cli.render.results import compare, json_rows, show, write
 
@@ -219,7 +220,7 @@ class Call:
             print("", *paths, "", sep="\n")
 
     def show_figures(self, drawn: Mapping[str, Figure]) -> None:
-        """Write figures, or with ``--check`` find in what the stored ones differ."""
+        """Write figures, or with ``--check`` find differences from stored ones."""
         from fvi_cli.render.figures import compare_figures, write_figures
 
         formats = self.formats or ()
@@ -262,7 +263,7 @@ class Call:
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
-    """A command of the line: what it does, which options of :class:`Call` it has, and examples."""
+    """A command: its function, its options among those of :class:`Call`, and examples."""
 
     body: Callable[..., int]
     shared: tuple[str, ...]
@@ -270,7 +271,7 @@ class Command:
 
     @property
     def name(self) -> str:
-        """As it is typed."""
+        """The name of the command on the command line."""
         return self.body.__name__.rstrip("_").replace("_", "-")
 
     @property
@@ -279,7 +280,7 @@ class Command:
         return (self.body.__doc__ or "").partition("\n")[0]
 
     def callback(self) -> Callable[..., None]:
-        """The function for typer, with the shared options behind the command's own."""
+        """The function for typer, with the shared options after the command's own."""
         _, *own = inspect.signature(self.body, eval_str=True).parameters.values()
         known = inspect.signature(Call, eval_str=True).parameters.values()
         shared = [one for one in known if one.name in (*self.shared, *ALWAYS)]

@@ -1,10 +1,10 @@
-"""What a shell proposes in place of arguments."""
+"""Completion of arguments in a shell."""
 
 from __future__ import annotations
 
 
 def shipped_names(incomplete: str) -> list[str]:
-    """Names of shipped configurations; where none fits, the shell goes on with files."""
+    """Names of shipped configurations; if none fits, the shell completes names of files."""
     from fvi_cli.config import shipped_configs
 
     return [name for name in shipped_configs() if name.startswith(incomplete)]

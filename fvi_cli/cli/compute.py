@@ -253,7 +253,7 @@ def response(
     from fvi_cli.runner.vibration import frequencies, linear_tasks
     from fvi_cli.runner.vibration import response as compute_response
 
-    # a mistake in it is reported before configurations are read
+    # report mistakes in `over` before configurations are read
     frequencies(over)
     call.gather(configs)
     tasks = functools.partial(linear_tasks, action="response")

@@ -47,7 +47,7 @@ def show(
         path = find_config(str(file))
         text = path.read_text(encoding="utf-8")
         print(text, end="")
-        # records and matrices are looked for in the folder of the configuration
+        # a configuration reads records and matrices from its own folder
         names = dict.fromkeys(re.findall(r"\bfile: ([^,}\s]+)", text))
         if files := [str(path.with_name(one)) for one in names if path.with_name(one).is_file()]:
             _logger.info("copy the files that it reads to its folder: %s", " ".join(files))
