@@ -1,7 +1,7 @@
 """Fractional variational integrators for mechanical systems with fractional damping.
 
-Every name of :mod:`fvi_cli.api` can be taken from here; it is loaded when it is first used, so that
-importing the package alone takes no time.
+Every name of :mod:`fvi_cli.api` can be imported from here; it is loaded when it is first used, so
+that importing the package itself takes no time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """A public name of :mod:`fvi_cli.api`."""
-    # the import system asks for submodules as well, which must not load all that api calls for
+    # the import system also looks up submodules here, which must not load the whole api
     if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}") is None:
         api = importlib.import_module("fvi_cli.api")
         if name in api.__all__:

@@ -1,7 +1,7 @@
-"""``python -m fvi_cli`` does what the command ``fvi`` does; both begin here.
+"""The entry point of ``python -m fvi_cli`` and of the command ``fvi``.
 
-Loading the command line takes a moment in which an interruption would show a traceback of imports;
-there is nothing to save yet, so that the process ends at once.
+Loading the command line takes a moment, in which an interruption would show a traceback of imports.
+There is nothing to save yet, so an interruption then ends the process at once.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ INTERRUPTED = 130
 def main() -> None:
     """Entry point: load the command line, then run it."""
     usual = signal.getsignal(signal.SIGINT)
-    # ignored by the process that started this one: it stays ignored
+    # if the parent process ignores Ctrl-C, it stays ignored
     if usual is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
     from fvi_cli.cli.app import command_line
 
-    # names of files hold any bytes, and terminals may know ASCII alone
+    # names of files may contain any bytes, and a terminal may only support ASCII
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def _leave(signal_number: int, frame: object) -> NoReturn:
-    """End without a word; an exception could be caught, or wrapped, by what is being loaded."""
+    """End silently; an exception could be caught or wrapped by modules that are being loaded."""
     os._exit(INTERRUPTED)
 
 
