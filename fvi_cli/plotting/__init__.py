@@ -1,4 +1,4 @@
-"""Figures from finished runs, made without pyplot and without any global state."""
+"""Figures of finished runs, made without pyplot and without global state."""
 
 from fvi_cli.plotting.drawn import (
     FORMATS,

@@ -1,4 +1,4 @@
-"""What a picture is drawn of: curves, and panels of them."""
+"""Curves, and panels of curves, from which figures are drawn."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from fvi_cli.plotting.looks import EXACT, Look, pale
 from fvi_cli.plotting.style import COLOURS, DECORATION, LINE_STYLES, MARKERS
 
 FEW_POINTS = 2001
-"""Points of a line up to which all are drawn; of more as many as its form needs."""
+"""Up to so many points of a line all are drawn; of more only as many as its shape needs."""
 MOST_POINTS = 20_000
-"""Points of a line up to which files hold them all; a longer one is a picture in them."""
-_VISIBLE = 2e-3  # of the extent of a line: less is one line to the eye
+"""Up to so many points a line is a vector graphic in files; a longer one is a bitmap."""
+_VISIBLE = 2e-3  # smallest visible deviation, as a share of the extent of a line
 _WIDTH, _LAYER = 1.1, 1.4  # points of a line; of one below another, broader by this
 _ON_IT = 1.5 * _WIDTH  # points within which marks and lines hide others
 _IN_IT = 1.5  # of marks at one place, the lower is larger by this factor
@@ -33,13 +33,13 @@ PEAK: Mapping[str, Any] = {
 }
 """Properties of the mark at a peak."""
 HIDDEN = "_hidden"
-"""Label of the part of a line upon which others lie."""
-_SAME = 0.5 * _WIDTH  # points of a panel's height: less is one line to the eye
+"""Label of the part of a line that other lines cover."""
+_SAME = 0.5 * _WIDTH  # lines that differ by fewer points (of type) look like one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """Points, what they are called, and what is marked among them."""
+    """Points with a name and a look, and the marks on them."""
 
     x: Array  # shape ``(n,)``; nan where there is nothing to draw
     y: Array
@@ -47,24 +47,24 @@ class Curve:
     by: float = math.nan  # a number that a colour bar shows in place of the label
     look: Look | None = None  # None: by its place among the curves of the panel
     peaks: Sequence[tuple[float, float]] = ()  # points that are marked
-    # regions around it: what they are, and their lower and upper edges over x
+    # regions around the curve: (name, lower edge, upper edge), the edges over x
     bands: Sequence[tuple[str, Array, Array]] = ()
-    lost: Sequence[tuple[float, str]] = ()  # abscissas without a value, with what happened
-    # slope that theory expects (one, or one for every point) and that the source states; nan: none
+    lost: Sequence[tuple[float, str]] = ()  # pairs (abscissa without a value, status of the run)
+    # slopes: of theory (one, or one for every point), and the one that the source states; nan: none
     order: float | Array = math.nan
     stated: float = math.nan
     floor: float = 0.0  # values below are round-off
     marked: Sequence[int] | None = None  # points of a ladder that have a mark; None: all
 
     def stride(self) -> int:
-        """Which points of a long line are drawn: every so many, as its form allows."""
+        """Number n such that every n-th point of a long line is drawn without visible change."""
         every = max(1, self.x.size // FEW_POINTS)
         while every > 1 and self._bends_between(every):
             every //= 2
         return every
 
     def _bends_between(self, every: int) -> bool:
-        """Whether points that are left out lie visibly beside the line through the others."""
+        """Whether points that are left out visibly deviate from the line through the others."""
         place, kept = np.arange(self.x.size), np.arange(0, self.x.size, every)
         for values in (self.x, self.y):
             finite = np.isfinite(values[kept])
@@ -83,28 +83,28 @@ class Panel:
     """Curves that share their axes."""
 
     curves: Sequence[Curve]  # at least one
-    y: str  # words beside the axes, with units
+    y: str  # labels of the axes, with units
     x: str = ""
-    title: str = ""  # above the panel, the remark in small letters on the right
+    title: str = ""  # above the panel; `remark` is above it on the right, in small letters
     remark: str = ""
-    height: float = 2.0  # inches, without legend and words
-    is_log: bool = False  # whether the ordinate is logarithmic, where that is to be chosen
-    is_ensemble: bool = False  # whether the curves are members of a sweep: of many there are bands
-    has_slopes: bool = True  # whether triangles explain a ladder
-    # whether a curve may leave the panel so that it does not press the others flat
+    height: float = 2.0  # inches, without legend and labels
+    is_log: bool = False  # whether the ordinate is logarithmic, if the kind of figure has a choice
+    is_ensemble: bool = False  # whether the curves are members of a sweep; many become bands
+    has_slopes: bool = True  # whether triangles show the slopes of a ladder
+    # whether a large curve may leave the panel, so that the others stay visible
     may_run_away: bool = False
     rounding: float = 0.0  # values below are hatched as round-off
     levels: Sequence[float] = ()  # thin horizontal lines
 
     @property
     def gaps(self) -> str:
-        """A remark where a logarithmic axis cannot show a value behind the first."""
+        """A remark where a logarithmic axis cannot show a value after the first."""
         is_broken = self.is_log and any(np.any(curve.y[1:] == 0) for curve in self.curves)
         return "gaps: exactly 0" if is_broken else ""
 
 
 def looks(curves: Sequence[Curve], *, marked: bool) -> list[Look]:
-    """What every curve of a panel looks like: as it says, else by its place."""
+    """The look of every curve of a panel: its own, or one by its place in the panel."""
     return [
         curve.look
         or Look(
@@ -117,7 +117,7 @@ def looks(curves: Sequence[Curve], *, marked: bool) -> list[Look]:
 
 
 def merge_alike(panels: Sequence[Panel]) -> list[Panel]:
-    """Panels in which curves that coincide in all of them are one, with a joint label."""
+    """The panels, with one curve and a joint label for curves that coincide in all panels."""
     count = len(panels[0].curves)
     if any(p.is_ensemble or p.is_log or len(p.curves) != count for p in panels):
         return list(panels)
@@ -139,7 +139,7 @@ def merge_alike(panels: Sequence[Panel]) -> list[Panel]:
 
 
 def in_groups(count: int, is_alike: Callable[[int, int], bool]) -> list[list[int]]:
-    """The numbers below `count` in groups, each of those that are like the first of it."""
+    """The numbers below `count` in groups; all numbers of a group are alike to its first one."""
     groups: list[list[int]] = []
     for k in range(count):
         own = next((group for group in groups if is_alike(group[0], k)), None)

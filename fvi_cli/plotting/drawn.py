@@ -1,4 +1,4 @@
-"""Figures as files: PDF, SVG and PNG, and what they draw as JSON, to find stale ones."""
+"""Figures as files: PDF, SVG and PNG, and their data as JSON, to find stale figures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ MOST_POINTS = 257
 
 _FLOOR = re.compile(r"floor (\S+)")
 _SHARE = re.compile(r"(\d+) %")
-# below this many times the floor the digits belong to the machine: what is near it for one may be
-# above for another
+# below this many times the floor digits differ between machines, and so may the side of the limit
+# on which an error lies
 _ABOVE_FLOOR = 2 * NEAR_FLOOR
 
 
@@ -89,7 +89,7 @@ def _line(axes: Axes, line: Line2D) -> dict[str, JsonValue]:
 
 
 def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:
-    """Numbers to 3 significant digits, each its own or all of the largest; None if not finite."""
+    """Numbers to 3 significant digits (linear: of the largest number); None if not finite."""
     numbers = np.asarray(values, dtype=float)
     largest = float(np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0))
 
@@ -98,7 +98,7 @@ def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:
             return None
         scale = abs(value) if logarithmic else largest
         digits = SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(scale)) if scale else 0
-        # adding zero makes a zero of either sign a plain one
+        # adding zero removes the sign of a negative zero
         return round(value, digits) + 0.0
 
     return [one(value) for value in numbers.tolist()]
@@ -147,7 +147,7 @@ def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) ->
 
 
 def _is_near_share(old: JsonValue, new: JsonValue) -> bool:
-    """Whether both are percentages that rounding may part."""
+    """Whether both are percentages that differ by no more than rounding."""
     found = [_SHARE.fullmatch(str(text)) for text in (old, new)]
     shares = [int(match[1]) for match in found if match is not None]
     return len(shares) == 2 and abs(shares[0] - shares[1]) <= 1
@@ -180,7 +180,7 @@ FORMATS = ("pdf", "png", "svg")
 """Kinds of pictures."""
 
 USUAL_FORMS = ("pdf", "png", "json")
-"""What is written of a figure unless something else is asked for."""
+"""Formats in which a figure is written by default."""
 
 _NO_METADATA: Mapping[str, Mapping[str, str | None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -193,10 +193,10 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 def save_figure(
     figure: Figure, directory: Path, name: str, forms: Sequence[str] = USUAL_FORMS
 ) -> list[Path]:
-    """Write pictures and ``<name>.json`` (what is drawn) into `directory`, which is made.
+    """Write pictures and ``<name>.json`` (the drawn data) into `directory`, which is created.
 
-    The files carry no date and no version, so that equal figures give equal bytes. Every file
-    appears whole or not at all: all are rendered before the first is put in its place.
+    The files contain no date and no version, so that equal figures give equal bytes. Every file is
+    complete or does not appear: all are rendered before the first one is moved to its place.
 
     Raises
     ------

@@ -23,17 +23,18 @@ _LINEAR = Look(colour=GUIDE_COLOUR, dashes=(0, (4, 2)), width=0.7)
 _NOISE = Look(colour=INK, dashes=(0, (4, 2)), width=0.7)
 _END = Look(colour=COLOURS[1], dashes=(0, (1, 1)), width=0.9)
 _WIDE = 8.0
-"""Frequencies that differ by this factor are drawn along a logarithm."""
+"""Frequencies that span this factor have a logarithmic axis."""
 MOST_PANELS = 6
-"""Measured columns that are drawn; the first of them."""
+"""Most measured columns that are drawn, the first ones."""
 MOST_PROFILES = 12
 _FAR = 15.0
-"""Times the residuals of the model with the smallest: of larger ones these could not be read."""
+"""Residuals beyond this many times those of the best model leave the panel, where these would not
+be readable otherwise."""
 _MEASURED = Look(colour=INK, marker=".", has_line=False, size=3.0)
 
 
 def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]:
-    """Of every experiment the motions, and the profiles of the best model, by names of figures."""
+    """For every experiment the motions, and the profiles of the best model, by name of figure."""
     found: dict[str, Figure] = {}
     for result in results:
         own = f"{name}-fit" if len(results) == 1 else f"{name}-{result.name}-fit"
@@ -47,7 +48,7 @@ def fit_figures(name: str, results: Sequence[FitResult]) -> Mapping[str, Figure]
 
 def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
     """Measured and fitted curves, and the residuals with twice their standard deviation."""
-    # the best one below the others, which are thinner
+    # the best model is drawn first, below the thinner lines of the others
     models = sorted(models, key=lambda one: one.criterion)
     first, units = models[0].series, result.units
     several = len({one.data for one in first}) > 1
@@ -113,7 +114,7 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
 
 
 def residual_limits(residuals: Sequence[Curve], unit: str) -> tuple[tuple[float, float], str]:
-    """Ends of a panel of residuals, and which of them leave it."""
+    """Limits of a panel of residuals, and a remark on models that exceed them."""
     largest = {one.label[1:]: float(one.y[np.abs(one.y).argmax()]) for one in residuals}
     most = _FAR * min(map(abs, largest.values()))
     room = max(abs(value) for value in largest.values() if abs(value) <= most)
@@ -129,7 +130,7 @@ def residual_limits(residuals: Sequence[Curve], unit: str) -> tuple[tuple[float,
 
 
 def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
-    """Words beside the panels of a measured column and of its residuals."""
+    """Labels of the panels of a measured column and of its residuals."""
     amplitude = series.amplitude
     if amplitude is None:
         usual = "velocity" if series.is_velocity else "length"
@@ -150,7 +151,7 @@ def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
-    """The signed root of the increase of chi-squared: a straight line where the model is linear."""
+    """Signed roots of the increase of chi-squared; for a linear model they are straight lines."""
     drawn = model.estimates[:MOST_PROFILES]
     more = len(model.estimates) > MOST_PROFILES
     words = (
@@ -177,7 +178,7 @@ def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
 
 
 def _profile(one: Estimate) -> list[Curve]:
-    """The profile of a parameter, its linear approximation, and where its interval ends."""
+    """The profile of a parameter, its linear approximation, and the ends of its interval."""
     inside = one.profile[np.abs(one.profile[:, 1]) <= 4.0]
     smooth, spread = _smooth(inside, one), np.array([-2.5, 2.5])
     line = one.value + spread * one.standard_error

@@ -26,16 +26,16 @@ _HIGHEST = 1.45
 
 @journal_style()
 def interpolation_figure() -> Figure:
-    """Draw how a Galerkin variational integrator of degree s = 2 sees a curve.
+    """Draw how a Galerkin variational integrator of degree s = 2 approximates a curve.
 
-    On every step a polynomial of degree s through s + 1 Lobatto control points, the outer two
-    shared with the neighbours, and the s Gauss points at which the Lagrangian is evaluated.
-    The polynomials stay away from the curve, so that the eye can distinguish them.
+    Every step has a polynomial of degree s through s + 1 Lobatto control points, the outer two
+    shared with the neighbours, and s Gauss points at which the Lagrangian is evaluated. The
+    polynomials are drawn at a distance from the curve, so that both are visible.
     """
     nodes = RuleSpecification(points=_DEGREE).build().nodes
     basis = lobatto_basis(_DEGREE)
     control, tau = basis.control_points, np.linspace(0.0, 1.0, 101)
-    # any values will do for a sketch; these make the kinks at the nodes visible
+    # arbitrary values, which make the kinks at the nodes visible
     main = _smooth(np.arange(_N_STEPS + 1.0)) + np.array([-0.07, 0.12, -0.1, 0.06])
     figure = new_figure(2.0)
     axes = figure.subplots()
@@ -76,7 +76,7 @@ def _mark(
 
 
 def _name_points(axes: Axes, nodes: Array, control: Array, values: Array) -> None:
-    """Names of the points of the second step."""
+    """Label the points of the second step."""
     last = control.size - 1
     for index, node in enumerate(nodes, start=1):
         _measure(axes, (1.0, 1.0 + node), 0.02 + 0.15 * index, f"$c_{{{index}}}h$", COLOURS[2])
@@ -94,7 +94,7 @@ def _name_points(axes: Axes, nodes: Array, control: Array, values: Array) -> Non
 
 
 def _measure(axes: Axes, ends: tuple[float, float], height: float, words: str, colour: str) -> None:
-    """An arrow between two times with the name of its length."""
+    """Draw an arrow between two times with the name of its length."""
     arrow = {"arrowstyle": "<->", "linewidth": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
     arrow["mutation_scale"] = 7
     axes.annotate("", xy=(ends[0], height), xytext=(ends[1], height), arrowprops=arrow)
@@ -103,7 +103,7 @@ def _measure(axes: Axes, ends: tuple[float, float], height: float, words: str, c
 
 
 def _dress(axes: Axes) -> None:
-    """Bare axis of time with the grid, and the length of one step."""
+    """Reduce the axes to the time with its grid, and mark the length of one step."""
     axes.set_xlim(-0.2, _N_STEPS + 0.2)
     axes.set_ylim(0.0, _HIGHEST)
     axes.spines[["left", "right", "top"]].set_visible(False)

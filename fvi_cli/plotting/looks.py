@@ -1,4 +1,4 @@
-"""What a line looks like, and one look for every method, the same in every figure."""
+"""Looks of lines, and a look for every method, which is the same in every figure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fvi_cli.plotting.words import typeset
 
 BASELINE_COLOURS = ("#8c8c8c", "#5c5c5c")
 
-# BDF p has the p-th of these; Runge-Kutta families run from light to dark with their stages
+# BDF p has the p-th marker; colours of Runge-Kutta families get darker with the number of stages
 _BDF_MARKERS = "os^DvP"
 _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
     "gauss": ("#B79FDB", "#8A5CC8", "#4B2A87", "#8B0037"),
@@ -27,7 +27,7 @@ _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
 }
 _STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
 _BASELINE_MARKERS = "xvdh<12"
-# for methods that differ in more than convolution quadrature and degree
+# markers of methods with the same convolution quadrature and degree that differ otherwise
 _FURTHER_MARKERS = "<>8dHp"
 
 
@@ -42,11 +42,11 @@ class Look:
     is_filled: bool = True
     width: float | None = None
     size: float | None = None
-    is_broad: bool = False  # whether it is seen even where others lie upon it
+    is_broad: bool = False  # whether it is broad, and so visible below other lines
 
     def properties(self) -> dict[str, Any]:
         """Keyword arguments of a line of this look."""
-        # a white edge keeps filled marks apart that lie upon each other
+        # a white edge separates filled marks that overlap
         has_edge = self.is_filled and self.marker not in "x+.*|" and not self.is_broad
         sizes = {"linewidth": self.width, "markersize": self.size}
         return {
@@ -76,10 +76,10 @@ class MethodLook:
 def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
     """Name and look of every method by its case, distinct in colour as well as in grey.
 
-    Colour and marker belong to the convolution quadrature (with its stages), or to the baseline,
-    and are the same in every figure; baselines are grey. Odd degrees are filled, even ones hollow,
-    each with its own dashes. Methods that differ in something else get another marker and a darker
-    shade. Where all methods would have one colour, each gets its own.
+    Colour and marker depend on the convolution quadrature (with its stages) or the baseline, and
+    are the same in every figure; baselines are grey. Marks of odd degrees are filled, of even
+    degrees hollow; each degree has its own dashes. Methods that differ otherwise get another marker
+    and a darker shade. If all methods would have one colour, each gets its own.
     """
     distinct = {method.case: method for method in methods}
     labels = method_labels(list(distinct.values()))
@@ -89,7 +89,7 @@ def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
         if isinstance(method, Baseline):
             key = (method.name, 0)
         else:
-            # degrees 1 and 3 of BDF are both filled: one of them needs another mark
+            # degrees 1 and 3 of BDF are both filled: one of them needs another marker
             key = (method.cq, method.degree if method.is_runge_kutta else method.degree % 2)
         repeat = seen[key] = seen.get(key, -1) + 1
         found[case] = MethodLook(label=labels[case], look=_look(method, repeat))
@@ -112,7 +112,7 @@ def _look(method: AnyMethod, repeat: int) -> Look:
         index = method.stages - 1 - (method.cq == "lobatto-iiic")
         shades, markers = _STAGE_COLOURS[method.cq], _STAGE_MARKERS[method.cq]
         colour, marker = shades[min(index, len(shades) - 1)], markers[index % len(markers)]
-        # in grey neighbours differ by their dashes
+        # printed in grey, neighbouring lines differ by their dashes
         dashes, is_filled = (0, 2, 0, 1)[index % 4], True
     else:
         index = method.bdf_order - 1
@@ -136,9 +136,9 @@ def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
 
 
 def common_features(methods: Sequence[AnyMethod]) -> str:
-    """What all BDF methods of a figure have in common: degree, quadrature points, sampling.
+    """Common features of all BDF methods of a figure: degree, quadrature points, sampling.
 
-    Where methods of other families are drawn as well, it says of which it speaks.
+    The text names the family if methods of other families are drawn as well.
     """
     plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
     described = {", ".join(describe_method(method)[:3]) for method in plain}
@@ -149,7 +149,7 @@ def common_features(methods: Sequence[AnyMethod]) -> str:
 
 
 def colours_of(numbers: Sequence[float]) -> ScalarMappable:
-    """Colours of numbers, by their logarithms where these are spaced evenly."""
+    """Colours for numbers; for their logarithms if these are equidistant."""
     low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
     is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
     # the lightest colours would fade on paper

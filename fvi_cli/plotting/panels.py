@@ -1,4 +1,4 @@
-"""The pictures of this room, of plain values: curves over time, log-log ladders, planes."""
+"""The basic kinds of figures, from plain values: curves over time, log-log ladders, planes."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ from fvi_cli.plotting.ticks import (
 )
 
 MOST_LINES = 6
-"""Members of a sweep that have a name of their own."""
+"""Up to so many members of a sweep have names in the legend."""
 MOST_COLOURED = 100
-"""Members that have a line with a colour of a bar; of more there are bands."""
+"""Up to so many members have a line with a colour of a bar; more members become bands."""
 _MARKS, _FEWEST_MARKS = 12, 4  # on one curve
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
 _OF_HIDDEN = "pale: a line that lies under another; marks there in turn"
 _ALPHAS = (0.3, 0.15)
-"""Of the bands of one curve, the inner one first."""
+"""Opacities of the bands of one curve, the inner one first."""
 
 
 @journal_style()
@@ -209,7 +209,7 @@ def _draw_bar(figure: Figure, used: Sequence[Axes], colours: ScalarMappable, wor
 
 
 def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, nested: bool) -> None:
-    """All curves of a panel; `nested`: with a mark at every point, larger below smaller ones."""
+    """Draw all curves of a panel; `nested`: with a mark at every point, small ones above large."""
     curves = panel.curves
     if colours is None and panel.is_ensemble and len(curves) > MOST_LINES:
         _draw_bands(axes, curves, marked=nested)
@@ -244,7 +244,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
             **properties,
         )
         if curve.peaks:
-            # marks of several curves differ in form: where peaks coincide all are seen
+            # marks of several curves differ in shape, so that all are visible where peaks coincide
             several = sum(bool(one.peaks) for one in curves) > 1
             axes.plot(
                 *np.array(curve.peaks).T,
@@ -263,7 +263,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
 
 
 def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
-    """The median of many members, and bands that hold 9 of 10 and all of them."""
+    """Draw the median of many members, and bands that hold 9 of 10 and all of them."""
     x = np.unique(np.concatenate([curve.x for curve in curves]))  # that may differ by round-off
     x = x[np.diff(x, prepend=-np.inf) > 1e-12 * np.abs(x)]
     values = np.full((len(curves), x.size), np.nan)
@@ -279,14 +279,14 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
 
 
 def _legend_entries(panels: Sequence[Panel], axes: Sequence[Axes]) -> list[Line2D | Patch]:
-    """An entry for every name in the panels, none for a single curve that has no peak."""
+    """A legend entry for every name in the panels; none for a single curve without a peak."""
     entries: dict[str, Line2D | Patch] = {}
     size = rcParams["lines.markersize"]
     for line in (line for one in axes for line in one.lines):
         label = str(line.get_label())
         named = entries.get(label[1:]) if label.startswith("_") else None
         if isinstance(named, Line2D) and line.get_linestyle() == "None":
-            # a line in one panel, marks in another
+            # the name has a line in one panel and marks in another: the entry shows both
             named.set(marker=line.get_marker(), markersize=0.9 * size)
             named.set_markerfacecolor(line.get_markerfacecolor())
             named.set_markeredgecolor(line.get_markeredgecolor())
@@ -324,7 +324,7 @@ def _name_axes(
     panels: Sequence[Panel],
     x: str,
 ) -> None:
-    """Words beside the panels, in lines that are no longer than these."""
+    """Label the axes of the panels, in lines that are no longer than the axes."""
     columns = len(grid)
     wide = _panel_width(figure, columns)
     for position, (axes, panel) in enumerate(zip(used, panels, strict=True)):
@@ -345,12 +345,12 @@ def _name_axes(
 
 
 def _panel_width(figure: Figure, columns: int) -> float:
-    """Inches for words above or below a panel."""
+    """Inches for labels above or below a panel."""
     return (figure.get_figwidth() - 0.6) / columns
 
 
 def _panel_height(figure: Figure, panels: Sequence[Panel], position: int, columns: int) -> float:
-    """Inches for words beside a panel; a remark above it takes a line of it."""
+    """Inches for labels beside a panel; a remark above the panel takes one line of them."""
     one = panels[position]
     factor = figure.get_figheight() / sum(panel.height for panel in panels[::columns])
     return 0.95 * one.height * min(factor, 1.0) - 1.6 * bool(one.remark) * small() / 72

@@ -1,4 +1,4 @@
-"""Which figures an experiment calls for."""
+"""The choice of the figures of an experiment."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.loops import forces_of
 
 Draw = Callable[[Experiment, Sequence[FinishedRun]], Figure]
-"""A figure of an experiment and its finished runs, for which there is no obstacle.
+"""Draws a figure of an experiment and its finished runs.
 
-What all of these are called with is looked at once, by :func:`_obstacles`.
+:func:`_obstacles` has checked before, once for all figures, that it can be drawn.
 """
 _OVER_TIME: dict[str, Draw] = {
     "trajectory": trajectory_figure,
@@ -82,14 +82,14 @@ _LEAST_LADDER = 3
 
 
 def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
-    """Figures that the experiments of one configuration call for, by file name without suffix.
+    """The figures of the experiments of one configuration, by file name without suffix.
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy``, ``error`` and
-    ``quantities``, as far as there are an energy, something to measure errors against, and
-    quantities. Of a sweep there are ``convergence``, ``trajectory``, ``quantities``, ``section``
-    and ``spectrum``, in figures of their own. Experiments of kind ``fractional-derivative`` share
-    one saturation figure, and all ladders the figure ``<name>-convergence``.
+    ``quantities``, as far as there are an energy, a reference for errors, and quantities. A sweep
+    has figures ``convergence``, ``trajectory``, ``quantities``, ``section`` and ``spectrum`` of its
+    own. Experiments of kind ``fractional-derivative`` share one saturation figure, and all ladders
+    the figure ``<name>-convergence``.
     """
     figures: dict[str, Figure] = {}
     derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
@@ -131,12 +131,12 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
 
 
 def _words(experiment: Experiment) -> tuple[str, ...]:
-    """The figures that are named by one word."""
+    """The requested figures that are given by a single word."""
     return tuple(kind for kind in experiment.figures if isinstance(kind, str))
 
 
 def left_out(studies: Sequence[Study]) -> list[str]:
-    """One line for every figure that is named and cannot be drawn, with why, or is not complete."""
+    """One line for every requested figure that cannot be drawn (with the reason) or completely."""
     lines = []
     for experiment, finished in studies:
         is_derivative = isinstance(experiment.problem, DerivativeProblem)
@@ -161,7 +161,7 @@ _OF_FIRST_METHOD = ("quantities", "section", "hysteresis", "spectrum")
 
 
 def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Iterator[str]:
-    """One line for every figure that does not show everything that there is."""
+    """One line for every figure that leaves out quantities, coordinates or methods."""
     quantities = max(len(observed_of(item).quantities) for item in finished)
     coordinates = finished[0].trajectory.position.shape[1]
     most = 1 if experiment.members else MOST_COMPONENTS
@@ -212,7 +212,7 @@ _NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
         f"it is made for {', '.join(WATERFALL_KINDS)}",
     ),
 }
-"""What some run must have that a kind of figure is drawn of, and the reason where none has."""
+"""By kind of figure: (condition that some run must meet, reason if none does)."""
 
 
 def _spectrum_obstacle(experiment: Experiment) -> dict[str, str]:
@@ -227,7 +227,7 @@ def _spectrum_obstacle(experiment: Experiment) -> dict[str, str]:
 
 
 def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:
-    """Why a kind of figure cannot be drawn, for those that cannot."""
+    """Reasons by kind of figure, for the kinds that cannot be drawn."""
     if not finished:
         return dict.fromkeys(FIGURE_KINDS, "no run was finished")
     obstacles: dict[str, str] = {}

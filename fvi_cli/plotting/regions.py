@@ -1,4 +1,4 @@
-"""The plane of stiffness and damping in a step, with how fast the worst mode grows."""
+"""Stability regions in the plane of stiffness and damping, with the growth of the worst mode."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from fvi_cli.plotting.words import fraction_in_words
 MOST_COLUMNS = 3
 _HEIGHT = 0.68  # inches of a panel
 
-# undecided, stable, and the growth of the worst mode per step from slow to fast
-# on grey paper too: stable is the darkest
+# undecided, stable, then the growth of the worst mode per step from slow to fast; stable is the
+# darkest also when printed in grey
 _LEVEL_COLOURS = ("#E69F00", "#3B7BB5", "#F7F7F7", "#E3E3E3", "#C8C8C8", "#A4A4A4")
 _LEVEL_LABELS: tuple[str, ...] = ("not decided", "stable (below 0.1 %)", "0.1 to 1 %", "1 to 10 %")
 _LEVEL_LABELS += ("10 % to a factor e", "faster")
@@ -40,7 +40,7 @@ _LEVEL_LABELS += ("10 % to a factor e", "faster")
 
 @journal_style()
 def region_figure(maps: Sequence[StabilityMap]) -> Figure:
-    """A panel for every method, those of one family in a row, with the stable share of it."""
+    """A panel for every method, a row for every family, with the stable share of the plane."""
     lines = _lines(maps)
     columns = max(len(line) for line in lines)
     labels = method_labels([one.method for one in maps])
@@ -72,7 +72,7 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
 
 
 def _lines(maps: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
-    """Methods of one family and degree in a row; long rows are cut."""
+    """Rows of the methods of one family and degree; long rows are divided."""
     families: dict[object, list[StabilityMap]] = {}
     for one in maps:
         method = one.method
@@ -88,7 +88,7 @@ def _lines(maps: Sequence[StabilityMap]) -> list[list[StabilityMap]]:
 
 
 def _calmest_corner(level: NDArray[np.int_]) -> tuple[int, int]:
-    """Row and column, 0 or -1, of the corner where words hide least, the lower left first."""
+    """(Row, column), each 0 or -1, of the corner where text hides least; the lower left first."""
     height, width = max(1, level.shape[0] // 3), max(1, level.shape[1] // 2)
     return min(
         ((row, column) for row in (0, -1) for column in (0, -1)),
@@ -101,7 +101,7 @@ def _calmest_corner(level: NDArray[np.int_]) -> tuple[int, int]:
 
 
 def _draw(axes: Axes, one: StabilityMap) -> None:
-    """The plane with the share of it that is stable."""
+    """Draw a plane and the share of it that is stable."""
     plane = (one.stiffness, one.damping)
     norm = BoundaryNorm(np.arange(-1.5, len(GROWTH_LEVELS) + 1.0), len(_LEVEL_COLOURS))
     cells = axes.pcolormesh(*plane, one.level, cmap=ListedColormap(_LEVEL_COLOURS), norm=norm)

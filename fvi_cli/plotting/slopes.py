@@ -1,4 +1,4 @@
-"""What explains a ladder: lost runs in a strip, the floor, and triangles where there is room."""
+"""Explanations in a ladder: lost runs in a strip, the floor, and slope triangles."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ _ROW_HEIGHT = 7.0  # points of one row in the strip of runs without an error
 _MOST_GUIDES = 5
 _LARGE, _SMALL = (0.24, 0.19, 0.15, 0.11), (0.08, 0.06)
 _FAR = (5.0, 10.0, 18.0, 25.0, 35.0, 50.0, 70.0)
-# runs of a triangle, of the panel's width; points between it and its curve; the least between it
-# and anything else, a marker's radius and some air; whether it stands beside small steps, or
-# anywhere in the panel where it would be missed
+# tried in this order: widths of a triangle, as shares of the panel's; distances from its curve, in
+# points; least distance from everything else, in points; whether it must be next to small steps
+# (else it may be anywhere, but only if it is needed)
 _CHOICES = (
     (_LARGE, (5.0, 8.0, 12.0), 5.0, True),
     (_LARGE, (3.5, 2.5), 2.5, True),
@@ -45,18 +45,18 @@ _CHOICES = (
     (_SMALL, (5.0, 3.5, 2.5), 2.5, True),
     (_LARGE + _SMALL, _FAR, 2.5, False),
 )
-_MARGIN = 2  # points beside the frame
+_MARGIN = 2  # least distance from the frame, in points
 _HIGHEST_RISE = 0.4
 _SAME_SLOPE, _FAR_SLOPE = 0.4, 2.0
-# a triangle belongs to small steps: it stands beside this share of a curve, in decades of h
+# a triangle is next to small steps: within this share of a curve, measured in decades of h
 _ASYMPTOTIC = 0.7
-# points all over a triangle, as shares of its corners, and all over a box
+# points that cover a triangle (weights of its corners), and points that cover a unit box
 _LATTICE = np.array([(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]) / 8.0
 _BOX = np.stack(np.meshgrid(np.linspace(0, 1, 12), np.linspace(0, 1, 4)), axis=-1).reshape(-1, 2)
 
 
 def explain(axes: Axes, curves: Sequence[Curve]) -> None:
-    """Add to a panel whose layout has settled lost runs, the floor, and slope triangles."""
+    """Add lost runs, the floor and slope triangles to a panel whose layout is final."""
     (strip, leads), floor = _draw_lost(axes, curves), _draw_floor(axes, curves)
     ladders = [ladder for one in curves if (ladder := _Ladder.of(axes, one)).points.size]
     if ladders:
@@ -65,14 +65,14 @@ def explain(axes: Axes, curves: Sequence[Curve]) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Ladder:
-    """A curve without its gaps, steps increasing."""
+    """A curve without its gaps, in the order of increasing steps."""
 
-    points: Array  # its places in the panel, in points of type, shape ``(n, 2)``
-    above: NDArray[np.intp]  # indices above the floor
-    orders: Array  # what theory expects, nan where it says nothing
+    points: Array  # places in the panel, in points of type, shape ``(n, 2)``
+    above: NDArray[np.intp]  # indices of points above the floor
+    orders: Array  # orders that theory expects; nan where it expects none
     stated: float
-    tilt: float  # of a line of order 1 in the panel
-    is_broken: bool  # whether a run without an error lies between the smallest that have one
+    tilt: float  # slope in the panel of a line of order 1
+    is_broken: bool  # whether a run without an error lies between the smallest steps with one
 
     @classmethod
     def of(cls, axes: Axes, curve: Curve) -> _Ladder:
@@ -91,7 +91,7 @@ class _Ladder:
 
     @property
     def order(self) -> float:
-        """What theory expects at the smallest step above the floor; nan where it says nothing."""
+        """The order that theory expects at the smallest step above the floor; nan: none."""
         return float(self.orders[self.above[0]]) if self.above.size else math.nan
 
     @property
@@ -104,7 +104,7 @@ class _Ladder:
         return float(np.polyfit(x, y, 1)[0]) / self.tilt
 
     def span(self, order: float) -> tuple[float, float]:
-        """First and last place across the panel beside which a triangle of that order stands."""
+        """First and last abscissa in the panel next to which a triangle of that order may be."""
         there = self.above
         if self.order == order:
             there = there[self.orders[there] == order]
@@ -113,7 +113,7 @@ class _Ladder:
 
 
 def _orders(ladders: Sequence[_Ladder]) -> list[float]:
-    """Orders worth a triangle: what theory expects, else observed slopes to the half."""
+    """Orders that get a triangle: those of theory, else observed slopes, rounded to halves."""
     expected = {one.order for one in ladders if math.isfinite(one.order)}
     slopes = [one.slope for one in ladders]
     observed = {round(2 * slope) / 2 for slope in slopes if math.isfinite(slope) and slope > 0.25}
@@ -128,7 +128,7 @@ def _places(axes: Axes, x: ArrayLike, y: ArrayLike) -> Array:
 
 
 def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> tuple[float, list[tuple[Array, Array]]]:
-    """Hollow marks beside their word in a strip at the top; where it begins, and leads to it."""
+    """Draw hollow marks with their status in a strip at the top; returns its begin, and leads."""
     groups: dict[str, list[tuple[Curve, Look, list[float]]]] = {}
     shown = looks(curves, marked=True)
     for one, look in zip(curves, shown, strict=True):
@@ -136,7 +136,7 @@ def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> tuple[float, list[tuple[A
             steps = [step for step, other in one.lost if other == word]
             groups.setdefault(word, []).append((one, look, steps))
     width, height = _size(axes)
-    # hollow marks, unless that already distinguishes two methods
+    # hollow marks, unless hollow marks distinguish methods
     face = {"markerfacecolor": "none"} if all(look.is_filled for look in shown) else {}
     across = blended_transform_factory(axes.transData, axes.transAxes)
     low, high = np.log10(axes.get_xlim())
@@ -145,7 +145,7 @@ def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> tuple[float, list[tuple[A
         places = (np.log10([s for *_, steps in members for s in steps]) - low) / (high - low)
         is_right = 1.0 - places.max() > places.min()
         room = 1.0 - places.max() if is_right else places.min()
-        # where the word has no room beside the marks it has a row of its own
+        # a word that does not fit next to the marks has a row of its own
         rows = len(members) + (room < 72 * text_width(status) / width + 0.06)
         bottom = level - max(rows * row, small() / height) - 0.6 * row
         middle = (level + bottom) / 2 if rows == len(members) else level - 0.8 * row
@@ -173,7 +173,7 @@ def _draw_lost(axes: Axes, curves: Sequence[Curve]) -> tuple[float, list[tuple[A
 
 
 def _leads_to_strip(axes: Axes, one: Curve, level: float) -> Iterator[tuple[Array, Array]]:
-    """Ends of lines by which a curve leaves for the strip where it diverges, and comes back."""
+    """Ends of the lines between a curve and the strip, before and after diverged runs."""
     bottom, top = axes.get_ylim()
     edge = bottom * (top / bottom) ** level
     diverged = {step for step, word in one.lost if word == "diverged"}
@@ -185,7 +185,7 @@ def _leads_to_strip(axes: Axes, one: Curve, level: float) -> Iterator[tuple[Arra
 
 
 def make_room(axes: Axes, share: float) -> None:
-    """Raise the upper limit so that `share` of the panel at the top holds no curve, nor a tick."""
+    """Raise the upper limit so that the top `share` of the panel has neither curves nor ticks."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, low * (high / low) ** (1 / (1 - share)))
     for is_minor in (False, True):
@@ -195,7 +195,7 @@ def make_room(axes: Axes, share: float) -> None:
 
 
 def _draw_floor(axes: Axes, curves: Sequence[Curve]) -> float:
-    """Hatched region below the floor, where a curve reaches it; returns its share of the panel."""
+    """Hatch the region below the floor if a curve reaches it; returns its share of the panel."""
     level = max((one.floor for one in curves if np.any(one.y < one.floor)), default=0.0)
     if not level:
         return 0.0
@@ -218,13 +218,13 @@ def _per_dot(axes: Axes) -> float:
 def _draw_slopes(
     axes: Axes, ladders: Sequence[_Ladder], floor: float, strip: float, leads: Sequence[Array]
 ) -> None:
-    """One triangle for every order, beside a curve of its slope; dashed for what is stated.
+    """Draw one triangle for every order next to a curve of this slope; dashed: a stated order.
 
-    Where all such curves are hemmed in it is left out, unless it would be the only one or is
-    stated: that one may stand far from them.
+    If there is no space near such curves the triangle is left out. Only if it would be the only
+    one, or shows a stated order, it may be far from them.
     """
     width, height = (int(length) for length in _size(axes))
-    taken = np.zeros((height, width), dtype=bool)  # a cell for every square point of the panel
+    taken = np.zeros((height, width), dtype=bool)  # occupied cells, each one point (of type) wide
     taken[: round(floor * height)] = taken[round(strip * height) :] = True
     for points in (*(one.points for one in ladders), *leads):
         fine = np.linspace(points[0, 0], points[-1, 0], 2 * width)
@@ -261,14 +261,14 @@ def _draw_slopes(
 
 
 def _take(taken: NDArray[np.bool_], points: Array) -> None:
-    """Mark the cells of some points."""
+    """Mark the cells of some points as occupied."""
     column, row = points.astype(int).T
     taken[row.clip(0, taken.shape[0] - 1), column.clip(0, taken.shape[1] - 1)] = True
 
 
 def _nearest(ladders: Sequence[_Ladder], order: float) -> list[_Ladder]:
-    """Ladders that are expected to have that slope, or else nearly have it, the best first."""
-    # a curve that blows up shows no order, whatever is expected of it
+    """Ladders whose expected order is that slope, or else with a similar slope, the best first."""
+    # a curve that blows up shows no order, even if theory expects one
     own = [one for one in ladders if one.order == order and abs(one.slope - order) < _FAR_SLOPE]
     alike = [one for one in ladders if abs(one.slope - order) < _SAME_SLOPE]
     return sorted(own or alike, key=lambda one: abs(one.slope - order))
@@ -279,8 +279,8 @@ def _triangles(
 ) -> Iterator[Array]:
     """Corners of triangles at a distance from a ladder, those at small steps first.
 
-    Shape ``(3, 2)``: from the lower to the upper end by the right angle, which lies below the
-    hypotenuse, or above it.
+    Shape ``(3, 2)``: lower end, right angle, upper end; the right angle lies below or above the
+    hypotenuse.
     """
     slope = order * one.tilt
     if run > span[1] - span[0]:
@@ -296,7 +296,7 @@ def _triangles(
 
 
 def _is_free(corners: Array, box: Array, room: Array, clearance: float) -> bool:
-    """Whether a triangle with its label lies in the panel and keeps its distance from the rest."""
+    """Whether a triangle with its label lies in the panel at a distance from everything else."""
     column, row = _all_over(corners, box).astype(int).T
     height, width = (size - _MARGIN for size in room.shape)
     if min(column.min(), row.min()) < _MARGIN or column.max() >= width or row.max() >= height:
@@ -305,7 +305,7 @@ def _is_free(corners: Array, box: Array, room: Array, clearance: float) -> bool:
 
 
 def _all_over(corners: Array, box: Array) -> Array:
-    """Points all over a triangle and the box of its label, outside of the flat leg."""
+    """Points that cover a triangle and the box of its label next to the horizontal leg."""
     start, right_angle, end = corners
     lowest = start[1] - box[1] - 1.5 if right_angle[1] == start[1] else end[1]
     label = np.array([0.5 * (start[0] + end[0] - box[0]), lowest]) + _BOX * box

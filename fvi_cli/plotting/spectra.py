@@ -31,7 +31,7 @@ from fvi_cli.studies.vibration.response import ResponseTable
 Table = TypeVar("Table", ModeTable, ResponseTable)
 
 MOST_NUMBERED = 12
-"""Modes that are numbered in a figure."""
+"""Up to so many modes are numbered in a figure."""
 
 
 def mode_figures(name: str, tables: Sequence[ModeTable]) -> dict[str, Figure]:
@@ -47,7 +47,7 @@ def response_figures(name: str, tables: Sequence[ResponseTable]) -> dict[str, Fi
 
 
 def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]:
-    """Tables of each experiment, those of a sweep together, by the name of their files."""
+    """Tables of each experiment (of all members of a sweep) by the name of their files."""
     groups: dict[str, list[Table]] = {}
     for table in tables:
         groups.setdefault(table.name, []).append(table)
@@ -55,7 +55,7 @@ def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]
 
 
 def _numbers(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[list[float], str]:
-    """What colours say of many members, and its name: the swept number, or which member it is."""
+    """Numbers that colours show for many members (swept or member number), and their name."""
     if len(tables) <= MOST_LINES:
         return [math.nan] * len(tables), ""
     swept = [number for one in tables if (number := swept_number(one.of_member)) is not None]
@@ -69,8 +69,8 @@ def _numbers(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[lis
 def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     """Frequency against decay rate above, damping ratio against frequency below.
 
-    Modes that grow lie to the right of the axis, and below it. Of more than 6 members the swept
-    number has the colours of a bar.
+    Modes that grow lie to the right of the axis, or below it in the lower panel. For more than 6
+    members a colour bar shows the swept number.
     """
     units, is_one = tables[0].units, len(tables) == 1
     numbers, bar = _numbers(tables)
@@ -111,7 +111,7 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
     above, below = figure.axes[:2]
     for number, mode in enumerate(tables[0].modes[:MOST_NUMBERED] if is_one else ()):
         gaps = [one.hertz - mode.hertz for one in tables[0].modes if one is not mode]
-        # on the side of a stem that is away from the next one
+        # on the side of a stem that is opposite to the nearest other stem
         side = -math.copysign(1.0, min(gaps, key=abs, default=1.0))
         places = (-mode.decay_rate, mode.hertz), (mode.hertz, 100.0 * mode.damping_ratio)
         for axes, at, to in zip((above, below), places, ((-3, -3), (3 * side, 0)), strict=True):
@@ -135,7 +135,7 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
 def response_figure(tables: Sequence[ResponseTable]) -> Figure:
     """Magnitude with half-power widths of its peaks above, phase below.
 
-    Of more than 6 members the swept number has the colours of a bar.
+    For more than 6 members a colour bar shows the swept number.
     """
     first, is_one = tables[0], len(tables) == 1
     numbers, bar = _numbers(tables)

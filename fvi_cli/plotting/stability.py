@@ -47,7 +47,7 @@ _COLOURS = {
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
-_KEY = (1.02, 1.07, 1.12)  # places of a line of the key, of the width of the bars
+_KEY = (1.02, 1.07, 1.12)  # places of a line of the key, as shares of the width of the bars
 
 
 def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, Figure]:
@@ -68,9 +68,9 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
 
 @journal_style()
 def step_figure(table: StabilityTable) -> Figure:
-    """Stable steps of every method, and below how fast the others grow.
+    """Stable steps of every method above, growth at the other steps below.
 
-    Marks show runs from random data that are long enough for every growth to show.
+    Marks show runs from random data, which are long enough to show any growth.
     """
     methods = table.experiment.methods
     styles = method_looks(methods)
@@ -125,7 +125,7 @@ def step_figure(table: StabilityTable) -> Figure:
 
 
 def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high: float) -> None:
-    """Where steps are stable, with a mark for every step that was looked at."""
+    """Draw the range of stable steps, with a mark for every examined step."""
     if all(row.verdict == "unknown" for row in rows):
         axes.barh(place, high - low, left=low, height=0.62, color=UNKNOWN_COLOUR, linewidth=0)
     else:
@@ -196,7 +196,7 @@ def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
 
 
 def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
-    """Beside the bar of a method its line in the panel below."""
+    """Show the line of a method in the lower panel next to its bar."""
     axes.plot(
         _KEY,
         [place] * 3,
@@ -210,7 +210,7 @@ def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
 
 
 def _patches(fillings: Mapping[str, str]) -> list[Patch | Line2D]:
-    """What colours mean."""
+    """Legend entries for colours."""
     return [
         Patch(facecolor=colour, label=words, edgecolor="white", hatch=_HATCHES.get(colour, ""))
         for colour, words in fillings.items()
@@ -218,7 +218,7 @@ def _patches(fillings: Mapping[str, str]) -> list[Patch | Line2D]:
 
 
 def _observed_entries(table: StabilityTable, seen: Sequence[Line2D]) -> list[Line2D]:
-    """What was observed, as far as anything was."""
+    """Legend entries for observations, if there are any."""
     is_observed = any(row.observation is not None for row in table.rows)
     differs = Line2D([], [], label="not as predicted", **_DIFFERENCE)
     return [*(seen if is_observed else ()), *([differs] if table.disagreements else ())]
@@ -265,7 +265,7 @@ def parameter_figure(table: StabilityTable) -> Figure:
 
 
 def _numeric_keys(table: StabilityTable) -> list[str]:
-    """The swept keys with numbers, at most two; the member's number where there is none."""
+    """The swept keys with numbers, at most two; without such keys the number of the member."""
     members = table.experiment.members
     keys = [
         key
@@ -283,7 +283,7 @@ def _coordinate(row: StabilityRow, key: str) -> float:
 
 
 def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]) -> None:
-    """Cells of verdicts, the largest stable step as a line, and what was observed otherwise."""
+    """Draw cells of verdicts, a line for the largest stable step, and differing observations."""
     across = [_coordinate(row, keys[0]) for row in rows]
     up = [_coordinate(row, keys[1]) if len(keys) > 1 else row.run.step_size for row in rows]
     x, y = sorted(set(across)), sorted(set(up))
@@ -320,7 +320,7 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
 
 
 def _kind(row: StabilityRow) -> str:
-    """Which of the fillings a cell has."""
+    """The key of the colour of a cell."""
     kinds = list(_COLOURS)
     if row.verdict == "stable":
         return kinds[row.prediction.growth_per_step > row.prediction.exact_growth]
@@ -328,7 +328,7 @@ def _kind(row: StabilityRow) -> str:
 
 
 def _edges(values: Sequence[float]) -> tuple[Array, str]:
-    """Borders of the cells round these values, and the scale on which they are even."""
+    """Borders of the cells around these values, and the scale on which they are equidistant."""
     points = np.array(values, dtype=float)
     if points.size == 1:
         return points[0] + np.array([-0.5, 0.5]) * (abs(points[0]) or 1.0), "linear"

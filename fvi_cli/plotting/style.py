@@ -1,4 +1,4 @@
-"""How figures look: the packaged style sheet, a user's over it, sizes, and words that fit."""
+"""The style of figures: the packaged style sheet, a user's style file, sizes, wrapped text."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LineStyle = Literal["-"] | tuple[float, Sequence[float]]
 
 SHEET = Path(__file__).with_name("fvi.mplstyle")
 HEIGHT = 2.5
-"""``figure.figsize`` of the sheet: inches of a figure with one panel."""
+"""Height in ``figure.figsize`` of the sheet: inches of a figure with one panel."""
 INK = "#1a1a1a"
 GUIDE_COLOUR = "#666666"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -49,9 +49,9 @@ LINE_STYLES: tuple[LineStyle, ...] = (
 
 
 DECORATION: Mapping[str, Any] = {"gid": "decoration", "scalex": False, "scaley": False}
-"""Properties of lines that show no number: they move no limits, and no check compares them."""
+"""Properties of lines without data: they do not change limits and are not compared."""
 
-# settings of a program, not of a figure
+# settings that concern programs, not the look of figures
 _NOT_LOOKS: tuple[str, ...] = (
     "backend",
     "date",
@@ -63,9 +63,9 @@ _NOT_LOOKS: tuple[str, ...] = (
     "toolbar",
 )
 _NOT_LOOKS += ("webagg", "savefig.directory", "savefig.format")
-_FEW_ROWS = 3  # of a legend; of more the samples of lines are short
-_LINES = 1.05  # distance of lines, which are high in the sheet's font
-_DOTS = 100.0  # per inch: words are broad where there are few
+_FEW_ROWS = 3  # a legend with more rows has short samples of lines
+_LINES = 1.05  # distance of lines, relative to their height in the sheet's font
+_DOTS = 100.0  # dots per inch for measuring text; with few text gets broader
 _FAMILIES = ("serif", "sans-serif", "cursive", "fantasy", "monospace")
 _OWN: ContextVar[Mapping[RcKeyType, object]] = ContextVar(
     "settings of a style file", default=MappingProxyType({})
@@ -80,16 +80,16 @@ def _is_look(key: str) -> bool:
 
 @functools.cache
 def _packaged() -> Mapping[RcKeyType, Any]:
-    """Matplotlib's defaults under the sheet, whatever a user's own settings file says."""
+    """Matplotlib's defaults and the sheet, independent of a user's own settings file."""
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if _is_look(key)}
     return {**defaults, **mpl.rc_params_from_file(SHEET, use_default_template=False)}
 
 
 @contextmanager
 def journal_style() -> Iterator[None]:
-    """Within this context figures are made and drawn by the packaged sheet.
+    """A context in which figures are made and drawn with the packaged sheet.
 
-    Within :func:`style_file` too, the settings of that file go before.
+    Inside :func:`style_file` the settings of that file take precedence.
     """
     with mpl.rc_context({**_packaged(), **_OWN.get()}):
         yield
@@ -97,16 +97,16 @@ def journal_style() -> Iterator[None]:
 
 @contextmanager
 def style_file(path: Path) -> Iterator[None]:
-    """Within this context figures follow a style file of matplotlib, where it says something.
+    """A context in which the settings of a style file of matplotlib apply to figures.
 
-    ``figure.figsize`` is the size of a figure with one panel: all have its width, and heights
-    grow by the same factor. Colours and marks of methods stay, for they say which method is meant.
+    ``figure.figsize`` is the size of a figure with one panel: all figures have its width, and
+    heights scale with its height. Colours and marks of methods stay, since they identify methods.
 
     Raises
     ------
     ValueError
-        For a file that cannot be read, a key that is unknown or no matter of looks, a value that
-        matplotlib refuses, or a font that is not installed.
+        For a file that cannot be read, a key that is unknown or does not concern the look, a value
+        that matplotlib refuses, or a font that is not installed.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -159,7 +159,7 @@ def _require_fonts(found: Mapping[Any, Any]) -> None:
 
 
 def _is_installed(name: str) -> bool:
-    # matplotlib logs what it cannot find before it raises
+    # without its logger: matplotlib would log missing fonts before it raises
     logger = logging.getLogger("matplotlib.font_manager")
     before, logger.disabled = logger.disabled, True
     try:
@@ -172,12 +172,12 @@ def _is_installed(name: str) -> bool:
 
 
 def own_style() -> str:
-    """What a style file says here, in one line; empty without one."""
+    """The settings of a style file in one line; empty without one."""
     return "; ".join(f"{key}: {value}" for key, value in sorted(_OWN.get().items()))
 
 
 def new_figure(height: float) -> Figure:
-    """Make an empty figure that arranges itself, `height` in inches by the packaged sheet."""
+    """An empty figure with automatic layout; `height` is in inches for the packaged sheet."""
     width, tall = mpl.rcParams["figure.figsize"]
     return Figure(figsize=(width, height * tall / HEIGHT), layout="constrained")
 
@@ -185,19 +185,19 @@ def new_figure(height: float) -> Figure:
 def panel_grid(
     figure: Figure, count: int, columns: int, **options: Any
 ) -> tuple[list[list[Axes]], list[Axes]]:
-    """Rows of at most so many panels: columns from top to bottom, and all `count` of them."""
+    """A grid of `count` panels: its columns from top to bottom, and all panels in order."""
     grid = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
     for axes in grid.flat[count:]:
         axes.set_axis_off()
     for column in grid.T:
-        # of shared axes the lowest panel that is used has the numbers
+        # of shared axes the lowest used panel has the tick labels
         lowest = [axes for axes in column if axes.axison][-1]
         lowest.tick_params(labelbottom=True)
     return [[axes for axes in column if axes.axison] for column in grid.T], list(grid.flat[:count])
 
 
 def small() -> float:
-    """Points of legends, tick labels and notes."""
+    """Size of legends, tick labels and notes, in points."""
     return float(FontProperties(size=mpl.rcParams["legend.fontsize"]).get_size_in_points())
 
 
@@ -209,15 +209,15 @@ def _width(words: str, font: str, size: float) -> float:
 
 
 def text_width(words: str, size: float = 0.0) -> float:
-    """Inches of the widest line in the font of the style, of `size` points or :func:`small`."""
+    """Width in inches of the widest line; in `size` points, or :func:`small`."""
     font = findfont(FontProperties())
     return max(_width(line, font, size or small()) for line in words.split("\n")) / _DOTS
 
 
 def wrap(words: str, width: float, size: float = 0.0) -> str:
-    """The same words in lines of at most so many inches, as far as single words allow."""
+    """The text in lines of at most `width` inches, as far as single words permit."""
     lines = [""]
-    # a formula is one word, and so are a unit, and a number with the word before it
+    # not broken: a formula, a unit, and a number with the word before it
     for word in re.findall(r"(?:\$[^$]*\$|\([^()$]*\)|[^\s$]|(?<=\w) (?=\d+\b))+", words):
         longer = f"{lines[-1]} {word}".strip()
         if lines[-1] and text_width(longer, size) > width:
@@ -228,12 +228,12 @@ def wrap(words: str, width: float, size: float = 0.0) -> str:
 
 
 def label_size() -> float:
-    """Points of the words beside axes."""
+    """Size of the labels of axes, in points."""
     return float(FontProperties(size=mpl.rcParams["axes.labelsize"]).get_size_in_points())
 
 
 def label_axis(axis: Axis, words: str, width: float) -> None:
-    """Write words beside an axis, in lines of at most so many inches."""
+    """Label an axis, in lines of at most `width` inches."""
     label = axis.set_label_text(wrap(words, width, label_size()))
     if "\n" in label.get_text():
         # a power in a lower line would touch the line above
@@ -249,7 +249,7 @@ def legend_of(
     width = figure.get_figwidth() - 0.15
     labels: list[str] = []
     dashed = [one for one in handles if isinstance(one, Line2D) and one.is_dashed()]
-    is_long = any(one.get_marker() not in ("", "None") for one in dashed)  # dashes beside a mark
+    is_long = any(one.get_marker() not in ("", "None") for one in dashed)  # dashes next to a mark
     for length, gap in (
         (mpl.rcParams["legend.handlelength"] + is_long, mpl.rcParams["legend.columnspacing"]),
         (1.5 + is_long, 0.8),
@@ -305,7 +305,7 @@ def note(
     paper: Mapping[str, float] | None = None,
     rotation: str = "horizontal",
 ) -> Text:
-    """Small words at a place in fractions of a panel; on white `paper` with its pad and alpha."""
+    """Small text at a place in fractions of a panel; `paper` (pad, alpha): on a white box."""
     box = None if paper is None else {"facecolor": "white", "edgecolor": "none", **paper}
     text = axes.text(x, y, words, transform=axes.transAxes, fontsize=small(), bbox=box)
     text.set(ha=ha, va=va, rotation=rotation)
@@ -315,16 +315,16 @@ def note(
 def fill_band(
     axes: Axes, x: Array, edges: Iterable[Array], label: str, alpha: float, colour: str
 ) -> None:
-    """A region between two edges over x."""
+    """Fill the region between two edges over x."""
     low, high = edges
     axes.fill_between(x, low, high, color=colour, alpha=alpha, linewidth=0)
-    # the edges carry the numbers that a stored figure is compared by
+    # comparisons with a stored figure use the numbers of the edges
     for edge, name in ((low, "least"), (high, "greatest")):
         axes.plot(x, edge, color=colour, linewidth=0.5, label=f"_{label}, {name}")
 
 
 def hatch_rounding(axes: Axes, low: float, level: float) -> None:
-    """Hatch what is round-off."""
+    """Hatch the region of round-off."""
     area = axes.axhspan(low, level, facecolor="none", edgecolor="#b0b0b0", hatch="/////")
     area.set(linewidth=0, zorder=0.5)
     note(axes, 0.97, 0.03, "round-off", ha="right", va="bottom", paper={"pad": 1.0})

@@ -1,4 +1,4 @@
-"""Numbers beside axes: few, of one form, and not over the words."""
+"""Tick labels: few, in one format, and not over other text."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from fvi_cli.plotting.style import label_axis, small, text_width
 from fvi_cli.plotting.words import in_formula
 
 _LEAST, _MOST = 1e-4, 1e6  # numbers between them are written in full
-_DEEPEST = 1e-5  # of a median: less is near a zero, and would press the others flat
-_NEAR = 0.03  # of an axis: less between its end and a number looks like a mistake
+_DEEPEST = 1e-5  # least share of a median that is shown; smaller values are near a zero
+_NEAR = 0.03  # an end of an axis this near to a number (share of the axis) is moved to it
 
 ROUND_OFF = 1e-9
-"""Of the largest value: less is taken for round-off."""
+"""Variations below this share of the largest value count as round-off."""
 
 
 def few_numbers(axes: Axes, most: int) -> None:
-    """At most so many ticks on the first axis, numbers from 1e-4 to 1e6 in full."""
+    """Limit the ticks on the x axis; numbers from 1e-4 to 1e6 are written in full."""
     axes.ticklabel_format(axis="x", scilimits=(-4, 6))
     axes.xaxis.set_major_locator(MaxNLocator(most))
 
@@ -41,12 +41,12 @@ def ends_of(curves: Sequence[Curve]) -> tuple[float, float]:
     """First and last abscissa of all curves."""
     places = np.concatenate([curve.x for curve in curves])
     low, high = float(places.min()), float(places.max())
-    # a tick at an end stays one though the end is rounded
+    # a little more, so that rounding of an end does not remove its tick
     return low - 1e-3 * abs(low), high + 1e-3 * abs(high)
 
 
 def reach_numbers(axis: Axis) -> None:
-    """Move an end of a linear axis that misses a number by a little to that number."""
+    """Move an end of a linear axis to a number that it nearly reaches."""
     low, high = axis.get_view_interval()
     room = _NEAR * (high - low)
     numbers = axis.get_major_locator().tick_values(low, high)
@@ -67,7 +67,7 @@ def clear_factor(axis: Axis, width: float) -> None:
     factor = axis.get_offset_text().get_text().replace("\N{MINUS SIGN}", "-")
     power = re.search(r"10\^\{.*?\}", factor)
     words = axis.get_label_text().replace("\n", " ")
-    # what has no words, or a step size in the place of the unit, keeps the factor at its end
+    # an axis without label, or with a step size in place of the unit, keeps the factor at its end
     if power and words and "=" not in words:
         name, unit = re.findall(r"^(.*?)(?: \(([^()]*)\))?$", words)[0]
         label_axis(axis, f"{name} ({f'${power[0]}$ {unit}'.rstrip()})", width)
@@ -75,7 +75,7 @@ def clear_factor(axis: Axis, width: float) -> None:
 
 
 def logarithmic_ticks(axis: Axis, most: int) -> None:
-    """Powers of ten on an axis, at most so many, where two can be seen; else plain numbers."""
+    """Powers of ten on an axis, at most `most`, if at least two are visible; else plain numbers."""
     low, high = sorted(axis.get_view_interval())
     if low > 0 and math.floor(math.log10(high)) > math.ceil(math.log10(low)):
         axis.set_major_locator(LogLocator(numticks=most))
@@ -114,7 +114,7 @@ class _OneForm(Formatter):
 
 
 def widen(axes: Axes, curves: Sequence[Curve]) -> None:
-    """Keep round-off of what is constant from filling a panel."""
+    """Widen the limits of constant curves, so that their round-off does not fill a panel."""
     for axis in ("x", "y"):
         values = np.concatenate([getattr(one, axis) for one in curves])
         largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
@@ -124,9 +124,9 @@ def widen(axes: Axes, curves: Sequence[Curve]) -> None:
 
 
 def limit_over_time(axes: Axes, panel: Panel) -> None:
-    """Keep curves that run away, and zeros of an error, from pressing the others flat."""
+    """Set limits so that neither curves that run away nor zeros of an error hide the others."""
     if any(curve.peaks for curve in panel.curves):
-        # room for the marks
+        # space for the marks
         axes.margins(y=0.15)
     exact = [curve for curve in panel.curves if curve.look is EXACT]
     ranges = [curve.y[np.isfinite(curve.y)] for curve in exact or panel.curves]
@@ -135,7 +135,7 @@ def limit_over_time(axes: Axes, panel: Panel) -> None:
         axes.set_yscale("log", nonpositive="mask")
         positive = [values[values > 0] for values in ranges if np.any(values > 0)]
         if not positive:
-            # everything is exactly 0
+            # all values are exactly 0
             axes.set_ylim(panel.rounding / 10 or 1e-17, 100 * panel.rounding or 1e-15)
             return
         middles = [float(np.median(values)) for values in positive]
@@ -155,7 +155,7 @@ def limit_over_time(axes: Axes, panel: Panel) -> None:
     values = np.concatenate(ranges)
     if len(ranges) > 1:
         sizes = [float(np.abs(values).max()) for values in ranges]
-        # what rests, such as the damper that a design lacks, says nothing of the others
+        # leave out curves at rest, such as the force of a damper that a design lacks
         calmest = min(size for size in sizes if size >= ROUND_OFF * max(sizes))
         values = values[np.abs(values) <= 10 * calmest]
     low, high = float(values.min()), float(values.max())
@@ -165,7 +165,7 @@ def limit_over_time(axes: Axes, panel: Panel) -> None:
 
 
 def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
-    """Fit limits and ticks of a log-log panel to all steps, and to the errors that there are."""
+    """Fit limits and ticks of a log-log panel to all steps and to the existing errors."""
     steps = [h for curve in curves for h in curve.x.tolist()]
     errors = np.concatenate([curve.y for curve in curves])
     errors = errors[np.isfinite(errors) & (errors > 0)]
@@ -178,7 +178,7 @@ def limit_ladder(axes: Axes, curves: Sequence[Curve]) -> None:
     axes.set_ylim(low / margin, high * margin)
     _ladder_ticks(axes, steps)
     if not errors.size:
-        # numbers beside an empty panel would claim a range that was not measured
+        # without errors: tick labels would suggest a measured range
         axes.set_yticks([])
         axes.set_yticks([], minor=True)
 

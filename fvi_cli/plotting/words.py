@@ -14,12 +14,12 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
 from fvi_cli.studies.vibration.response import GROUND
 
-_FEW_KEYS = 2  # that designs differ in: more are not listed
+_FEW_KEYS = 2  # up to so many keys in which designs differ are listed
 _GREEK = {"theta": r"\theta", "phi": r"\varphi", "psi": r"\psi", "omega": r"\omega"}
 
 
 def fraction_in_words(value: float) -> str:
-    """``5/2`` for 2.5, and the decimal number where no small denominator does."""
+    """``5/2`` for 2.5; the decimal number if the value is no fraction with a small denominator."""
     nearest = Fraction(value).limit_denominator(12)
     return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
 
@@ -42,7 +42,7 @@ def typeset_name(name: str) -> str:
 
 
 def typeset_sum(words: str) -> str:
-    """``$x_{10} - x_{9}$`` for ``x10 - x9``; what is no sum of coordinates stays as it is."""
+    """``$x_{10} - x_{9}$`` for ``x10 - x9``; other texts are returned unchanged."""
     if not re.fullmatch(r"[A-Za-z]\w*(\s*[-+]\s*[A-Za-z]\w*)*", words):
         return words
     inner = re.sub(r"[A-Za-z]\w*", lambda found: typeset_name(found[0]).strip("$"), words)
@@ -68,7 +68,7 @@ def quantity_in_words(experiment: Experiment, name: str) -> str:
     storey, has_name = re.fullmatch(r"(\w+)_(\d+)", name), name in experiment.observations.ready
     if storey and has_name and experiment.problem.kind == "frame":
         return f"{storey[1].replace('_', ' ')} of storey {storey[2]}"
-    # a quantity of one's own may begin alike, as force_max
+    # a quantity of the user's own may begin in the same way, e.g. force_max
     if not words or scene is None or name not in damper_values(scene):
         return name.replace("_", " ")
     what = "work on" if kind == "work" else f"{kind} of"
@@ -76,7 +76,7 @@ def quantity_in_words(experiment: Experiment, name: str) -> str:
 
 
 def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...]:
-    """Names of the coordinates; of what has none ``x``."""
+    """Names of the coordinates; without names ``x``."""
     problem = experiment.problem
     return (problem.coordinates if isinstance(problem, Problem) else ()) or ("x",) * dimension
 
@@ -91,7 +91,7 @@ def in_formula(value: float, digits: int = 8) -> str:
 
 
 def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str:
-    """Words below an axis of time, with the step size where all steps are equal."""
+    """The label of an axis of time, with the step size if all steps are equal."""
     accuracy = experiment.accuracy
     is_even = experiment.grading == 1.0 and (accuracy is None or accuracy.mesh != "adaptive")
     sizes = {item.run.step_size for item in shown if is_even}
@@ -103,7 +103,7 @@ def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str
 
 
 def member_label(member: Member | None) -> str:
-    """What distinguishes a member of a sweep from the others."""
+    """A label that distinguishes a member of a sweep from the others."""
     if member is None:
         return ""
     values = member.unnamed
@@ -114,20 +114,20 @@ def member_label(member: Member | None) -> str:
 
 
 def swept_number(member: Member | None) -> float | None:
-    """The value of a member where one number is swept."""
+    """The swept number of a member; None unless a single number is swept."""
     values = [] if member is None or member.name else list(member.values.values())
     is_number = len(values) == 1 and isinstance(values[0], int | float)
     return float(values[0]) if is_number else None
 
 
 def swept_label(experiment: Experiment, key: str) -> str:
-    """What a swept key is called beside an axis, with its unit."""
+    """The label of an axis for a swept key, with its unit."""
     problem = experiment.members[0].specification
     return key_label(key, experiment.units, problem, experiment.swept)
 
 
 def swept_keys_in_words(experiment: Experiment) -> str:
-    """The keys of a sweep as words, with units; of designs what they are of."""
+    """The keys of a sweep in words, with units; for designs the keys in which they differ."""
     named = experiment.members[0].named if experiment.members else ()
     words = [swept_label(experiment, key) for key in experiment.swept if key not in named]
     of = " and the ".join(map(key_in_words, named)) if len(named) <= _FEW_KEYS else ""

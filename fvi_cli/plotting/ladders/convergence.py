@@ -1,4 +1,4 @@
-"""Global errors against step size, with what diverged and what reached round-off."""
+"""Global errors against step size, with diverged runs and round-off."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ NORM_LABELS: dict[Norm, str] = {
     "l2": r"$(h\,\Sigma_k\,|x_k - x(t_k)|^2)^{1/2}$",
 }
 MOST_CURVES = 7
-"""Curves that one panel can hold."""
+"""Most curves of one panel."""
 _MOST_ROWS = 3
 
 
 def convergence_figure(studies: Sequence[Study]) -> Figure:
     """Draw the error of every run against its step size, one panel for every experiment.
 
-    One experiment with more than :data:`MOST_CURVES` methods has a panel for every variant of
-    them, as ``degree 2``.
+    An experiment with more than :data:`MOST_CURVES` methods has a panel for every variant of the
+    methods, such as ``degree 2``.
     """
     if not studies or not any(finished for _, finished in studies):
         raise ValueError("finished runs: none were given; a convergence figure needs at least one")
@@ -77,14 +77,14 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
 
 
 def _step_label(experiments: Sequence[Experiment]) -> str:
-    """Words below step sizes; those of graded meshes are means."""
+    """The label of the axis of step sizes; for graded meshes these are means."""
     is_graded = any(experiment.grading != 1.0 for experiment in experiments)
     words = "mean step size $h = T/N$" if is_graded else "step size $h$"
     return with_unit(words, experiments[0].units, "time")
 
 
 def error_label(norm: Norm, units: Mapping[str, str], grading: float = 1.0) -> str:
-    """Words beside errors."""
+    """The label of the axis of errors."""
     if norm != "l2":
         return with_unit(f"error {NORM_LABELS[norm]}", units, "length")
     is_even = grading == 1.0
@@ -95,7 +95,7 @@ def error_label(norm: Norm, units: Mapping[str, str], grading: float = 1.0) -> s
 
 
 def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook]) -> list[Curve]:
-    """Errors by method over the step size; an error of exactly zero stands below the floor."""
+    """Errors by method over the step size; an error of exactly zero is drawn below the floor."""
     by_case: dict[str, list[FinishedRun]] = {}
     for item in sorted(finished, key=lambda item: item.run.step_size):
         by_case.setdefault(item.run.method.case, []).append(item)
@@ -123,7 +123,7 @@ def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook
 
 
 def is_plotted(one: FinishedRun) -> bool:
-    """Whether the error of a run can stand on a logarithmic axis."""
+    """Whether the error of a run can be drawn on a logarithmic axis."""
     return one.status in ("ok", "floor") and bool(np.isfinite(one.error))
 
 
@@ -132,7 +132,7 @@ def _word(one: FinishedRun) -> str:
 
 
 def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> list[_Part]:
-    """A panel for every variant, where two or three make all the methods of some families."""
+    """A panel for every variant if the methods of some families have two or three variants."""
     experiment, finished = study
     names = method_names([item.run.method for item in finished])
     variants = dict.fromkeys(name.variant for name in names.values())
@@ -141,7 +141,7 @@ def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> li
     parts: list[_Part] = []
     for variant in variants:
         own = {
-            # the panel names the variant: the mark need not
+            # the title of the panel names the variant, so marks need not show it
             case: MethodLook(
                 label=names[case].family, look=replace(one.look, is_filled=True, dashes="-")
             )
@@ -154,7 +154,7 @@ def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> li
 
 
 def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
-    """Kind and damping orders of every experiment; its name where they do not distinguish it."""
+    """Kind and damping orders of every experiment; its name if others have the same."""
     titles = []
     for experiment in experiments:
         problem = experiment.problem
@@ -176,9 +176,9 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
 def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the errors of members against the step size, one panel for each method.
 
-    Up to :data:`MOST_LINES` members have a name each; of more the lines have the colours of their
-    swept number, or there are the median and bands that hold 9 of 10 members and all of them.
-    Runs without an error are left out.
+    Up to :data:`MOST_LINES` members have names in the legend. For more members the colours of lines
+    show the swept number, or there are the median and bands that hold 9 of 10 members and all of
+    them. Runs without an error are left out.
     """
     having = [one for one in finished if np.isfinite(one.error) and one.error > 0]
     by_method: dict[AnyMethod, dict[int, list[FinishedRun]]] = {}
@@ -214,19 +214,19 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
 
 
 def member_curve(one: FinishedRun, x: Array, y: Array) -> Curve:
-    """A curve of a member of a sweep, with its number where one is swept."""
+    """A curve of a member of a sweep, with the swept number if there is one."""
     by = swept_number(one.run.member)
     return Curve(x=x, y=y, label=member_label(one.run.member), by=math.nan if by is None else by)
 
 
 def members_title(experiment: Experiment) -> str:
-    """What stands above a legend of members, with their number where not each has a name."""
+    """The title above a legend of members; with their count if not each has an entry."""
     count, words = len(experiment.members), swept_keys_in_words(experiment)
     return words if count <= MOST_LINES else f"{count} members: {words}"
 
 
 def bar_of(experiment: Experiment, panels: Sequence[Panel]) -> str:
-    """The name of a colour bar, where it distinguishes members."""
+    """The name of a colour bar if it distinguishes members; else empty."""
     numbers = [curve.by for panel in panels for curve in panel.curves]
     most = max(len(panel.curves) for panel in panels)
     is_coloured = MOST_LINES < most <= MOST_COLOURED and all(map(math.isfinite, numbers))
@@ -241,8 +241,8 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
 
     For :math:`f \sim t^b` at 0 the order is :math:`\min(p, b-\gamma)` in the maximum norm over
     the grid and :math:`\min(p, b+1)` at a fixed time (Lubich, *Discretized fractional calculus*,
-    1986). One row for every b, one column for every norm. An experiment in the other norm than
-    a column's stands in for it by its trajectory.
+    1986). There is one row for every b, and one column for every norm. If no experiment has the
+    norm of a column, the error is computed from the trajectory of another one.
     """
     if not studies:
         raise ValueError("studies: none were given; a saturation figure needs at least one")
@@ -260,7 +260,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
             limit = exponent - first.order if norm == "max" else exponent + 1
             most = min(limit, max(orders.values()))
             curves = [
-                # a triangle beside a curve of lower order would seem to speak of that
+                # no triangle for curves of lower order, to which it would seem to belong
                 replace(one, order=most if orders[one.label] >= most else math.nan)
                 for one in _curves(rows[exponent], norm, names)
             ]
@@ -294,7 +294,7 @@ def _derivative(study: Study) -> DerivativeProblem:
 
 
 def _orders(studies: Sequence[Study], names: Mapping[str, MethodLook]) -> dict[str, float]:
-    """The p of BDFp by the label of the curve."""
+    """The order p of BDFp by the label of the curve."""
     methods = [item.run.method for _, finished in studies for item in finished]
     quadratures = {names[one.case].label: getattr(one, "cq", "") for one in methods}
     return {
@@ -304,7 +304,7 @@ def _orders(studies: Sequence[Study], names: Mapping[str, MethodLook]) -> dict[s
 
 
 def _curves(studies: Sequence[Study], norm: str, names: dict[str, MethodLook]) -> list[Curve]:
-    """Ladders in one norm: of the experiment that has it, else measured on the trajectories."""
+    """Ladders in one norm: of the experiment with this norm, else computed from trajectories."""
     own = [study for study in studies if study[0].norm == norm]
     rows: list[FinishedRun] = []
     for _, finished in own or studies[:1]:

@@ -1,4 +1,4 @@
-"""What accuracy costs, as a picture: time and work against the error, and what is cheapest."""
+"""Figures of cost: time and work against the error, and the cheapest runs."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.cost_curves import cost_curves, unbeaten
 
-_COARSEST, _LEAST, _FINEST = 1.0, 1e-13, 2e-15  # errors; less than the least is round-off
+_COARSEST, _LEAST, _FINEST = 1.0, 1e-13, 2e-15  # errors; below _LEAST they are round-off
 DERIVATIVE_NAMES: Mapping[Derivative, str] = {
     "caputo": "Caputo",
     "riemann-liouville": "Riemann–Liouville",
 }
 _LONGEST_EQUATION = 48
-_THIN = 0.7  # points of the lines of what is never the quickest
+_THIN = 0.7  # width, in points, of lines of methods that are never the quickest
 _TOLERANCE = Look(colour=INK, marker="*", has_line=False, size=5.0)
 
 
@@ -42,7 +42,7 @@ def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
 
 
 def cost_figure_names(name: str, tables: Sequence[CostTable]) -> list[str]:
-    """Names of the files: of the configuration where it has one experiment, or of experiments."""
+    """Names of the files: from the configuration if it has one experiment, else by experiment."""
     if len(tables) == 1:
         return [f"{name}-cost"]
     return [f"{table.experiment}-cost" for table in tables]
@@ -51,12 +51,12 @@ def cost_figure_names(name: str, tables: Sequence[CostTable]) -> list[str]:
 def cost_figure(table: CostTable) -> Figure:
     """Set-up plus stepping time, and history operations, against the error reached.
 
-    Accuracy grows to the right. Of every method the runs are drawn that no other of its own beats;
-    a broad line is behind those that none of all beats. These have marks, and the finest of every
-    method. Methods that are never the quickest are thin. Baselines are grey. Stars are searches
-    for a tolerance with all their runs. Where no method sums over the past there is no panel of
-    work. A method that has nothing but round-off from the coarsest step on is exact by chance; it
-    is named and not drawn.
+    Accuracy increases to the right. A run of a method is drawn if no other run of that method beats
+    it. A broad line connects the runs that no run of any method beats. Marks are on these runs and
+    on the finest run of every method. Lines of methods that are never the quickest are thin, those
+    of baselines grey. Stars are searches for a tolerance with all their runs. There is no panel of
+    work if no method sums over the past. A method whose errors are all round-off is exact by
+    chance; it is named but not drawn.
     """
     everything = cost_curves(table)
     curves = [curve for curve in everything if not curve.is_exact_by_chance]
@@ -118,12 +118,12 @@ _Run = tuple[float, float]  # error and cost
 
 
 def _unbeaten(runs: Iterable[_Run]) -> list[_Run]:
-    """The runs to draw that no other is as accurate as for less, the coarsest first."""
+    """The runs for which no cheaper run is as accurate; the coarsest first."""
     return unbeaten((run for run in runs if run[0] < _COARSEST and run[1] > 0), lambda run: run)
 
 
 def _needed(points: Sequence[CostRow]) -> list[CostRow]:
-    """The runs above round-off, and the one of the fewest steps below, which none need beat."""
+    """The runs above round-off, and of the runs in round-off the one with the fewest steps."""
     reached = [p for p in points if _shown(p) <= _LEAST]
     first = sorted(reached, key=lambda p: (p.n_steps, p.seconds))[:1]
     return [*first, *(p for p in points if p not in reached)]
@@ -135,12 +135,12 @@ def _curve(runs: Sequence[_Run], label: str, look: Look) -> Curve:
 
 
 def _shown(point: CostRow) -> float:
-    """An error of exactly 0 stands at the unit of round-off."""
+    """The error for the axis, at least a hundredth of the floor, also for an error of 0."""
     return max(point.error, point.floor / 100, 1e-300)
 
 
 def _title(table: CostTable) -> str:
-    """The equation of motion where it is short, the orders, whose derivative it is, the time."""
+    """The equation of motion if it is short, the orders, the kind of derivative, the time."""
     orders = [float(order) for order in table.gamma.split(";") if order != "-"]
     words = [rf"$\gamma = {', '.join(map(fraction_in_words, orders))}$"] if orders else []
     if any(order != 1 for order in orders):

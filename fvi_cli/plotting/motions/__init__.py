@@ -1,1 +1,1 @@
-"""Figures of motions: over time, in the plane, at events, over the period."""
+"""Figures of motions: over time, in a plane, at events, and over the period."""

@@ -1,4 +1,4 @@
-"""What is observed of members against a swept key or their periods, and places at events."""
+"""Extents of quantities, and places at events, against a swept key or the period of members."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from fvi_cli.studies.members import Member, value_in_words
 
 _WORDS = {"peak": "peak of {}", "rms": "RMS of {}", "least": "least {}", "greatest": "greatest {}"}
 _DECADES = 30.0
-"""Swept numbers that span more stand on a logarithmic axis."""
+"""Swept numbers that span a larger factor have a logarithmic axis."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Series:
-    """Members that differ in the key below the axis only."""
+    """Members that differ only in the key on the axis."""
 
     label: str
     number: float
@@ -47,7 +47,7 @@ class _Series:
 
 
 def events_of(finished: Sequence[FinishedRun], name: str | None, after: float) -> list[FinishedRun]:
-    """The runs with the occurrences of one event only, those before a time left out."""
+    """The runs with only the occurrences of one event after a time."""
     found = []
     for one in finished:
         observed = observed_of(one)
@@ -69,7 +69,7 @@ def events_of(finished: Sequence[FinishedRun], name: str | None, after: float) -
 def settings_figure(
     experiment: Experiment, finished: Sequence[FinishedRun], settings: FigureSettings
 ) -> Figure:
-    """Draw what a mapping under ``figures`` asks for."""
+    """Draw the figure of a mapping under ``figures``."""
     if settings.section is not None:
         return section_figure(experiment, events_of(finished, settings.section, settings.after))
     if settings.quantities is not None:
@@ -80,7 +80,7 @@ def settings_figure(
 
 
 def obstacle(finished: Sequence[FinishedRun], settings: FigureSettings) -> str:
-    """Why it cannot be drawn; empty: it can."""
+    """Why the figure cannot be drawn; empty: it can."""
     if settings.ensemble is not None:
         equal = members_at_equal_times(finished)
         return "" if equal else "members have no times in common; give output: {count: 201}"
@@ -136,7 +136,7 @@ def _value(member: Member | None, key: str) -> float:
 def _series(
     runs: Sequence[FinishedRun], key: str, units: Mapping[str, str]
 ) -> tuple[list[_Series], str, str]:
-    """The series by all that differs but `key`, in words what their names are, and their bar."""
+    """Series of members that differ only in `key`; keys of their names; name of the colour bar."""
     found: dict[str, list[FinishedRun]] = {}
     others: dict[str, dict[str, object]] = {}
     for one in runs:
@@ -170,7 +170,7 @@ def _series(
 
 
 def _bar(varied: Sequence[str], others: Mapping[str, Mapping[str, object]]) -> str:
-    """The key that colours tell: of two the last, of one if there are too many for names."""
+    """The key that colours show: the last of several, or a single one with too many values."""
     numbers = [
         name
         for name in varied
@@ -199,7 +199,7 @@ def _extent_curve(one: _Series, key: str, which: str, quantity: str, bar: str) -
 
 
 def _place(experiment: Experiment, settings: FigureSettings) -> tuple[tuple[str, int], str]:
-    """Which column of which array is drawn of an event, and its name."""
+    """(Array, column) of the coordinate that is drawn at an event, and the label of the axis."""
     names = coordinates_of(experiment)
     what = settings.of_ or names[0]
     if what in names:
@@ -218,7 +218,7 @@ def _dots(
     count: int,
     bar: str,
 ) -> Curve:
-    """The places of one series."""
+    """The curve of the places of one series, as dots."""
     xs: list[Array] = []
     ys: list[Array] = []
     for run in events_of(one.members, settings.plot, settings.after):
@@ -237,14 +237,14 @@ def _dots(
 
 
 OF_PERIOD = ("problem.mass", "problem.stiffness")
-"""Keys that change the period; lines differ in the others."""
+"""Keys that change the period; every line has fixed values of the other swept keys."""
 
 
 def response_spectrum_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     r"""Largest displacement, and :math:`\omega^2` times it, against the period without damping.
 
-    A line for every combination of the other swept values; of the runs those of the first method
-    on the finest grid.
+    There is a line for every combination of the other swept values; the runs are those of the first
+    method on the finest grid.
     """
     others = [key for key in experiment.swept if key not in OF_PERIOD]
     lines: dict[str, list[tuple[float, float]]] = {}

@@ -27,7 +27,7 @@ def ensemble_figure(
 ) -> Figure:
     """Draw means with bands of one standard deviation and of all members, a panel for each name.
 
-    Of designs with a sweep there is a mean for every design, and no band of all members.
+    For designs with a sweep there is a mean for every design, and no band of all members.
     """
     found = ensembles(finished, names)
     panels = [

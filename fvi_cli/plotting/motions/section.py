@@ -37,7 +37,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_member
 from fvi_cli.studies.loops import deformation_against, forces_of, last_and_largest_loop
 
 MANY = 200
-"""Points from which on they are drawn as dots."""
+"""From this number on points are drawn as dots."""
 
 Series = tuple[str, Occurrences]
 
@@ -50,10 +50,10 @@ def has_events(item: FinishedRun) -> bool:
 def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw velocity against position at every event, a panel for every coordinate (up to 4).
 
-    Of members of a sweep the first coordinate is shown, by the first method on the finest grid. Up
-    to 6 members have marks of their own. Of more the position stands against what is swept (with
-    several keys: the number of the member) above, and velocity against position below in the
-    same colours.
+    For a sweep the first coordinate is shown, by the first method on the finest grid. Up to 6
+    members have marks of their own. For more members the upper panel shows the position against the
+    swept number (with several keys: the number of the member), and the lower panel velocity against
+    position in the same colours.
     """
     if experiment.members:
         shown = finest_of_members([item for item in finished if has_events(item)])
@@ -117,7 +117,7 @@ def _marks(
     when: str,
     title: str = "",
 ) -> Figure:
-    """Marks of every series, velocity against position, a panel for every coordinate."""
+    """Draw velocity against position as marks of every series, a panel for every coordinate."""
     panels = []
     for index, name in enumerate(names):
         curves = []
@@ -140,7 +140,7 @@ def _marks(
 
 
 def _condition(experiment: Experiment, event: str) -> str:
-    r"""When an event happens: ``$\sin(t)$ rises through 0``; of a surface its name."""
+    r"""The condition of an event: ``$\sin(t)$ rises through 0``; for a surface its name."""
     seen = (experiment.observations.events or {}).get(event)
     if seen is None:
         return event
@@ -149,7 +149,7 @@ def _condition(experiment: Experiment, event: str) -> str:
 
 
 def _words(experiment: Experiment, name: str) -> tuple[str, str]:
-    """Words for the position and the velocity of a coordinate."""
+    """Labels for the position and the velocity of a coordinate."""
     velocity = rf"velocity $\dot {typeset_name(name).strip('$')}$"
     return position_label(experiment, name), with_unit(velocity, experiment.units, "velocity")
 
@@ -157,8 +157,8 @@ def _words(experiment: Experiment, name: str) -> tuple[str, str]:
 def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw force against deformation, a panel for every force (up to 4) among the quantities.
 
-    Of the most accurate run; of members of a sweep by the first method on the finest grid, where
-    many members of one swept number have the colours of a bar.
+    It shows the most accurate run; for a sweep the members by the first method on the finest grid,
+    where for many members a colour bar shows the swept number.
     """
     bar = title = ""
     if experiment.members:
@@ -199,7 +199,7 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 
 
 def _marked_loops(time: Array, x: Array, y: Array) -> list[Curve]:
-    """The loops that the table of quantities reports, on top of the whole motion."""
+    """The loops that the table of quantities reports, drawn above the whole motion."""
     marked = []
     for place, (word, loop) in enumerate(last_and_largest_loop(time, x, y).items(), start=1):
         inside = time[(time > loop.begin) & (time < loop.end)]

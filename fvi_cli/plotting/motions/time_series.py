@@ -32,14 +32,14 @@ from fvi_cli.studies.reference import reference_of
 
 _FINE_POINTS = 2001
 MOST_COMPONENTS = 4
-"""Coordinates that are drawn; the first of them."""
-_VISIBLE = 0.1  # of the largest position: an error that the eye sees
-_STEEP = 0.05  # of its largest value: an energy that falls below it within a third of the time
+"""Most coordinates that are drawn, the first ones."""
+_VISIBLE = 0.1  # least visible error, as a share of the largest position
+_STEEP = 0.05  # an energy that falls below this share within a third of the time is logarithmic
 _EPSILON = float(np.finfo(float).eps)
 _PANEL_DIGITS = 1e-6
-_LOW = 0.1  # of the largest energy: what stays below has a panel of its own
+_LOW = 0.1  # energies that stay below this share of the largest have a panel of their own
 MOST_PANELS = 8
-"""Quantities that are drawn; the first of them."""
+"""Most quantities that are drawn, the first ones."""
 
 
 def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -65,7 +65,7 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the Hamiltonian without forcing of every method that has a momentum.
 
-    Logarithmically where it falls to a small part soon.
+    The axis is logarithmic if the energy soon falls to a small share.
     """
     shown = select_runs(finished, has_momentum, only_distinct=True)
     columns = [item.trajectory.energy for item in shown if item.trajectory.energy is not None]
@@ -81,9 +81,9 @@ def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fi
 
 
 def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the absolute error over time, the largest over the components, logarithmically.
+    """Draw the largest absolute error of all components over time, logarithmically.
 
-    Where no exact solution is known, the error is measured against the refined run.
+    If no exact solution is known, the error is measured against the refined run.
     """
     shown = select_runs(finished)
     reference, columns = reference_of(shown[0].run), []
@@ -106,10 +106,8 @@ def quantities_figure(
 ) -> Figure:
     """Draw quantities over time, a panel for each, with the last method's peak.
 
-    Without `names` they are the first (up to 8).
-
-    Of members of a sweep the first method is shown on the finest grid; lines that a member has for
-    itself have their peaks.
+    Without `names` these are the first 8 or fewer. For a sweep the first method is shown on the
+    finest grid, and lines that belong to a single member have marks at their peaks.
     """
     is_sweep, remark = bool(experiment.members), ""
     if is_sweep:
@@ -140,7 +138,7 @@ def quantities_figure(
         for place in range(len(shown) - len(peaked), len(shown)):
             extent = observed_of(shown[place]).extents[name]
             peak = (extent.peak_time, _height(extent))
-            # what is 0 throughout, such as the force of a damper that a design lacks, has no peak
+            # a quantity that is always 0 has no peak, such as the force of an absent damper
             if extent.peak > 0:
                 curves[place] = replace(curves[place], peaks=[peak])
         panels.append(
@@ -158,7 +156,7 @@ def quantities_figure(
 def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw energy, works and their sum of the most accurate run, and the defect of every method.
 
-    What dampers store is part of the work on them, which may therefore fall.
+    The work on dampers includes the energy that they store, so it may decrease.
     """
     shown = select_runs(finished, has_balance)
     best = most_accurate(shown)
@@ -205,7 +203,7 @@ def _balance(
     defects: Sequence[Array],
     labels: tuple[str, str],
 ) -> Figure:
-    """Quantities of one run above, defects of all methods below on a logarithmic axis."""
+    """Draw quantities of one run above, and defects of all methods below, logarithmically."""
     scale = max(float(max(np.abs(values).max() for values in parts.values())), 1e-300)
     dashes = [*LINE_STYLES[:3], *LINE_STYLES[4:]]
     curves = []
@@ -213,7 +211,7 @@ def _balance(
         look = Look(colour=COLOURS[index % len(COLOURS)], dashes=dashes[index % len(dashes)])
         if index == len(parts) - 1 and len(parts) > 1:
             look = Look(colour=INK, dashes=LINE_STYLES[3], width=1.6)
-        # a sum that may be zero throughout has no digits of its own
+        # the floor of a sum that may be zero follows from its parts
         floor = _PANEL_DIGITS * scale
         curves.append(Curve(x=best.trajectory.time, y=values, label=label, look=look, floor=floor))
     rounding = _EPSILON * scale * math.sqrt(best.run.n_steps)
@@ -234,9 +232,9 @@ def _balance(
 
 
 def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the first coordinate of members over time, a panel a method, each on its finest grid.
+    """Draw the first coordinate of members over time on the finest grid, a panel per method.
 
-    Runs for a tolerance, which have a method and a grid of their own, share a panel.
+    Runs for a tolerance share a panel, since each has its own method and grid.
     """
     moving = [one for one in finished if one.trajectory.time.size > 1]
     looks = method_looks([one.run.method for one in moving])
@@ -266,7 +264,7 @@ def _figure(
     is_sweep: bool = False,
     columns: int = 1,
 ) -> Figure:
-    """Panels over the time of an experiment."""
+    """Draw panels over the time of an experiment."""
     words = [members_title(experiment)] if is_sweep else []
     return over_time(
         panels,
@@ -285,7 +283,7 @@ def run_curves(
     exact: tuple[Array, Array] | None = None,
     floors: Sequence[float] = (),
 ) -> list[Curve]:
-    """One column of numbers over time for every run, after the times and values of the truth."""
+    """Curves over time: first the exact one if it is given, then a column for every run."""
     names = method_looks([item.run.method for item in shown])
     curves = [] if exact is None else [Curve(x=exact[0], y=exact[1], label="exact", look=EXACT)]
     for index, (item, values) in enumerate(zip(shown, columns, strict=True)):
@@ -326,7 +324,7 @@ def has_quantities(item: FinishedRun) -> bool:
 
 
 def observed_of(item: FinishedRun) -> Observed:
-    """What was observed of a run; empty without a request."""
+    """The quantities and events of a run; empty if none were requested."""
     observed = item.trajectory.observed
     return Observed(mesh=item.trajectory.time) if observed is None else observed
 
@@ -348,10 +346,10 @@ def select_runs(
     *,
     only_distinct: bool = False,
 ) -> list[FinishedRun]:
-    """Of every method the run with the finest step that as many methods as possible have reached.
+    """One run for every method, on the finest steps with which most methods succeeded.
 
-    `only_distinct`: the finest of these steps at which some error is 10 % of the largest position,
-    so that a picture does not show one curve for all.
+    `only_distinct`: on the finest of these steps for which some error is 10 % of the largest
+    position, so that the curves of a figure differ visibly.
     """
     usable = [item for item in finished if is_drawable(item) and item.trajectory.time.size > 1]
     if not usable:
@@ -371,7 +369,7 @@ def _is_off(item: FinishedRun) -> bool:
 
 
 def most_accurate(shown: Sequence[FinishedRun]) -> FinishedRun:
-    """The run with the smallest error; the last one where none has an error."""
+    """The run with the smallest error; the last run if none has an error."""
     measured = [item for item in shown if np.isfinite(item.error)]
     return min(measured, key=lambda item: item.error) if measured else shown[-1]
 
