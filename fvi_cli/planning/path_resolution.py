@@ -39,9 +39,9 @@ MANY_MORE = 4
 BETWEEN = np.array([0.0, 0.25, 0.5, 0.75])
 """Places in every step at which a path is examined if there are not too many, as shares of it."""
 SHARE = 0.03
-"""Errors below this share of the motion get no remark; nor do long steps if the error of the run and
-the phase error of the fastest mode in one step are both less. Of 155 runs with errors above a tenth
-three then have no remark; with a tenth as threshold twelve would have none."""
+"""Errors below this share of the motion get no remark; nor do long steps if both the error of the
+run and the phase error of the fastest mode in one step are less. Of 155 runs with errors above a
+tenth three then have no remark; with a tenth as threshold twelve would have none."""
 AMPLIFIED = 10.0
 """A remark says that errors grow if they exceed the sum of all steps by this factor (guessed)."""
 NO_STEPS = "round-off alone is too large for that: take a shorter run"
