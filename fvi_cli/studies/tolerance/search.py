@@ -75,7 +75,7 @@ MOST_PER_INTERVAL: Final = 64
 FAR: Final = 1e3
 """Two stages more are not enough for errors of more than so many tolerances."""
 PER_HALVING: Final = 16.0
-"""Factor by which an error falls when steps between samples are halved, with jumps of slopes."""
+"""What an error falls by when steps between samples are halved, after jumps of the slope."""
 NEGLIGIBLE: Final = 0.01
 """Pulses that move the system by less than this share of the tolerance do not matter."""
 SHORTER_START: Final = 1e-12
