@@ -25,7 +25,7 @@ _sources = typer.Argument(
 )
 Sources = Annotated[list[str], _sources]
 UsualSources = Annotated[list[str] | None, _sources]
-"""The same for commands with a default where nothing is named."""
+"""The same for commands that have defaults."""
 Output = Annotated[
     Path,
     typer.Option(

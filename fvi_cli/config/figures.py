@@ -140,7 +140,7 @@ def _check_plot(
 def _check_word(
     word: str | None, known: Collection[str], what: str, at: Cursor, empty: str = ""
 ) -> None:
-    """Refuse a word that is not known; `empty` is what to write where no word is known."""
+    """Refuse an unknown word; `empty` is the advice if no word is known."""
     if word in known:
         return
     near = suggestion(word or "", known)

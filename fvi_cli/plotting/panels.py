@@ -79,11 +79,11 @@ def over_time(
     from_zero: bool = False,
     shared: bool = True,
 ) -> Figure:
-    """Draw one panel below the other over the same abscissa, which may be `logarithmic`.
+    """Draw panels one below the other over the same abscissa, which may be `logarithmic`.
 
-    Curves that the eye cannot distinguish are drawn once, under their joint name. Numbers of
-    curves stand at a colour `bar` of that name. `title` stands above the legend. `from_zero`:
-    ordinates are sizes. `shared`: all panels have the same abscissas.
+    Curves that look equal are drawn once, under their joint name. A colour `bar` of that name shows
+    the numbers of curves. `title` is above the legend. `from_zero`: ordinates are sizes. `shared`:
+    all panels have the same abscissas.
     """
     panels = [replace(one, remark=one.remark or one.gaps) for one in merge_alike(panels)]
     shares = {"sharex": shared, "sharey": columns > 1}
@@ -117,11 +117,11 @@ def ladders(
     above: bool = True,
     shared: bool = False,
 ) -> Figure:
-    """Draw log-log panels of errors, the values that were lost in a strip at the top.
+    """Draw log-log panels of errors, with runs without an error in a strip at the top.
 
-    Errors below a floor that a curve reaches are hatched. Triangles show the slopes that theory
-    expects, or else those observed; what a source states is dashed. The legend stands `above`, or
-    below. `shared`: all panels have the same abscissas.
+    The region below a floor that a curve reaches is hatched. Triangles show the slopes that theory
+    expects, or else observed ones; dashed triangles show orders that a source states. The legend is
+    `above`, or below. `shared`: all panels have the same abscissas.
     """
     figure, used = _drawn(
         panels, x=x, columns=columns, bar=bar, title=title, above=above, nested=True, sharex=shared
@@ -226,7 +226,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
         xs, ys = curve.x[::every], np.where(np.isfinite(curve.y), curve.y, np.nan)[::every]
         for (label, *edges), alpha in zip(curve.bands, _ALPHAS, strict=False):
             fill_band(axes, xs, [one[::every] for one in edges], label, alpha, look.colour)
-        # marks of different curves stand at different points, of many none at the first
+        # marks of different curves are at different points; of many curves none is at the first
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
         first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
         # round a hollow mark a full one is seen, but not below a full one

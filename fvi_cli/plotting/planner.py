@@ -116,7 +116,7 @@ def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
 
 
 def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tuple[str, ...]:
-    """Kinds of figures of one experiment that its runs have the data for, in order of drawing."""
+    """Kinds of figures for which the runs of an experiment have data, in the order of drawing."""
     wanted = _words(experiment)
     for kind in wanted:
         if kind not in FIGURE_KINDS:

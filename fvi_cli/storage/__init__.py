@@ -4,9 +4,9 @@
 ``position(time, dof)``, ``momentum(time, dof)``, ``energy(time)`` and attributes that name method,
 run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``step_size``, ``error``,
 ``seconds``, ``history_operations`` and ``status``; members of a sweep share a group, with an axis
-``member`` in front. Runs of other values than those of the file's configuration lie in the same way
-below ``/<experiment>@1a2b3c4d/``, long lists of numbers of configurations below ``/@inputs/``, and
-``/@index/`` lists which run lies where. The attributes of the root say where the file comes from.
+``member`` in front. Runs with other values than those of the file's configuration are stored in the
+same way below ``/<experiment>@1a2b3c4d/``, long lists of numbers of configurations below
+``/@inputs/``, and ``/@index/`` lists the paths of all runs. Attributes of the root hold provenance.
 """
 
 from fvi_cli.storage.comparison.reasons import NEW, Reasons

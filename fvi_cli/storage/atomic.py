@@ -23,7 +23,7 @@ _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Write `content` beside `path` under another name, flush it to the disk, and rename."""
+    """Write `content` to a new file in the folder of `path`, flush it to disk, and rename it."""
     _remove_abandoned(followed(path))
     with replacement(path, is_held=True) as handle, os.fdopen(os.dup(handle), "wb") as stream:
         stream.write(content)

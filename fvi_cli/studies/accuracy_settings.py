@@ -55,7 +55,7 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
 
     @property
     def words(self) -> str:
-        """What is asked for, in words."""
+        """The requested tolerance, in words."""
         if self.tolerance is not None:
             return f"{self.tolerance:g}"
         return f"{self.relative:g} of the largest position"
@@ -73,8 +73,8 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
 class Assurance:
     """The error of a run that was chosen for a tolerance, as far as it is known."""
 
-    tolerance: float  # what was asked for, a length
-    estimate: float  # estimated error; nan where there was nothing to compare
+    tolerance: float  # requested tolerance, a length
+    estimate: float  # estimated error; nan where no second run could be compared
     choice: str  # in one line: which method on how many steps, and why
     attempts: tuple[str, ...]  # one line for every run that was made on the way, this one included
     outcome: Outcome = "met"

@@ -1,8 +1,8 @@
 """What accuracy costs: time, memory and work of every method on every number of steps.
 
-Everything is measured in this process, one run after the other. What the package keeps between
-runs (rules, tableaux, expansions) is forgotten before every timed run, so that set-up is that of
-a first run; only the import of modules is not in it, since every run is computed once before.
+Everything is measured in this process, one run after the other. The caches of the package (rules,
+tableaux, expansions) are emptied before every timed run, so that the set-up time is that of a first
+run; it does not include the import of modules, since every run is computed once before.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class CostRow:
     stepping_seconds_min: float = math.nan
     stepping_seconds_median: float = math.nan
     storage_seconds: float = math.nan
-    """Time to write the run into a result file; nan where that was not asked for."""
+    """Time to write the run into a result file; nan where this was not requested."""
     spread: float = math.nan
     """Interquartile range of the stepping times over their median; nan for a single one."""
     repeats: int = 0
@@ -110,7 +110,7 @@ class ToleranceRow:
 
 @dataclass(frozen=True, kw_only=True)
 class CostTable:
-    """What the methods of one experiment cost."""
+    """The cost of the methods of one experiment."""
 
     experiment: str
     equation: str

@@ -89,7 +89,7 @@ class CostCurve:
     def _finest(self) -> tuple[CostRow, ...]:
         """The finest rows above the floor; none where there are less than three.
 
-        Where tolerances make the curve, only those that no other beats.
+        Where tolerances make the curve, rows are left out that another row beats.
         """
         points: Sequence[CostRow] = self.points
         if self.is_by_tolerance:

@@ -262,7 +262,7 @@ def _growth_between_quarters(sizes: Array) -> float:
 def stability_maps(
     experiment: Experiment, advance: Callable[[str], object] = lambda doing: None
 ) -> tuple[StabilityMap, ...]:
-    """The stability regions that the experiment asks for, one for every order and method."""
+    """The requested stability regions of an experiment, one for every order and method."""
     region, maps = experiment.stability.region, []
     if region is not None:
         stiffness, damping = np.array(region.stiffness), np.array(region.damping)

@@ -17,7 +17,7 @@ _AXES: Final = {"time": ("time",), "position": ("time", "dof")}
 
 
 def reference_request_of(run: Run) -> str:
-    """SHA-256 of what determines the reference of a run: the scene and the times of the ladder."""
+    """SHA-256 of the problem and the ladder, which determine the reference of a run."""
     return sha256(canonical_json([REFERENCES, problem_of(run), _ladder(run)]))
 
 

@@ -33,7 +33,7 @@ FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 DISCRETISATION = 0.01
 """Permitted error of the runs, relative to the residuals."""
 LOOSE = 1e-4
-"""Tolerance of a step while the minimum is looked for, relative to the size of the motion."""
+"""Tolerance of a step during the search for a minimum, relative to the size of the motion."""
 MOST_REWEIGHTINGS, ENOUGH = 20, 1e-3
 """Most iterations for the noise of the columns; they end when it changes by less, relative."""
 LEAST_FREEDOM = 0.5
@@ -113,7 +113,7 @@ def _fit_from(
     Raises
     ------
     NoFitError, RunFailedError
-        If there is none, or the run at the best point does not come to its end.
+        If there is no minimum, or the run at the best point does not reach its end.
     """
     best, others = found[0], list(found[1:])
     for _ in range(MOST_BETTER + 1):

@@ -56,7 +56,7 @@ class Minimum:
     """A minimum of the misfit, where profiles begin."""
 
     model: MotionModel
-    point: Array  # in what the fit works with
+    point: Array  # inner parameters
     evaluation: Evaluation
     bounds: tuple[Array, Array]  # within which the motion is a smooth function of the parameters
 

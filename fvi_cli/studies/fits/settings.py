@@ -93,7 +93,7 @@ class FitParameter:
     tied_to: str = ""
     factor: float = 1.0
     """The number is `factor` times the parameter of this key; empty: it is free."""
-    place: str = ""  # where it stands in the configuration, for complaints
+    place: str = ""  # its place in the configuration, for complaints
 
     @property
     def is_positive(self) -> bool:

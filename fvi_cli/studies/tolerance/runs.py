@@ -92,8 +92,8 @@ def knots_of(scene: Scene) -> tuple[float, ...]:
 def knot_mesh(scene: Scene, knots: Sequence[float], per_interval: int) -> Mesh:
     """A mesh with all knots and break points among its points.
 
-    Between two of them lie `per_interval` equal steps. Where the motion begins like a fractional
-    power of t, the first step is cut towards t = 0.
+    Between two of these points there are `per_interval` equal steps. If the motion begins like a
+    fractional power of t, the first step is divided further towards t = 0.
     """
     breaks = set(scene.break_points)
     ends = np.array([0.0, *sorted({*knots, *breaks}), scene.final_time])
