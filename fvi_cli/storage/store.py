@@ -152,7 +152,7 @@ class Store:
         return None if entry is None else entry.record()
 
     def _find(self, run: Run) -> Entry | None:
-        """The entry of a run; if it may not be computed although it blows up, its refusal."""
+        """The entry of a run; for a run that would blow up, unless this is allowed, its refusal."""
         request = request_of(run)
         entry = self._entries.get(answered_by_own_code(request))
         if run.experiment.allow_unstable or (entry is not None and not entry.is_unstable):

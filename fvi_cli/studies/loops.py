@@ -32,11 +32,9 @@ WIDER = 1.01
 """The largest loop has a row of its own if it is wider than the last one by this factor."""
 LAST, LARGEST = "last", "largest"
 LEAST_POINTS = 20
-"""Least stored points of a loop: with 20 the stiffness of a viscous damper errs by 0.002 of its
-size."""
+"""Least stored points of a loop; with 20 the stiffness of a viscous damper errs by 0.2 %."""
 MOST_DIFFERENCE = 0.05
-"""Largest relative difference between a loop and the same loop through every other point; the
-error of the loop is about an eighth of it."""
+"""Largest relative difference from the loop through every other point; 8 times the loop's error."""
 LEAST_STIFFNESS = 1e-6
 """Stiffnesses below this share of force range over deformation range are error of the run."""
 

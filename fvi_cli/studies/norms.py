@@ -49,7 +49,7 @@ def round_up(bound: float) -> str:
 
 
 def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:
-    """Weights of points in l2, times: of thinned points half-way to the neighbours each."""
+    """Weights of points in l2, times; a kept point reaches half-way to its kept neighbours."""
     if every > 1:
         gaps = np.diff(time, prepend=time[0] - step_size, append=time[-1] + step_size)
         return np.asarray(0.5 * (gaps[:-1] + gaps[1:]))

@@ -39,8 +39,7 @@ MOST_STEPS = 200_000
 """Most steps of an observation; slower growth than these steps can show is left unknown."""
 
 MOST_VALUES = 4_000_000
-"""Most numbers (steps times degrees of freedom) of an observation: larger scenes have fewer steps.
-"""
+"""Most values of an observation (steps times coordinates): larger scenes have fewer steps."""
 
 LASTING = 1000
 """After so many times the final time every mode that grows at all is thought to show."""
@@ -82,8 +81,7 @@ class StabilityRow:
     """Largest step of the method such that all smaller ones are stable over the final time; nan
     where there is none, or no prediction."""
     lasting_step: float
-    """The same over :data:`LASTING` times that time: for smaller steps nothing grows, however
-    slowly."""
+    """The same over :data:`LASTING` times that time: no mode grows with smaller steps."""
     observation: ObservedStability | None = None
     """None where it was not requested, or is not possible."""
     failure: str = ""

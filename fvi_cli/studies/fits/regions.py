@@ -19,8 +19,7 @@ ABOVE_JUMP = 1e-6
 def regions(model: MotionModel) -> list[tuple[Array, Array]]:
     """Bounds within which the motion is a smooth function of the parameters.
 
-    A Caputo derivative of order above 1 subtracts the start velocity, so the motion jumps where an
-    order passes 1.
+    A Caputo derivative of order above 1 subtracts the start velocity: the motion jumps at order 1.
     """
     low, high = model.bounds
     values = model.values(model.start)

@@ -30,8 +30,7 @@ class Estimate:
     """The 95 % interval by profile likelihood; infinite where the data set no limit, nan where an
     end was not found."""
     at_bound: str = ""
-    """Ends of the interval that are bounds of the parameter: ``low``, ``high``, ``both`` or empty.
-    """
+    """Ends of the interval that are bounds: ``low``, ``high``, ``both``, or empty."""
     at_jump: str = ""
     """Ends of the interval at order 1, where the motion jumps and the other side fits worse."""
     over_jump: bool = False

@@ -75,8 +75,7 @@ class Finding:
     method: str
     """Name of the method in the report."""
     measured: float
-    """The number; infinite where a run did not reach its end, nan where the number has no meaning.
-    """
+    """The number; infinite where a run did not reach its end, nan where it has no meaning."""
     limit: float
     sense: Sense
     holds: bool

@@ -16,8 +16,7 @@ from fvi_cli.mathematics.arrays import Array
 
 LOOSE: Final = 30.0
 POWER: Final = 1.3
-"""A local tolerance e gives an error below e^1.3 / 30 of the delivered run, both relative to the
-motion."""
+"""A local tolerance e gives a run with an error below e^1.3 / 30, both relative to the motion."""
 COARSEST: Final = 0.01
 """Largest local tolerance, as a share of the motion."""
 

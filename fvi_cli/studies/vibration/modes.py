@@ -32,8 +32,7 @@ Reach = Literal["all", "faster", "around"]
 RATIOS: Final = (LARGEST_RATIO, 0.9946, 0.9953, 0.9942)
 """Damping ratios up to which modes are counted: the next one where a mode lies at the edge."""
 CELL: Final = 1.3
-"""Contour integrals look for modes in parts of a sector of at most this extent, in log |s| and in
-the argument (radians)."""
+"""Largest extent (of log |s|, and argument in radians) of sectors for contour integrals."""
 SMALLEST_CELL: Final = 1e-4
 CUTS: Final = (0.5, 0.43, 0.57, 0.36, 0.64)
 """Shares at which a sector is divided: the next one where a mode lies at the cut."""

@@ -23,8 +23,7 @@ HALF_POWER: Final = math.sqrt(0.5)
 UNDAMPED: Final = 1e-13
 """A damping ratio below this is round-off."""
 _COUNTS = (4, 12, 36)
-"""Numbers of modes of a large structure that are searched, one after the other, until they cover
-the range."""
+"""Numbers of modes of a large structure, tried one after the other until they cover the range."""
 _RATIO = 1.06
 """Largest ratio of two frequencies at which small structures are evaluated."""
 _MULTIPLES = np.array([0.25, 0.5, 0.75, 1.0, 1.4])

@@ -35,11 +35,9 @@ from fvi_cli.studies.vibration.sector import Sector
 LARGEST_RATIO: Final = 0.995
 """Damping ratio up to which modes are counted, of decay and of growth."""
 DISSIPATIVE_ANGLE: Final = 0.45 * math.pi
-"""Smallest argument of s, radians, for dissipative scenes, whose modes have arguments of pi / 2 or
-more."""
+"""Least argument of s (radians) for dissipative scenes; their modes have pi / 2 or more."""
 _SEARCHED = 100.0
-"""Bounds are searched up to so many powers of e on both sides of the geometric mean of the
-frequencies."""
+"""Powers of e around the geometric mean of the frequencies within which bounds are searched."""
 _STEP = 0.5
 _BELOW = 7.0
 
