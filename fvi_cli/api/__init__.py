@@ -76,6 +76,6 @@ def _public(name: str, found: Any) -> Any:
     from fvi_cli.keys.arguments import explained
 
     public = explained(found, name)
-    # where it is found again, as by processes that are sent it
+    # its public place, where other processes find it when it is sent to them
     public.__module__, public.__qualname__ = __name__, name
     return public

@@ -19,7 +19,7 @@ from fvi_cli.studies.experiment import Experiment
 ROOT: Final = Path("/")
 UNLIMITED: Final = 1 << 60
 """Limits from here on count as none: version 1 of control groups states 2^63 bytes."""
-# Trajectory, samples, weights, their transforms and the copies that are made when storing.
+# numbers per step: trajectory, samples, weights, their transforms, and copies while storing
 DOUBLES_PER_STEP: Final = 20
 GENEROUS_DOUBLES: Final = 200
 """Numbers per step, stage and coordinate: more than any method keeps."""

@@ -170,7 +170,7 @@ def _drawn(
     nested: bool = False,
     **options: Any,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with the curves, words and legend of all panels, and these."""
+    """A figure with the curves, labels and legend of all panels; and its axes."""
     heights = [panel.height for panel in panels[::columns]]
     figure = new_figure(sum(heights) + 0.5)
     grid, used = panel_grid(figure, len(panels), columns, height_ratios=heights, **options)
@@ -264,7 +264,7 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
 
 def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
     """Draw the median of many members, and bands that hold 9 of 10 and all of them."""
-    x = np.unique(np.concatenate([curve.x for curve in curves]))  # that may differ by round-off
+    x = np.unique(np.concatenate([curve.x for curve in curves]))  # they may differ by round-off
     x = x[np.diff(x, prepend=-np.inf) > 1e-12 * np.abs(x)]
     values = np.full((len(curves), x.size), np.nan)
     for row, curve in zip(values, curves, strict=True):

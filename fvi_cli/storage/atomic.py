@@ -41,7 +41,7 @@ def _hold(handle: int) -> None:
     """Lock a file as long as it is open."""
     try:
         import fcntl
-    except ModuleNotFoundError:  # Windows removes no file that is open
+    except ModuleNotFoundError:  # not needed on Windows, which cannot remove an open file
         return
     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 

@@ -1,4 +1,4 @@
-"""The runs of a result file: looked up, added as they finish, consolidated, forgotten."""
+"""Looking up, adding, consolidating and removing the runs of a result file."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
         return f"{self.relative:g} of the largest position"
 
     def specification(self) -> dict[str, object]:
-        """What determines the choice, as JSON values."""
+        """All settings that determine the choice of method and steps, as JSON values."""
         given = {"tolerance": self.tolerance, "relative": self.relative}
         settings = {name: value for name, value in given.items() if value is not None}
         if self.mesh == "adaptive":
@@ -75,8 +75,8 @@ class Assurance:
 
     tolerance: float  # requested tolerance, a length
     estimate: float  # estimated error; nan where no second run could be compared
-    choice: str  # in one line: which method on how many steps, and why
-    attempts: tuple[str, ...]  # one line for every run that was made on the way, this one included
+    choice: str  # one line: the chosen method and number of steps, and why
+    attempts: tuple[str, ...]  # one line for every run of the search, this one included
     outcome: Outcome = "met"
     """``met``, ``unreliable`` or ``refused``."""
     relative: float | None = None

@@ -38,7 +38,7 @@ ENOUGH_SECONDS = 0.25
 """Shorter runs are repeated until they have taken this long together."""
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 12, 2))
-"""1e-3, 1e-5, ... 1e-11: those whose searches are timed."""
+"""1e-3, 1e-5, ... 1e-11: the tolerances whose searches are timed."""
 
 SEARCHES = 3
 
@@ -52,7 +52,7 @@ class CostRow:
     status: Observed
     error: float = math.nan
     floor: float = 0.0
-    """In the experiment's norm; errors below the floor are round-off or the reference's own."""
+    """The floor in the experiment's norm; errors below are round-off or those of the reference."""
     setup_seconds: float = math.nan
     """Time of a run before its first step (weights, rates, matrices): least of the repeats."""
     stepping_seconds_min: float = math.nan
@@ -96,7 +96,7 @@ class ToleranceRow:
     """Largest permitted error of the position at any time, in the unit of the position."""
     outcome: Outcome
     error: float
-    """At the points of the finest ladder, in the experiment's norm."""
+    """Error at the points of the finest ladder, in the experiment's norm."""
     estimate: float
     """The error at any time, as the search estimates it."""
     n_steps: int
@@ -115,7 +115,7 @@ class CostTable:
     experiment: str
     equation: str
     reference: str
-    """Name, equation of motion, and what errors are measured against."""
+    """Name, equation of motion, and the reference of the errors."""
     gamma: str
     """Orders of the damping, joined by ``;``."""
     derivative: Derivative
@@ -145,7 +145,7 @@ class CostTable:
 
     @property
     def has_memory(self) -> bool:
-        """Whether the damping has a memory, and a method summed over it."""
+        """Whether the damping has a memory over which some method sums."""
         orders = [] if self.gamma == "-" else [float(order) for order in self.gamma.split(";")]
         return (self.has_laws or any(order != 1 for order in orders)) and any(
             row.history_operations for case in self.cases for row in case.rows
@@ -278,7 +278,7 @@ def timed_run(action: Callable[[], Trajectory]) -> tuple[float, float]:
 
 
 def _timings(run: Run) -> list[tuple[float, float]]:
-    """Wall and stepping times of repeats; none where no step could be made."""
+    """Pairs (wall time, stepping time) of repeats; empty if no step could be made."""
     found: list[tuple[float, float]] = []
     while len(found) < MOST_REPEATS:
         # the copy lacks the factors of the mass that an earlier run has left in the scene

@@ -39,11 +39,11 @@ class CostCurve:
     key: str  # case of the method, or its name where tolerances make the curve
     methods: tuple[AnyMethod, ...]
     points: tuple[CostRow, ...]
-    """In the order of N, or of falling errors where tolerances make the curve."""
+    """Runs in the order of N, or of falling errors where tolerances make the curve."""
 
     @property
     def is_by_tolerance(self) -> bool:
-        """Whether a tolerance, not N, leads along the curve."""
+        """Whether the points of the curve differ in the tolerance, not in N."""
         method = self.methods[0]
         return isinstance(method, Baseline) and method.tolerance is not None
 

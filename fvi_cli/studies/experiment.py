@@ -45,7 +45,7 @@ FIGURE_KINDS = (
     "hysteresis",
     "spectrum",
 )
-"""What ``Experiment.figures`` may name."""
+"""Kinds of figures that ``Experiment.figures`` may name."""
 UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
 """Keys of ``units`` other than names of coordinates and quantities."""
 NEEDS_LADDER = (
@@ -94,7 +94,7 @@ class Experiment:
     """A tolerance in place of `steps`, which are empty until a method and a number of steps are
     chosen; then these are the only ones."""
     fit: FitSettings | None = None
-    """What is fitted to which measurements; None: no fit."""
+    """Parameters and measurements of the fit; None: no fit."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Units for figures and tables by the words of :data:`UNITS`, names of coordinates and names
     of quantities; they are labels, numbers are not converted."""
@@ -155,7 +155,7 @@ def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class Subject:
-    """What is studied: an experiment, or one member where there is a sweep."""
+    """The subject of a study: an experiment, or one member of its sweep."""
 
     experiment: Experiment
     member: Member | None = None
@@ -248,7 +248,7 @@ class Run(Subject):
         return title if self.member is None else f"{title} ({self.member.label})"
 
     def specification(self) -> dict[str, Any]:
-        """What determines the numbers, as JSON values."""
+        """All settings that determine the numbers, as JSON values."""
         problem = json.loads(json.dumps(self.problem_specification))
         return {"problem": problem, **self.settings()}
 
@@ -286,7 +286,7 @@ class FinishedRun:
     trajectory: Trajectory
     """Its result."""
     error: float
-    """In the experiment's norm; nan when it has no meaning."""
+    """The error in the experiment's norm; nan when it has no meaning."""
     floor: float
     """Errors below this are round-off or the reference's own error."""
     status: Observed
@@ -296,7 +296,7 @@ class FinishedRun:
     expected_order: float = float("nan")
     """Order that theory expects on this scene in this norm; nan when none is stated."""
     reference: str = "unknown"
-    """What the error is measured against."""
+    """The reference of the error, in words."""
     assurance: Assurance | None = None
     """Error estimate and choice of steps; None unless the run was for a tolerance."""
     measured: Measured | None = None

@@ -99,7 +99,7 @@ class FigureSettings(
 
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
-        """Either something against a key, or a section, quantities or an ensemble."""
+        """Complain of incomplete settings (``plot`` without ``against``) and contradictory ones."""
         single = ("section", "quantities", "ensemble")
         which = next((one for one in single if at.has(one)), "")
         if which:

@@ -116,7 +116,7 @@ def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) ->
     """The loop between the rises through the middle that follow the points `first` and `last`."""
     if last - first < LEAST_POINTS:
         return DamperLoop(begin=float(t[first]), end=float(t[last]))
-    # a few points more on both sides, for the slopes
+    # some more points on both sides, for the slopes
     near = slice(max(first - 4, 0), last + 6)
     t, y, f = t[near], y[near], f[near]
     begin, end = (_rise(t, y, middle, place - near.start) for place in (first, last))
@@ -150,7 +150,7 @@ def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) ->
 
 def _rise(t: Array, y: Array, middle: float, place: int) -> float:
     """The time after a point at which the deformation rises through the middle, to round-off."""
-    # most commands find no loops, and need not wait for these imports
+    # slow imports, which most commands do not need
     from scipy.interpolate import CubicHermiteSpline
     from scipy.optimize import brentq
 

@@ -65,7 +65,7 @@ class Member:
 
     def __reduce__(self) -> tuple[Callable[..., Member], tuple[object, ...]]:
         """Pickle for another process, in which equal members become one object."""
-        # texts of one template are one for pickle
+        # the template is passed as an object of its own, so that pickle stores equal ones once
         fields = {name: getattr(self, name) for name in self.__slots__ if name != "template"}
         return _arrived, (self.template, json.dumps({**fields, "values": dict(self.values)}))
 
@@ -125,7 +125,7 @@ def values_in_words(values: Mapping[str, Any]) -> str:
 
 
 def value_in_words(value: object) -> str:
-    """A swept value as people read it, lists and mappings as they are written in YAML."""
+    """A swept value as text; lists and mappings as in YAML."""
     if isinstance(value, Mapping):
         inner = (f"{key}: {value_in_words(one)}" for key, one in value.items() if key != "content")
         return "{" + ", ".join(inner) + "}"

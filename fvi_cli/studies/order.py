@@ -38,7 +38,7 @@ class OrderRow:
     n_steps: int
     step_size: float
     error: float
-    """In the table's norm; nan where it has no meaning."""
+    """The error in the table's norm; nan where it has no meaning."""
     floor: float
     """Errors below are round-off or the reference's own."""
     status: Observed

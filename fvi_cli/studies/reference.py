@@ -1,4 +1,4 @@
-"""What errors are measured against: an exact solution, or a refined run that states its error."""
+"""References for errors: an exact solution, or a refined run with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Reference:
     error: float
     """Estimated error of the values in the maximum norm: for an exact solution its round-off; nan
     where nothing is known."""
-    source: str  # as the reader of a table sees it
+    source: str  # description for readers of tables
     is_dense: bool = False
     """Whether there are values at any time."""
     _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
@@ -121,7 +121,7 @@ def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
 
 
 def _times_of_ladder(run: Run) -> Array:
-    """The points that the runs with all numbers of steps report."""
+    """The times that the runs of a ladder report, for all numbers of steps."""
     return np.unique(np.concatenate([replace(run, n_steps=n).times for n in run.experiment.steps]))
 
 

@@ -76,7 +76,7 @@ class StabilityRow:
 
     run: Run
     prediction: StabilityPrediction
-    """For the run as it is configured."""
+    """The prediction for the configured run."""
     largest_stable_step: float
     """Largest step of the method such that all smaller ones are stable over the final time; nan
     where there is none, or no prediction."""
@@ -97,7 +97,7 @@ class StabilityRow:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityTable:
-    """Everything about one experiment."""
+    """The stability study of one experiment."""
 
     experiment: Experiment
     rows: tuple[StabilityRow, ...]

@@ -246,7 +246,7 @@ def _remarks(
         found = [one for one in found if not one.startswith(GAINS_ENERGY)]
     if scene is not None:
         found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
-        # on the finest steps of a ladder
+        # only on the finest steps of a ladder
         if n_steps >= max(experiment.steps) and getattr(run.method, "name", "") != "dop853":
             found += resolution_remarks(
                 scene,

@@ -52,7 +52,7 @@ class MethodWord(Shape):
 
 
 MOST_METHODS: Final = 500
-# Fields of Method under the names that a configuration has for them.
+# names in a configuration for fields of Method that are called differently
 _KEY_OF_FIELD: Final = {"start_exponents": "start"}
 
 

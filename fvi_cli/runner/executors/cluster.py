@@ -55,7 +55,7 @@ class DaskCluster(Executor):
     """
 
     address: str  # address of the scheduler, such as tcp://10.0.0.1:8786
-    client: Client | None = None  # the connection, from the first job on
+    client: Client | None = None  # the connection; made for the first job
     running: dict[Future[Any], Job] = field(init=False, default_factory=dict)
     done: queue.SimpleQueue[Future[Any]] = field(init=False, default_factory=queue.SimpleQueue)
     ahead: int | None = field(init=False, default=None)

@@ -1,1 +1,1 @@
-"""Parameters from measurements: what is fitted, how, and how sure it is."""
+"""Fits of parameters to measurements: settings, search, and confidence intervals."""

@@ -23,7 +23,7 @@ from fvi_cli.studies.members import with_values
 MOST_STEPS, MORE_STEPS = 20_000, 100
 """Most steps of a run; during the search: two for every measurement, and so many more."""
 COARSE = 64
-"""Steps with which the size of a motion is found where no position was measured."""
+"""Number of steps of the runs that find the size of a motion without measured positions."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

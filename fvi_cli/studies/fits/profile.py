@@ -25,7 +25,7 @@ MOST_STEPS = 15
 FAR = 4.0
 """An increase of more than so many times the sought one is retried from another start."""
 LONGEST = 3.0
-"""A logarithm falls by so much in one step at most."""
+"""Largest decrease of a logarithm in one step."""
 RANK = 1e-7
 """Singular values of scaled derivatives below this count as zero in a step."""
 DAMPING = (0.0, 1e-3, 0.1, 10.0, 1e3)

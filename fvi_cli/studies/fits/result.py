@@ -21,7 +21,7 @@ class Estimate:
     """One parameter."""
 
     name: str
-    """Key path; with ``@`` and the data set where each has its own."""
+    """Key path of the parameter; followed by ``@`` and the data set if each has its own value."""
     value: float
     standard_error: float = math.nan
     """The estimate, and the one that follows from the curvature of the misfit."""

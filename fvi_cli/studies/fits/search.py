@@ -18,7 +18,7 @@ from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.settings import DataSet, FitParameter
 
 REACH = 1.0
-"""Positive parameters are scanned over so many decades on either side of their start."""
+"""Number of decades on either side of their start over which positive parameters are scanned."""
 MOST_ITERATIONS = 100
 PATIENCE = 20
 """Most evaluations of a candidate on all data, before the best candidate is refined."""
@@ -29,7 +29,7 @@ SAME = 0.01
 ROUGH = 1e-3
 """Tolerance on a part of the data."""
 HOPELESS = 30.0
-"""A candidate with so many times the misfit of the best is given up."""
+"""Candidates with more than so many times the misfit of the best are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

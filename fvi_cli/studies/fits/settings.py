@@ -123,7 +123,7 @@ class FitParameter:
 class FitModel:
     """One model of the problem that is fitted."""
 
-    name: str  # of a model among several; empty: the only one
+    name: str  # name of the model; empty: it is the only one
     specification: Mapping[str, Any]
     """The resolved ``problem`` mapping."""
     parameters: tuple[FitParameter, ...]
@@ -134,7 +134,7 @@ class FitSettings:
     """The models, the data to which they are fitted, and the noise."""
 
     data: tuple[DataSet, ...]
-    models: tuple[FitModel, ...]  # the descriptions, one or several to be compared
+    models: tuple[FitModel, ...]  # one model, or several to be compared
     deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """Standard deviations of the noise by data set and column; empty: they are estimated from the
     residuals."""

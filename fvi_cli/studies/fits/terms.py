@@ -30,7 +30,7 @@ class NeedlessTerm:
 
     key: str
     parameters: int
-    increase: float  # by how much the misfit grows without it, in variances of the noise
+    increase: float  # increase of the misfit without the term, in variances of the noise
     probability: float
     """Probability of this increase or a larger one if the term does not exist (likelihood ratio; F
     where the noise is estimated)."""

@@ -116,9 +116,9 @@ def perturb_start(scene: Scene, run: Trajectory) -> Scene:
 class Growth:
     """How the difference of two runs grows."""
 
-    time: float  # from when on it is above the tolerance
-    place: tuple[float, ...]  # where the motion is then
-    factor: float  # by how much it grows in the run, from where it first is above round-off
+    time: float  # time from which on the difference is above the tolerance
+    place: tuple[float, ...]  # position of the motion at that time
+    factor: float  # growth of the difference in the run, since it first exceeded round-off
 
     @property
     def where(self) -> str:

@@ -27,7 +27,7 @@ class Round:
 
     run: Trajectory
     line: str
-    other: Trajectory | None = None  # the second run, which errs more
+    other: Trajectory | None = None  # the second, less accurate run
     times: Array = field(default_factory=lambda: np.zeros(1))
     differences: Array = field(default_factory=lambda: np.array([math.inf]))
     at_points: float = math.inf
