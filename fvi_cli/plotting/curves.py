@@ -21,7 +21,8 @@ MOST_POINTS = 20_000
 """Up to so many points a line is a vector graphic in files; a longer one is a bitmap."""
 _VISIBLE = 2e-3  # smallest visible deviation, as a share of the extent of a line
 _WIDTH, _LAYER = 1.1, 1.4  # points of a line; of one below another, broader by this
-_ON_IT = 1.5 * _WIDTH  # points within which marks and lines hide others
+_ON_IT = 2.0 * _WIDTH  # points within which marks and lines hide others
+_APART = 3.0  # points between marks in turn that are seen beside each other
 _IN_IT = 1.5  # of marks at one place, the lower is larger by this factor
 PEAK: Mapping[str, Any] = {
     "linestyle": "none",
@@ -187,30 +188,38 @@ def join_labels(labels: Sequence[str]) -> str:
     return f"{heads[0]}, {f'degrees {listed(degrees)}' if are_degrees else listed(tails)}"
 
 
-def draw_hidden(axes: Axes, curves: Sequence[Curve], shown: Sequence[Look], height: float) -> None:
-    """Draw lines of a ladder broad and pale where later ones lie upon them.
+def draw_hidden(axes: Axes, *, is_ladder: bool) -> None:
+    """Draw lines with marks broad and pale where later ones lie upon them.
 
-    `height` is that of the panel in points of type.
+    Not of a ladder, only where these have the same colour, upon which their dashes are not seen.
     """
     lines = [
-        (one.x[rising], np.where(one.y > 0, one.y, np.nan)[rising], pale(look.colour))
-        for one, look in zip(curves, shown, strict=True)
-        if look.has_line and not look.is_broad
-        for rising in [np.argsort(one.x)]
+        one
+        for one in axes.lines
+        if one.get_zorder() >= 3 and "None" not in (one.get_linestyle(), one.get_marker() or "None")
     ]
-    places = [np.log10([x, y]) for x, y, _ in lines]
-    every = np.concatenate([y[np.isfinite(y)] for _, y in places] or [np.ones(1)])
-    near = _ON_IT / height * (np.ptp(every) if every.size else 0.0)
-    for k, ((x, y), (xs, ys, colour)) in enumerate(zip(places, lines, strict=True)):
-        upper = [np.interp(x, a, b, left=np.nan, right=np.nan) for a, b in places[k + 1 :]]
-        count = np.sum([np.abs(one - y) < near for one in upper], axis=0)
+    points = [np.array(sorted(np.asarray(one.get_xydata()).tolist())) for one in lines]
+    places = [axes.transData.transform(own).T * 72 / axes.figure.dpi for own in points]
+    for k, (lower, own, (x, y)) in enumerate(zip(lines, points, places, strict=True)):
+        upper = [
+            np.interp(x, a, b, left=np.nan, right=np.nan)
+            for other, (a, b) in zip(lines[k + 1 :], places[k + 1 :], strict=True)
+            if is_ladder or other.get_color() == lower.get_color()
+        ]
+        count = np.sum([np.abs(one - y) < _ON_IT for one in upper], axis=0)
         for layers in range(1, len(upper) + 1):
             parts = (count[1:] >= layers) & (count[:-1] >= layers)
             if parts.any():
                 ends = np.append(parts, False) | np.append(False, parts)
-                line = axes.plot(xs, np.where(ends, ys, np.nan), **DECORATION)[0]
-                line.set(label=HIDDEN, color=colour, linewidth=_WIDTH + _LAYER * layers)
-                line.set(zorder=2.5 - 0.01 * layers, solid_capstyle="butt")
+                seen = np.where(ends, own[:, 1], np.nan)
+                line = axes.plot(own[:, 0], seen, **DECORATION)[0]
+                line.set(label=HIDDEN, color=pale(str(lower.get_color())))
+                line.set(linewidth=_WIDTH + _LAYER * layers, solid_capstyle="butt")
+                line.set(zorder=2.5 - 0.01 * layers, rasterized=x.size > MOST_POINTS)
+
+
+_Place = tuple[float, float, int, tuple[float, ...]]
+"""Of a mark in points of type, which line it belongs to, and its numbers."""
 
 
 def draw_marks(axes: Axes) -> None:
@@ -221,7 +230,7 @@ def draw_marks(axes: Axes) -> None:
     named = [one for one in axes.lines if str(one.get_label())[0] != "_" and one.get_zorder() >= 3]
     points = [np.asarray(one.get_xydata()) for one in axes.lines if one.get_label() == HIDDEN]
     hidden = {tuple(at) for one in points for at in one.tolist()}
-    left = []
+    left: list[_Place] = []
     for k, line in enumerate(named):
         every, own = line.get_markevery(), np.asarray(line.get_xydata())
         for at in (own if every is None else own[np.array(every, int)]).tolist():
@@ -233,21 +242,38 @@ def draw_marks(axes: Axes) -> None:
     full = [one[:2] for one in left if named[one[2]].get_markerfacecolor() != "white"]
     turns = [0] * len(named)
     while left:
-        here = [one for one in left if math.dist(one[:2], left[0][:2]) < _ON_IT]
-        left = [one for one in left if one not in here]
-        first = min((k for *_, k, at in here if at in hidden), default=len(named))
-        if turning := [one for one in here if one[2] >= first]:
-            chosen = min(turning, key=lambda one: turns[one[2]])
-            turns[chosen[2]] += 1
-            here = [*(one for one in here if one[2] < first), chosen]
-        here.sort(key=lambda one: named[one[2]].get_zorder())
-        for above, (*centre, k, at) in enumerate(here):
-            mark, size = Line2D(*np.transpose([at])), named[k].get_markersize()
-            mark.update_from(named[k])
-            mark.set(markersize=size * _IN_IT ** ((len(here) - 1) / 2 - above), markevery=None)
-            is_upon = any(math.dist(one, centre) < size for one in full)
-            if is_upon and mark.get_markerfacecolor() == "white":
-                mark.set_markerfacecolor("none")  # what is full is seen through what is hollow
-            mark.set(label=f"_mark of {named[k].get_label()}", gid="decoration", linestyle="none")
-            mark.set_zorder(named[k].get_zorder() + 2)
-            axes.add_line(mark)
+        pile = [left[0]]
+        for one in pile:
+            pile += [o for o in left if o not in pile and math.dist(o[:2], one[:2]) < _ON_IT]
+        if any(at in hidden for *_, at in pile):
+            nests, rest = [], pile
+            while rest:
+                chosen = min(rest, key=lambda one: turns[one[2]])
+                turns[chosen[2]] += 1
+                nests.append([chosen])
+                rest = [one for one in rest if math.dist(one[:2], chosen[:2]) > _APART]
+        else:
+            pile = [one for one in pile if math.dist(one[:2], left[0][:2]) < _ON_IT]
+            nests = [sorted(pile, key=lambda one: named[one[2]].get_zorder())]
+        left = [one for one in left if one not in pile]
+        for nest in nests:
+            _draw_nest(axes, nest, named, full)
+
+
+def _draw_nest(
+    axes: Axes,
+    nest: Sequence[_Place],
+    named: Sequence[Line2D],
+    full: Sequence[tuple[float, float]],
+) -> None:
+    """Marks at one place, the lowest first, where those in the places `full` hide others."""
+    for above, (x, y, k, at) in enumerate(nest):
+        mark, size = Line2D(*np.transpose([at])), named[k].get_markersize()
+        mark.update_from(named[k])
+        mark.set(markersize=size * _IN_IT ** ((len(nest) - 1) / 2 - above), markevery=None)
+        is_upon = any(math.dist(one, (x, y)) < size for one in full)
+        if is_upon and mark.get_markerfacecolor() == "white":
+            mark.set_markerfacecolor("none")  # what is full is seen through what is hollow
+        mark.set(label=f"_mark of {named[k].get_label()}", gid="decoration", linestyle="none")
+        mark.set_zorder(named[k].get_zorder() + 2)
+        axes.add_line(mark)

@@ -109,7 +109,7 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
         title="; ".join(filter(None, [load, more])),
     )
     for axes, (low, high) in zip(figure.axes[1::2], limits, strict=True):
-        axes.set_ylim(1.15 * low, 1.15 * high)
+        axes.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import Bbox, TransformedBbox
 
 from fvi_cli.plotting.curves import (
     HIDDEN,
@@ -87,8 +88,8 @@ def over_time(
     """
     panels = [replace(one, remark=one.remark or one.gaps) for one in merge_alike(panels)]
     shares = {"sharex": shared, "sharey": columns > 1}
-    figure, used = _drawn(panels, x=x, columns=columns, bar=bar, title=title, **shares)
-    for axes, panel in zip(used, panels, strict=True):
+
+    def limit(axes: Axes, panel: Panel) -> None:
         limit_over_time(axes, panel)
         if not panel.is_log:
             three_numbers(axes.yaxis)
@@ -101,6 +102,12 @@ def over_time(
             plain_numbers(axes.xaxis)
         elif span is None:
             reach_numbers(axes.xaxis)
+        # no curve leaves the panel there: marks at its frame are whole
+        sides = TransformedBbox(Bbox([[-1.0, -1.0 * from_zero], [2.0, 1.0]]), axes.transAxes)
+        for line in axes.lines:
+            line.set_clip_box(sides)
+
+    figure, used = _drawn(panels, limit, x=x, columns=columns, bar=bar, title=title, **shares)
     _clear_factors(figure, used, panels, columns)
     figure.align_ylabels(used)
     return figure
@@ -123,12 +130,13 @@ def ladders(
     expects, or else observed ones; dashed triangles show orders that a source states. The legend is
     `above`, or below. `shared`: all panels have the same abscissas.
     """
-    figure, used = _drawn(
-        panels, x=x, columns=columns, bar=bar, title=title, above=above, nested=True, sharex=shared
-    )
-    for axes, panel in zip(used, panels, strict=True):
+
+    def limit(axes: Axes, panel: Panel) -> None:
         axes.set(xscale="log", yscale="log")
         limit_ladder(axes, panel.curves)
+
+    options = {"nested": True, "above": above, "sharex": shared}
+    figure, used = _drawn(panels, limit, x=x, columns=columns, bar=bar, title=title, **options)
     figure.draw_without_rendering()
     for axes, panel in zip(used, panels, strict=True):
         draw_marks(axes)
@@ -148,19 +156,22 @@ def plane(
     most_ticks: int = 0,
 ) -> Figure:
     """Draw panels of one quantity against another; `is_equal`: both in the same unit of length."""
-    figure, used = _drawn(panels, columns=columns, bar=bar, title=title)
-    for axes in used:
+
+    def limit(axes: Axes, panel: Panel) -> None:
         widen(axes, [curve for panel in panels for curve in panel.curves])
         if is_equal:
             axes.set_aspect("equal", adjustable="datalim")
         if most_ticks:
             few_numbers(axes, most_ticks)
+
+    figure, used = _drawn(panels, limit, columns=columns, bar=bar, title=title, is_plane=True)
     _clear_factors(figure, used, panels, columns)
     return figure
 
 
 def _drawn(
     panels: Sequence[Panel],
+    limit: Callable[[Axes, Panel], None],
     *,
     x: str = "",
     columns: int,
@@ -168,6 +179,7 @@ def _drawn(
     title: str,
     above: bool = True,
     nested: bool = False,
+    is_plane: bool = False,
     **options: Any,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with the curves, labels and legend of all panels; and its axes."""
@@ -178,9 +190,15 @@ def _drawn(
     colours = colours_of(numbers) if bar else None
     for axes, panel in zip(used, panels, strict=True):
         _draw_curves(axes, panel, colours, nested=nested)
+    _name_axes(figure, grid, used, panels, x)
+    for axes, panel in zip(used, panels, strict=True):
+        limit(axes, panel)
+    figure.draw_without_rendering()
+    for axes, panel in zip(used, panels, strict=True):
+        if colours is None and panel.has_slopes and not is_plane:
+            draw_hidden(axes, is_ladder=nested)
     if any(line.get_label() == HIDDEN for axes in used for line in axes.lines):
         title = f"{title}\n{_OF_HIDDEN}".strip()
-    _name_axes(figure, grid, used, panels, x)
     entries = _legend_entries(panels, used)
     # an axis of the same numbers says which colour is which
     if colours is not None and all(panel.x != bar for panel in panels):
@@ -229,8 +247,9 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
         # marks of different curves are at different points; of many curves none is at the first
         stride = max(1, xs.size // _MARKS, min(len(curves), xs.size // _FEWEST_MARKS))
         first = -(-(2 * position + 1) * stride // (2 * len(curves))) if stride > 1 else 0
-        # round a hollow mark a full one is seen, but not below a full one
-        above = 1.0 if not look.has_line else 0.5 * (nested and not look.is_filled)
+        # round a hollow mark a full one is seen, but not below a full one; a cross hides neither
+        above = 0.5 * (nested and not look.is_filled) + 0.3 * (nested and look.marker in "x12")
+        above = above if look.has_line else 1.0
         if not nested and look.has_line and sum(other.has_line for other in shown) == 1:
             properties["marker"], properties["linestyle"] = "", "-"
         axes.plot(
@@ -253,8 +272,6 @@ def _draw_curves(axes: Axes, panel: Panel, colours: ScalarMappable | None, *, ne
                 label=f"_{curve.label}" if several else "_peak",
                 **PEAK,
             )
-    if nested and colours is None and panel.has_slopes:
-        draw_hidden(axes, curves, shown, 72 * panel.height)
     if panel.rounding > 0:
         hatch_rounding(axes, 1e-300, panel.rounding)
     for level in panel.levels:
@@ -360,7 +377,6 @@ def _clear_factors(
     figure: Figure, used: Sequence[Axes], panels: Sequence[Panel], columns: int
 ) -> None:
     """Move common factors of numbers into the labels, once it is known which numbers there are."""
-    figure.draw_without_rendering()
     for position, axes in enumerate(used):
         clear_factor(axes.xaxis, _panel_width(figure, columns) - 0.25 * (columns > 1))
         clear_factor(axes.yaxis, _panel_height(figure, panels, position, columns))

@@ -93,6 +93,8 @@ def step_figure(table: StabilityTable) -> Figure:
     ]
     if growing:
         note(bars, _KEY[1], 1.01, "line below", va="bottom")
+    growths = [one for row in table.rows if (one := row.prediction.growth_per_step) > 0] or [1.0]
+    growth.set_ylim(0.6 * min(growths), 1.4 * max(growths))
     # few methods need few shades
     for case, style in method_looks(growing).items():
         _draw_growth(growth, replace(style, label=styles[case].label), by_case[case])
@@ -176,7 +178,7 @@ def _differs(row: StabilityRow) -> bool:
 
 
 def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> None:
-    """Predicted growth as a line, what was measured as marks; without it these are predicted."""
+    """Predicted growth as a line from its begin; marks of what was measured, or else predicted."""
     grown = sorted(
         (row for row in rows if row.prediction.growth_per_step > 0),
         key=lambda row: row.run.step_size,
@@ -187,10 +189,13 @@ def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) ->
     if not style.look.is_filled:
         # what is full is seen through what is hollow
         properties |= {"markerfacecolor": "none", "zorder": 5}
-    # a single prediction is a short line
-    stub = {"marker": "_" * (len(grown) == 1), "markersize": 14.0, "markeredgewidth": 1.1}
-    line = {**properties, **stub, "markeredgecolor": style.look.colour} if seen else properties
+    line = {**properties, "marker": ""} if seen else properties
     axes.plot(*np.array(predicted).T, label=style.label, **line)
+    # growth begins above the last step without: where a single step grows there is a line, too
+    begin = (grown[0].lasting_step, axes.get_ylim()[0])
+    if begin[0] < predicted[0][0]:
+        ends = np.array([begin, predicted[0]]).T
+        axes.plot(*ends, label="_begin", **{**line, "marker": ""}, **DECORATION)
     points = np.array(seen).reshape(-1, 2).T
     axes.plot(*points, label="_observed", **{**properties, "linestyle": "none"})
 

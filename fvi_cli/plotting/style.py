@@ -15,12 +15,14 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, fontManager
+from matplotlib.legend_handler import HandlerLine2D
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
@@ -272,8 +274,17 @@ def legend_of(
     lines += len(head.splitlines())
     factor = mpl.rcParams["figure.figsize"][1] / HEIGHT
     figure.set_figheight(figure.get_figheight() + factor * lines * 1.45 * small() / 72)
+    for one in dashed if is_long else ():
+        # the mark hides the middle of a dash, and no dots; beside it are all of them
+        _, dashes = one._unscaled_dash_pattern  # type: ignore[attr-defined]
+        long = length * small() / one.get_linewidth()
+        dashes = np.array(dashes) * min(1.0, long / (1.9 * sum(dashes)))
+        one.set_linestyle((dashes[0] / 2 - long / 2, dashes.tolist()))
+    widths = [one for one in handles if isinstance(one, Line2D) and one.get_marker() == "|"]
+    at_ends = HandlerLine2D(marker_pad=0.0, numpoints=2)
     legend = figure.legend(
         handles=list(handles),
+        handler_map=dict.fromkeys(widths, at_ends),
         labels=labels,
         loc="outside upper center" if above else "outside lower center",
         ncols=columns,

@@ -202,6 +202,6 @@ def _ladder_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
         logarithmic_ticks(axes.xaxis, 5)
     bottom, top = axes.get_ylim()
     tall = axes.get_window_extent().height / axes.figure.dpi
-    logarithmic_ticks(axes.yaxis, max(4, min(8, math.floor(5 * tall))))
+    logarithmic_ticks(axes.yaxis, max(4, min(8, math.floor(5.5 * tall))))
     if top / bottom > 1e8:
         axes.yaxis.set_minor_locator(NullLocator())

@@ -89,7 +89,7 @@ def cost_figure(table: CostTable) -> Figure:
         found += [_curve(more, "for a tolerance", _TOLERANCE)] if more else []
         panels.append(Panel(curves=found, y=f"least {label}", has_slopes=False))
     remarks = ["marks: least of all, and each method's finest", "thin: never of least time"]
-    remarks += ["stars: Gauss methods for a tolerance, time of the whole search"] if met else []
+    remarks += ["stars count too: Gauss for a tolerance, time of the whole search"] if met else []
     remarks += [f"exact here up to round-off, not drawn: {', '.join(chance)}"] if chance else []
     figure = ladders(
         panels,
