@@ -38,9 +38,9 @@ def drawn_data(figure: Figure) -> dict[str, JsonValue]:
 
     On a linear axis the digits are counted from the largest number of a line. Reference slopes
     are given by their slope only, since their place is a matter of layout. JSON values: ``texts``,
-    ``legend`` and ``panels``, each panel with ``title``, ``x``, ``y`` (label and scale), ``texts``
-    and ``lines`` (``label`` and ``x``, ``y``, and ``noise`` where rounding decides below a level;
-    or ``slope``).
+    ``legend`` and ``panels``, each panel with ``title``, ``remark`` if there is one, ``x``, ``y``
+    (label and scale), ``texts`` and ``lines`` (``label``, ``look`` if it is no plain line, and
+    ``x``, ``y``, and ``noise`` where rounding decides below a level; or ``slope``).
     """
     panels: list[JsonValue] = [
         _panel(axes) for axes in figure.axes if axes.axison and axes.get_gid() != "decoration"
@@ -55,8 +55,10 @@ def _panel(axes: Axes) -> dict[str, JsonValue]:
     lines: list[JsonValue] = [
         _line(axes, line) for line in axes.lines if line.get_gid() != "decoration"
     ]
+    remark = axes.get_title(loc="right")
     return {
         "title": axes.get_title(),
+        **({"remark": remark} if remark else {}),
         "x": {"label": axes.get_xlabel(), "scale": axes.get_xscale()},
         "y": {"label": axes.get_ylabel(), "scale": axes.get_yscale()},
         "texts": [text.get_text() for text in axes.texts],
@@ -75,8 +77,10 @@ def _line(axes: Axes, line: Line2D) -> dict[str, JsonValue]:
     if x.size > MOST_POINTS:
         kept = np.unique(np.linspace(0, x.size - 1, MOST_POINTS).round().astype(int))
         x, y = x[kept], y[kept]
+    look = _look(line)
     values: dict[str, JsonValue] = {
         "label": label,
+        **({"look": look} if look else {}),
         "x": rounded(x, logarithmic=axes.get_xscale() == "log"),
     }
     if gid == "failure":
@@ -86,6 +90,17 @@ def _line(axes: Axes, line: Line2D) -> dict[str, JsonValue]:
     if floor is not None:
         values["noise"] = float(f"{_ABOVE_FLOOR * float(floor[1]):.2g}")
     return values
+
+
+def _look(line: Line2D) -> str:
+    """Mark and dashes of a line: ``hollow o, dashes 5 1.5``; empty for a plain line."""
+    mark, (_, dashes) = str(line.get_marker()), line._unscaled_dash_pattern  # type: ignore[attr-defined]
+    style = f"dashes {' '.join(f'{one:g}' for one in dashes)}" if dashes else ""
+    if mark in ("", "None"):
+        return style
+    is_hollow = line.get_markerfacecolor() in ("white", "none")
+    style = "no line" if line.get_linestyle() == "None" else style
+    return ", ".join(filter(None, (f"{'hollow ' * is_hollow}{mark}", style)))
 
 
 def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:

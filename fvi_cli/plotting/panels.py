@@ -105,7 +105,7 @@ def over_time(
         # no curve leaves the panel there: marks at its frame are whole
         sides = TransformedBbox(Bbox([[-1.0, -1.0 * from_zero], [2.0, 1.0]]), axes.transAxes)
         for line in axes.lines:
-            line.set_clip_box(sides)
+            line.set_clip_box(sides if line.get_marker() not in ("", "None") else axes.bbox)
 
     figure, used = _drawn(panels, limit, x=x, columns=columns, bar=bar, title=title, **shares)
     _clear_factors(figure, used, panels, columns)

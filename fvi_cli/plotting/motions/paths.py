@@ -79,11 +79,11 @@ def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figu
         ]
     else:
         curves = _paths(shown, [tuple(one.trajectory.position[:, :2].T) for one in shown])
-        if experiment.problem.kind == "kepler":
-            centre = Look(colour=INK, marker="+", has_line=False, size=8.0)
-            curves.append(Curve(x=np.zeros(1), y=np.zeros(1), label="centre", look=centre))
         names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
         labels = [position_label(experiment, name) for name in names[:2]]
+    if fixed := {"kepler": "centre", "double-pendulum": "pivot"}.get(experiment.problem.kind):
+        cross = Look(colour=INK, marker="+", has_line=False, size=8.0)
+        curves.append(Curve(x=np.zeros(1), y=np.zeros(1), label=fixed, look=cross))
     panel = Panel(curves=curves, x=labels[0], y=labels[1], height=2.4)
     return plane([panel], is_equal=True)
 
