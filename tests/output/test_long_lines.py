@@ -1,12 +1,15 @@
 """What is seen of lines: of many points, of several that coincide, of peaks and zeros."""
 
+import io
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from matplotlib.lines import Line2D
 from spread import spread
 
@@ -15,6 +18,7 @@ from fvi_cli.plotting.drawn import save_figure
 from fvi_cli.plotting.fits import residual_limits
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import ladders, over_time, plane
+from fvi_cli.plotting.style import LINE_STYLES
 
 
 def spiral(periods: float, points: int) -> Curve:
@@ -180,6 +184,98 @@ def test_a_logarithmic_panel_holds_every_value_or_says_how_deep_they_go(depth):
     assert is_cut == (depth > 5.0)
     remark = axes.get_title(loc="right")
     assert (remark == r"deepest point: $10^{-13}$") if is_cut else not remark
+
+
+@spread(count=[3, 4, 6], apart=[0.9, 1.3, 1.9])
+def test_of_a_pile_at_a_pale_line_those_marks_are_drawn_that_hide_no_other(count, apart):
+    x = np.geomspace(1e-3, 1.0, 7)
+    decades = apart / (72 * Panel(curves=[], y="").height) * 6.0
+    curves = [Curve(x=x, y=x**2 * 10 ** (k * decades), label=f"c{k}") for k in range(count)]
+    figure, lines = ladder_of(curves)
+    (axes,) = figure.axes
+    marks = [mark for k in range(count) for mark in marks_of(lines, f"c{k}")]
+    places = np.array([axes.transData.transform(mark.get_xydata())[0] for mark in marks])
+    distance = np.hypot(*(places[:, None] - places).T) * 72 / figure.dpi
+    assert distance[~np.eye(len(marks), dtype=bool)].min() > 2.9
+    # every point has a mark, every curve one or more
+    assert {*np.concatenate([mark.get_xdata() for mark in marks]).tolist()} == {*x.tolist()}
+    assert len({mark.get_label() for mark in marks}) == count
+    # the control: without the rule they would lie upon each other
+    assert apart < 2.9 < len(marks)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_cross_lies_upon_what_would_hide_it(order):
+    x = np.geomspace(1e-3, 1.0, 6)
+    looks = [Look(colour="C0", marker=mark, is_filled=False) for mark in "xv"]
+    curves = [Curve(x=x, y=x, label=f"c{k}", look=looks[k]) for k in order]
+    _, lines = ladder_of(curves)
+    cross, triangle = (lines[f"c{k}"][0].get_zorder() for k in range(2))
+    assert cross > triangle
+
+
+@pytest.mark.parametrize("same", [True, False])
+@pytest.mark.parametrize("until", [4, 30])
+def test_over_time_a_line_below_one_of_its_colour_is_pale(until, same):
+    t = np.linspace(0.0, 3.0, 31)
+    looks = [Look(colour="#0072B2", marker="o"), Look(colour="#D55E00", marker="s")]
+    other = np.where(np.arange(31) <= until, np.sin(t), np.sin(t) + 1.0)
+    curves = [
+        Curve(x=t, y=np.sin(t), label="one", look=looks[0]),
+        Curve(x=t, y=other + 0.02, label="other", look=looks[0 if same else 1]),
+    ]
+    figure = over_time([Panel(curves=curves, y="x", height=1.0)], x="t")
+    pale = [line for line in figure.axes[0].lines if line.get_label() == "_hidden"]
+    assert len(pale) == same
+    assert "pale" in figure.legends[0].get_title().get_text() or not same
+    for line in pale:
+        assert np.flatnonzero(np.isfinite(line.get_ydata())).tolist() == list(range(until + 1))
+
+
+def inked(figure: Figure, colour: str) -> float:
+    """How much of a picture has a colour."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=300)
+    buffer.seek(0)
+    return float((np.abs(imread(buffer)[:, :, :3] - to_rgb(colour)) < 0.02).all(axis=2).sum())
+
+
+@pytest.mark.parametrize("end", [0.0, 1.0])
+@pytest.mark.parametrize("from_zero", [True, False])
+def test_marks_at_the_sides_of_a_panel_are_whole(end, from_zero):
+    def area(x: float, y: float) -> float:
+        look = Look(colour="#ff00ff", marker="D", size=12.0, has_line=False)
+        frame = Curve(x=np.array([0.0, 1.0]), y=np.array([0.0, 1.0]), look=Look(colour="black"))
+        curves = [frame, Curve(x=np.array([x]), y=np.array([y]), label="_dot", look=look)]
+        return inked(
+            over_time([Panel(curves=curves, y="x")], x="t", from_zero=from_zero), "#ff00ff"
+        )
+
+    inside = area(0.7, 0.4)
+    assert area(end, 0.4) == pytest.approx(inside, rel=0.03)
+    if from_zero:
+        assert area(0.7, 0.0) == pytest.approx(inside, rel=0.03)
+    assert inside > 1000
+
+
+@pytest.mark.parametrize("dashes", LINE_STYLES[1:])
+@pytest.mark.parametrize("width", [0.7, 1.1])
+@pytest.mark.parametrize("count", [2, 8])
+def test_the_key_of_a_dashed_line_shows_all_of_its_parts_beside_the_mark(dashes, width, count):
+    looks = [Look(colour="C0", marker="o", dashes=dashes, width=width)] * count
+    x = np.geomspace(1e-3, 1.0, 6)
+    curves = [
+        Curve(x=x, y=9.0**k * x, label=f"method {k}", look=one) for k, one in enumerate(looks)
+    ]
+    figure, _ = ladder_of(curves)
+    line = figure.legends[0].get_lines()[0]
+    offset, own = line._unscaled_dash_pattern
+    half = 0.5 * np.ptp(line.get_xdata()) / line.get_linewidth()
+    edges = np.cumsum([0.0, *own] * 1)[: len(own) + 1]
+    # the middle of the first dash is in the middle of the key, and the others are beside it
+    assert (offset + half) % edges[-1] == pytest.approx(own[0] / 2, abs=1e-6)
+    assert half > edges[-1] - own[0] / 2
+    assert np.array(own) / own[0] == pytest.approx(np.array(dashes[1]) / dashes[1][0])
 
 
 @pytest.mark.parametrize("hollow", [{0}, {1}, {0, 2}])

@@ -53,26 +53,30 @@ def test_growth_is_predicted_by_lines_and_measured_by_marks(observe):
     lines = named(axes)
     assert sum(line.get_xdata().size for line in lines) == len(rows)
     # a mark where there is a measurement, of predictions only where there is none
-    assert all((line.get_marker() in ("", "_")) == observe for line in lines)
+    assert all((line.get_marker() == "") == observe for line in lines)
     measured = [line.get_xydata() for line in axes.lines if line.get_label() == "_observed"]
     wanted = {(row.run.step_size, row.observation.growth_per_step) for row in rows if observe}
     assert {tuple(point) for points in measured for point in points} == wanted
 
 
+@pytest.mark.parametrize("observe", [True, False])
 @pytest.mark.parametrize("steps", [{2}, {4}, {2, 4}])
-def test_a_single_prediction_is_a_short_line_in_the_colour_of_its_method(steps):
-    table, _ = growth(observe=True)
+def test_growth_begins_at_the_last_step_without(steps, observe):
+    table, _ = growth(observe=observe)
     rows = [row for row in table.rows if row.run.n_steps in steps]
     axes = step_figure(dataclasses.replace(table, rows=tuple(rows))).axes[1]
-    widest = max(line.get_markersize() for line in axes.lines if line.get_label() == "_observed")
-    assert named(axes)
-    for line in named(axes):
-        is_single = line.get_xdata().size == 1
-        assert is_single or len(steps) > 1
-        assert (line.get_marker() == "_") == is_single
-        if is_single:
-            assert line.get_markeredgecolor() == line.get_color()
-            assert line.get_markersize() > 2 * widest  # beside the mark of the measurement
+    begins = [line for line in axes.lines if line.get_label() == "_begin"]
+    growing = [row for row in rows if row.prediction.growth_per_step > 0]
+    last = {row.run.method.case: row.lasting_step for row in growing}
+    assert {line.get_xdata()[0] for line in begins} == {*last.values()}
+    assert min(last.values()) > 0.0
+    for begin in begins:
+        (line,) = [one for one in named(axes) if one.get_color() == begin.get_color()]
+        assert begin.get_xydata()[1].tolist() == line.get_xydata()[0].tolist()
+        assert begin._unscaled_dash_pattern == line._unscaled_dash_pattern
+        assert begin.get_ydata()[0] == axes.get_ylim()[0] < min(line.get_ydata())
+    # the control: what does not grow begins nowhere
+    assert len(begins) == len(last) < len({row.run.method.case for row in rows})
 
 
 def test_figures_of_one_table_have_the_name_of_the_study_and_others_their_own():
