@@ -55,7 +55,8 @@ def _panel(axes: Axes) -> dict[str, JsonValue]:
     lines: list[JsonValue] = [
         _line(axes, line) for line in axes.lines if line.get_gid() != "decoration"
     ]
-    remark = axes.get_title(loc="right")
+    # numbers in it are round-off at times, and those of peaks are drawn
+    remark = re.sub(r"\$[^$]*\$", "$", axes.get_title(loc="right"))
     return {
         "title": axes.get_title(),
         **({"remark": remark} if remark else {}),
