@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from shown_numbers import NUMBER
-from spread import SEED
+from spread import SEED, draw_few
 
 # benchmarks/ is not installed; the package itself is, and comes before
 sys.path.append(str(Path(__file__).parents[1]))
@@ -38,7 +38,14 @@ def pytest_configure() -> None:
 
 def pytest_report_header() -> str:
     """Say how to repeat it."""
-    return f"combinations are drawn by {SEED}={os.environ[SEED]}"
+    return f"combinations are drawn by {SEED}={os.environ[SEED]}; `-m slow` runs all others"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Draw what is run today; all that is kept is renewed."""
+    if not config.getoption("--renew"):
+        draw_few(items)
 
 
 @pytest.fixture

@@ -3,7 +3,8 @@
 import itertools
 import os
 import random
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
@@ -36,6 +37,20 @@ def spread(few: int | None = None, **values: Sequence[Any]) -> pytest.MarkDecora
 
 
 def few_of(few: int, many: int, name: str = "seed") -> pytest.MarkDecorator:
-    """Parametrize by the numbers below `many`; those from `few` on are ``slow``."""
-    rest = [pytest.param(number, marks=pytest.mark.slow) for number in range(few, many)]
-    return pytest.mark.parametrize(name, [*range(few), *rest])
+    """Parametrize by the numbers below `many`; all but so `few`, drawn by the day, are ``slow``."""
+    kept = random.Random(f"{os.environ[SEED]} {few} of {many}").sample(range(many), few)
+    rest = {number: () if number in kept else (pytest.mark.slow,) for number in range(many)}
+    return pytest.mark.parametrize(name, [pytest.param(n, marks=m) for n, m in rest.items()])
+
+
+def draw_few(tests: Iterable[pytest.Item]) -> None:
+    """Make all cases of a test ``slow`` but so many as its mark ``few`` says, drawn by the day."""
+    families = defaultdict(list)
+    for one in tests:
+        if one.get_closest_marker("few") and not one.get_closest_marker("slow"):
+            families[one.nodeid.partition("[")[0]].append(one)
+    for name, cases in families.items():
+        (few,) = cases[0].get_closest_marker("few").args
+        chance = random.Random(f"{os.environ[SEED]} {name}")
+        for one in chance.sample(cases, max(len(cases) - few, 0)):
+            one.add_marker("slow")

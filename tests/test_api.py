@@ -126,6 +126,7 @@ COMMANDS = {  # what each command prints under a heading, by the call that stand
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_calls_write_what_commands_write(command, tmp_path):
     config = tmp_path / "free.yaml"

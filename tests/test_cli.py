@@ -205,6 +205,7 @@ def test_a_dry_run_tells_older_solvers_and_refusals(folder, monkeypatch):
     assert all(reason.startswith("refused: ") for _, reason in found[:2])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -225,7 +226,7 @@ def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, cha
     assert {action for action, _ in reasons(fvi(*few, "--dry-run"))} == {"reuse"}
 
 
-@spread(command=["convergence", "plot"], change=["numpy", "sources", "solver"])
+@spread(few=1, command=["convergence", "plot"], change=["numpy", "sources", "solver"])
 def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
     folder, monkeypatch, command, change
 ):

@@ -183,6 +183,7 @@ def test_workers_choose_what_this_process_would(fvi, tmp_path):
         assert one == other
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-11])
 def test_a_search_whose_tolerance_is_met_is_used_again(tolerance, tmp_path):
     """Whatever number of stages it came to."""

@@ -86,13 +86,14 @@ def near_one_millionth(errors: list[float]) -> float:
     return min(positive, key=lambda error: abs(math.log(error / 1e-6)))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ORDER_TABLES)
 def test_the_rows_follow_from_their_errors(name):
     # else what is changed below would be a change of the rules as well
     assert repr(changed(computed(name), errors_by(lambda error: error))) == repr(computed(name))
 
 
-@spread(seed=range(3), name=ORDER_TABLES)
+@spread(few=2, seed=range(3), name=ORDER_TABLES)
 def test_nothing_is_stale_or_written_for_round_off(name, seed, tmp_path):
     for path in TABLES.glob(f"{name}.*"):
         shutil.copy(path, tmp_path)

@@ -36,6 +36,7 @@ def test_every_kind_is_a_function_of_its_name(name):
     assert name.replace("-", "_") in dir(fvi)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", SCENES)
 @given(data=st.data())
 def test_misspelt_arguments_are_refused_with_those_that_there_are(name, data):

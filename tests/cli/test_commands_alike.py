@@ -9,6 +9,7 @@ from fvi_cli.cli.app import COMMANDS
 QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost", "stability"])
 def test_a_dry_run_prints_plans_in_full_when_asked(command, tmp_path):
     arguments = [command, *QUICK, "--dry-run", "--output", str(tmp_path)]

@@ -66,7 +66,7 @@ REPORTS = {  # what each command is asked, a table of its document, and whether 
 }
 
 
-@spread(few=3, arguments=list(REPORTS))
+@spread(few=1, arguments=list(REPORTS))
 def test_reports_are_documents_of_the_rows_of_their_tables(arguments, tmp_path):
     sheet, is_checked = REPORTS[arguments]
     made = document(*arguments, "--json", "-o", str(tmp_path))
@@ -125,6 +125,7 @@ def test_every_shipped_configuration_is_listed_with_what_it_shows():
 LONG_PLANS = ("full-order", "ensemble", "response-spectrum")
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow if n in LONG_PLANS else ()) for n in shipped_configs()],

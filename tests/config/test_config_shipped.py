@@ -39,6 +39,7 @@ def shipped(name):
     return load_config(find_config(name))
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(name):
     config = shipped(name)

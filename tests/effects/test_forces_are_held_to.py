@@ -27,6 +27,7 @@ def test_samples_must_reach_to_the_end(scale):
     linear_oscillator(final_time=2.5 * scale, forcing=ended)
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("seed", range(20))
 def test_poles_inside_are_found_and_pulses_are_none(seed):
     chance = random.Random(seed)

@@ -66,6 +66,7 @@ def slope(scene: Scene, method: Baseline, counts: tuple[int, ...] = COUNTS) -> f
     return -float(fit[0])
 
 
+@pytest.mark.few(2)
 @spread(few=5, method=[GRUENWALD, PRODUCT], name=SCENES)
 def test_orders_are_as_stated(name, method):
     scene = SCENES[name]

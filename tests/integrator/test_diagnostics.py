@@ -135,6 +135,7 @@ def test_energy_balance_is_exact_on_graded_meshes(scene, method):
     assert found.dissipated_work[-1] > 1e-3
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("name", "scene", "method", "steps", "order"),
     [

@@ -80,6 +80,7 @@ def arrival(formula: str, *, speed: float, final: float) -> float:
     return float(found.t_events[0][0])
 
 
+@pytest.mark.few(20)
 @pytest.mark.parametrize("formula", ATTRACTING)
 @pytest.mark.parametrize("method", METHODS, ids=lambda one: one.case)
 @pytest.mark.parametrize("seed", SEEDS)
@@ -101,6 +102,7 @@ def test_a_run_ends_where_its_energy_does(formula: str, method: AnyMethod, seed:
     assert run.failure.time / unit["tau"] == pytest.approx(event, abs=slack)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("formula", REPELLING)
 @pytest.mark.parametrize("order", [0.1, 0.6, 1.0, 1.5, 1.9])
 def test_no_step_jumps_over_a_wall(formula: str, order: float) -> None:
@@ -121,6 +123,7 @@ def test_no_step_jumps_over_a_wall(formula: str, order: float) -> None:
     assert integrate(scene, GAUSS3, 400).status == "ok"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_adaptive_steps_turn_at_a_wall_and_end_at_a_pole(seed: int) -> None:
     """A trial step over a wall is rejected; where the motion itself ends there, the run fails."""
@@ -155,6 +158,7 @@ def test_batches_say_the_same_as_runs_one_by_one() -> None:
     assert any(one.status == "failed" for one in alone) or formula == "1/s"
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     "energy",
     [

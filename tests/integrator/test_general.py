@@ -103,6 +103,7 @@ def test_without_a_graded_start_the_order_is_lost():
     assert expected_order(bent(1.5), GAUSS3, "max", 256) == 2.5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("order", "degree"), [(1.5, 3), (1.9, 3), (1.9, 4)])
 def test_orders_above_one_meet_the_stages(order, degree):
     method = Method(cq="gauss", degree=degree, start="graded")

@@ -148,6 +148,7 @@ def singular(count: int) -> list[Scene]:
     return scenes
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("scenes", "method", "n_steps", "bad"),
     [

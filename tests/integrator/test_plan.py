@@ -197,7 +197,7 @@ def most_memory(run: Callable[[], object]) -> int:
     return most
 
 
-@spread(n_steps=[4096, 5000, 2**14], **{"scene, method": [case[1:] for case in MEMORY]})
+@spread(few=5, n_steps=[4096, 5000, 2**14], **{"scene, method": [case[1:] for case in MEMORY]})
 def test_peak_memory_within_a_quarter_of_what_is_traced(scene, method, n_steps):
     integrate(scene, method, 32)
     planned = plan_run(scene, method, n_steps).memory_bytes
@@ -313,6 +313,7 @@ class TestMembers:
         assert alone.block > together.block > 1
         assert alone.operations == together.operations
 
+    @pytest.mark.few(1)
     @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
     def test_peak_memory_of_all(self, method):
         scenes = different(60)
@@ -344,12 +345,13 @@ class TestDiagnosed:
         assert planned.history_operations == alone.history_operations
         assert planned.steps == alone.steps
 
+    @pytest.mark.few(1)
     @pytest.mark.parametrize("dimension", [3, 12])
     @pytest.mark.parametrize("stages", [3, 4])
     def test_peak_memory_of_many_stages(self, dimension, stages):
         self.test_peak_memory(oscillators(dimension), gauss(stages))
 
-    @spread(method=MEMBER_METHODS, scene=[oscillators(), pendulum_of()])
+    @spread(few=2, method=MEMBER_METHODS, scene=[oscillators(), pendulum_of()])
     def test_peak_memory(self, scene, method):
         integrate(scene, method, 32, diagnostics=self.BALANCE)
         planned = plan_run(scene, method, 4096, is_diagnosed=True).memory_bytes

@@ -46,6 +46,7 @@ PLANE_METHODS = (
 )
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("method", PLANE_METHODS, ids=lambda method: method.case)
 def test_a_map_says_what_the_determinants_say_one_by_one(method):
     stiffness, damping = np.geomspace(1e-2, 1e5, 4), np.geomspace(1e-3, 1e3, 3)
@@ -119,6 +120,7 @@ def chain(n, *, ends_only):
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "method", [Method(cq="bdf4", degree=2), NODES, Method(cq="radau-iia", degree=2)]
 )

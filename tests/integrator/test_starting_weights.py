@@ -96,7 +96,7 @@ def test_weights_are_left_out_where_there_are_too_few_steps():
     assert "too few" in trajectory.remarks[0]
 
 
-@spread(order=[0.4, 1.5, 1.7, 1.8, 1.9, 1.95, 1.99], bdf_order=[2, 3])
+@spread(few=3, order=[0.4, 1.5, 1.7, 1.8, 1.9, 1.95, 1.99], bdf_order=[2, 3])
 def test_weights_never_cost_the_first_digit(order, bdf_order):
     """Near order 2 the powers are too close to each other: they are left out, which is said."""
     scene = swing((order, 0.3), T=4.0, x=1.0, v=0.3)

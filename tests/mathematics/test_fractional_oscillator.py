@@ -50,7 +50,7 @@ def free_numerator(order, coefficient):
 ORDERS = [0.05, 0.3, 0.5, 0.8, 0.97, 1.03, 1.25, 1.5, 1.8, 1.95]
 
 
-@spread(few=4, order=ORDERS, coefficient=(0.05, 3.0))
+@spread(few=2, order=ORDERS, coefficient=(0.05, 3.0))
 def test_agrees_with_laplace_inversion(order, coefficient):
     characteristic, zeros = oscillator(2.0, (order, coefficient))
     numerator = free_numerator(order, coefficient)
@@ -71,7 +71,7 @@ def test_a_wrong_pole_shows():
     assert np.abs(missing - right).max() > 0.1
 
 
-@spread(power=[0.0, 0.4, 1.0, 3.0, 8.0], order=[0.2, 0.5, 1.3, 1.5, 1.9])
+@spread(few=2, power=[0.0, 0.4, 1.0, 3.0, 8.0], order=[0.2, 0.5, 1.3, 1.5, 1.9])
 def test_small_times_keep_their_relative_accuracy(order, power):
     # m x'' = t^power to leading order, with the first correction of the damping.
     characteristic, zeros = oscillator(3.0, (order, 1.0))
@@ -103,7 +103,7 @@ def test_tail_is_algebraic_and_accurate(order):
     assert found == pytest.approx(float(series), rel=1e-11)
 
 
-@spread(order=[0.3, 0.5, 1.2, 1.5], change=[0.0, 1e-12, 1e-4, -1e-2])
+@spread(few=2, order=[0.3, 0.5, 1.2, 1.5], change=[0.0, 1e-12, 1e-4, -1e-2])
 def test_nearly_double_growing_modes(order, change):
     coefficient = -2 / order
     characteristic, zeros = oscillator(2 / order - 1 + change, (order, coefficient))

@@ -134,7 +134,7 @@ class TestFigure:
             len(case.rows) for case in one.cases
         )
 
-    @spread(few=2, name=["cost-paper", "cost-pendulum", "cost-step-forced"])
+    @spread(few=1, name=["cost-paper", "cost-pendulum", "cost-step-forced"])
     def test_panels_end_at_the_same_errors_and_the_broad_line_at_the_least(self, name):
         for one in committed_tables(name):
             ends = [

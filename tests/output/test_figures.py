@@ -372,7 +372,7 @@ def test_nothing_is_written_too_small_to_read():
 
 
 @spread(
-    few=2, font=["STIXGeneral", "DejaVu Sans Mono"], kind=["usual", "saturation", "error", "sketch"]
+    few=1, font=["STIXGeneral", "DejaVu Sans Mono"], kind=["usual", "saturation", "error", "sketch"]
 )
 def test_words_stay_on_the_figure_in_any_font(tmp_path, font, kind):
     style = tmp_path / "mine.mplstyle"

@@ -91,7 +91,7 @@ def stability(name: str, more: str, steps: str = "8, 64") -> Iterator[Figure]:
     yield from stability_figures(name, fvi.stability(read(config))).values()
 
 
-@pytest.fixture(scope="module", params=spread(few=3, name=list(SCENES)).args[1])
+@pytest.fixture(scope="module", params=spread(few=1, name=list(SCENES)).args[1])
 def figures(request: pytest.FixtureRequest) -> dict[str, Figure]:
     """The figures of an experiment all of whose units are given, and one of costs."""
     text = SCENES[request.param]
@@ -167,7 +167,7 @@ def test_numbers_beside_an_axis_have_one_form(figures):
             assert len(forms(axis)) <= 1, (name, axis.get_label_text(), numbers(axis))
 
 
-@spread(few=3, low=[3e-7, 0.004, 0.3, 1.1, 30.0, 4e5], share=[1.7, 6.0, 30.0, 150.0, 1e5])
+@spread(few=1, low=[3e-7, 0.004, 0.3, 1.1, 30.0, 4e5], share=[1.7, 6.0, 30.0, 150.0, 1e5])
 def test_logarithmic_axes_of_any_range_have_numbers_of_one_form(low, share):
     x = np.geomspace(low, low * share, 5)
     for figure in (
@@ -182,7 +182,7 @@ def test_logarithmic_axes_of_any_range_have_numbers_of_one_form(low, share):
             assert len(set(numbers(axis))) == len(numbers(axis))
 
 
-@spread(few=2, size=[1e-7, 1.0, 3e8])
+@spread(few=1, size=[1e-7, 1.0, 3e8])
 def test_a_common_factor_stands_beside_the_unit(size):
     x = np.linspace(0.0, size, 9)
     curves = [Curve(x=x, y=x)]

@@ -204,6 +204,7 @@ def test_a_string_is_drawn_in_its_shapes():
     assert bar in (0.05, 0.1)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("masses", [1, 2, 5, 30])
 @pytest.mark.parametrize("text", [CHAIN, FRAME, STRING])
 def test_lines_of_a_waterfall_do_not_touch_and_use_their_room(text, masses):
@@ -286,6 +287,7 @@ def test_the_factor_of_numbers_does_not_stand_on_the_label():
         assert not (shown and axis.label.get_window_extent().overlaps(factor.get_window_extent()))
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("most_ticks", [0, 3])
 @pytest.mark.parametrize("scale", [1e-9, 1e-5, 1e-3, 1.0, 1e3, 1e4, 1e8])
 def test_numbers_of_an_axis_times_its_factor_are_where_they_stand(scale, most_ticks):
@@ -318,6 +320,7 @@ def test_bands_hold_all_members_where_their_times_differ_by_round_off():
     assert np.allclose(median.get_ydata(), 1.5 * np.cos(t))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("numbers", "scale"),
     [
@@ -334,6 +337,7 @@ def test_colours_follow_the_spacing_of_what_is_swept(numbers, scale):
     assert figure.axes[-1].get_xscale() == scale
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("periods", [2.3, 3.7, 5.1])
 def test_a_loop_is_drawn_from_its_beginning_to_its_end(periods):
     text = (

@@ -116,7 +116,7 @@ def test_members_of_a_sweep(count):
         assert others[0].get_ylabel() == r"velocity $\dot x$ (mm/ms)"
 
 
-@spread(count=[2, 8], name=["x", "phi", "r1"])
+@spread(few=1, count=[2, 8], name=["x", "phi", "r1"])
 def test_figures_of_sweeps_name_coordinates_and_events(count, name):
     problem = {
         "kind": "lagrangian",

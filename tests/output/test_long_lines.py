@@ -63,6 +63,7 @@ def test_gaps_stay_gaps_and_what_is_constant_is_thinned():
     assert Curve(x=t, y=np.full(t.size, np.nan)).stride() == 90_000 // FEW_POINTS
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
 def test_files_of_long_lines_are_bounded(kind, tmp_path):
     sizes = []
@@ -92,7 +93,7 @@ def marks_of(lines: dict[str, list[Line2D]], name: str) -> list[Line2D]:
     return found
 
 
-@spread(count=[2, 3, 5], points=[5, 8, 11])
+@spread(few=1, count=[2, 3, 5], points=[5, 8, 11])
 def test_marks_that_lie_upon_each_other_take_turns(count, points):
     def marks(apart: float) -> list[list[int]]:
         x = np.geomspace(1e-3, 1.0, points)
@@ -116,6 +117,7 @@ def test_marks_that_lie_upon_each_other_take_turns(count, points):
     assert marks(100.0) == [list(range(points))] * count
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("count", [2, 4])
 @pytest.mark.parametrize("until", [0, 2, 6, 9])
 def test_where_lines_coincide_those_below_are_seen_and_it_is_said(count, until):
@@ -145,6 +147,7 @@ def test_lines_side_by_side_within_their_width_count_as_one(points, is_pale):
     assert ("_hidden" in ladder_of(curves)[1]) == is_pale
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize("at", [0, 3, 5])
 def test_where_lines_only_meet_every_mark_is_drawn_the_smaller_upon_the_larger(count, at):

@@ -84,6 +84,7 @@ def test_what_a_sweep_lacks_for_a_figure_is_said_and_nothing_is_drawn(changes, w
     assert fvi.figures(outcome) == {}
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("method", ["gauss3", {"baseline": "explicit-euler"}])
 @pytest.mark.parametrize(
     ("kind", "stored"), [("balance", "energy-balance"), ("momenta", "momentum-maps")]

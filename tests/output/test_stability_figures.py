@@ -132,6 +132,7 @@ def has_colour(level: np.ndarray, colour: str) -> bool:
     return bool((np.abs(panel - to_rgb(colour)) < 1e-3).all(axis=2).any())
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_band_of_one_column_has_its_own_colour_in_the_picture(seed):
     grows = "#E3E3E3"

@@ -93,7 +93,7 @@ class Work:
         return action
 
 
-@spread(observed=OBSERVED, seed=[1, 2])
+@spread(few=2, observed=OBSERVED, seed=[1, 2])
 def test_forecasts_of_observed_members_are_right_within_a_factor(observed, seed, monkeypatch):
     rng = np.random.default_rng([seed, OBSERVED.index(observed)])
     # impacts are dear

@@ -97,6 +97,7 @@ def straight(tmp_path_factory):
     return digests(folder / "long.h5")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "options",
     [
@@ -127,6 +128,7 @@ def test_fresh_begins_at_the_start():
     assert written == [64]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
@@ -266,6 +268,7 @@ def stored(path=FILE):
     return found
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_run_goes_on(folder, kind):
     (folder / "long.yaml").write_text(KINDS[kind])

@@ -12,6 +12,7 @@ from benchmarks.hostile_files import KINDS, MATRIX, reproduced, try_kind
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes with limits")
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("kind", KINDS)
 def test_files_that_declare_what_they_like(kind):
     found = try_kind(kind, 25, seed=1)

@@ -42,6 +42,7 @@ SOLVED = {
 }
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", SOLVED)
 def test_closed_forms_solve_their_equations_and_others_do_not(name):
     problem = SOLVED[name]
@@ -167,7 +168,7 @@ WRONG = {
 }
 
 
-@spread(place=range(10), coefficient=[0.0, 0.02])
+@spread(few=3, place=range(10), coefficient=[0.0, 0.02])
 def test_many_periods_of_a_right_solution_and_of_wrong_ones(place, coefficient):
     """Up to ten million radians, over all scales: x = a (1 - cos w t), and what is 1 % off."""
     chance = random.Random(f"{os.environ[SEED]} periods {place} {coefficient}")

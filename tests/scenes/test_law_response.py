@@ -55,6 +55,7 @@ def by_inversion(one: Scene, push: mp.mpf | None = None) -> np.ndarray:
     return talbot_inverse(transform, list(TIMES), largest_frequency=8.0)
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("laws", "damping"),
     [

@@ -8,6 +8,7 @@ from fvi_cli.config import parse_config, shipped_configs
 from fvi_cli.runner.request import gather, plausibility_remarks
 
 
+@pytest.mark.few(10)
 @pytest.mark.parametrize("name", shipped_configs())
 def test_what_is_shipped_is_not_remarked_on(name):
     for request in gather([name]):

@@ -156,6 +156,7 @@ def test_columns_are_called_as_the_coordinates(told, size, names):
     assert header == f"time,{names},energy"
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("problem", "names"),
     [

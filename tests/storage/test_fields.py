@@ -79,6 +79,7 @@ def test_a_field_more_is_a_line_and_older_files_stay(tmp_path, monkeypatch):
     assert told.count(7) == 1
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("sweep", ["", "sweep: {problem.stiffness: [1.0, 2.0, 3.0]}\n"])
 @pytest.mark.parametrize("norm", ["l2", "final"])
 def test_another_norm_computes_nothing_and_gives_what_it_would_have_given(tmp_path, norm, sweep):

@@ -134,6 +134,7 @@ STRANGE = [
 ]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("change", STRANGE)
 def test_what_was_not_written_by_us_is_refused_by_all_who_read_numbers(change):
     with h5py.File(FILE, "r+") as file:

@@ -38,6 +38,7 @@ def meshes(path):
     return {one.identity: one.arrays["mesh"] for one in records if "mesh" in one.arrays}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("more", [{}, STOPPED], ids=["whole", "stopped"])
 @pytest.mark.parametrize("between", [(), ({"problem.parameters.F": [0.25, 0.5]},)])
 def test_what_was_stored_of_runs_is_read_again_after_sweeps(more, between, tmp_path):

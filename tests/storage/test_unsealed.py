@@ -55,6 +55,7 @@ def changed(how: str) -> None:
         Path(FILE).write_bytes(content)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("command", READERS, ids=lambda command: command[0])
 @pytest.mark.parametrize("how", ["annotated", "cut", "foreign", "endless"])
 def test_what_cannot_be_verified_is_refused_by_every_reader(command, how):

@@ -54,6 +54,7 @@ def test_exponentials() -> None:
         assert found == pytest.approx(expm(one), rel=1e-9, abs=1e-9 * np.abs(expm(one)).max())
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", ["bdf1", "bdf2", "bdf3-nodes", "gauss2"])
 @pytest.mark.parametrize("order", [0.3, 1.0, 1.6])
 def test_errors_of_damping_in_one_step(name: str, order: float) -> None:
@@ -106,6 +107,7 @@ def saddle(seed: int) -> tuple[fvi.Scene, str, float, np.ndarray]:
     return scene, name, length, exact
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", range(12))
 def test_motions_along_unstable_states(seed: int) -> None:
     scene, name, _, exact = saddle(seed)
@@ -167,6 +169,7 @@ def test_long_runs_are_looked_at_in_parts(n_steps: int, monkeypatch: pytest.Monk
     assert sum(seen) <= 1000
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", ["gauss1", "gauss2", "bdf2", "bdf3-nodes"])
 @pytest.mark.parametrize("n_steps", [60, 900, 7000])
 def test_linear_runs_in_equal_steps_take_one_step(

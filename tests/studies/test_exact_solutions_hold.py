@@ -70,6 +70,7 @@ def inertial(rng):
     return one, lambda t: (np.cos(rate * t) + 0.5 / rate * np.sin(rate * t))[:, None]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("draw", "tolerance"),
     [(steep, 1e-10), (struck, 2e-6), (repelled, 1e-9), (inertial, 3e-8)],

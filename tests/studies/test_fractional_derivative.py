@@ -20,6 +20,7 @@ def last_value(order: float, function: str, bdf: int, folder) -> float:
     return float(finished.trajectory.position[-1, 0])
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("order", [0.2, 0.5, 0.9, 1.2, 1.5, 1.9])
 @pytest.mark.parametrize("bdf", [1, 2])
 def test_functions_that_start_away_from_zero(order, bdf, tmp_path):

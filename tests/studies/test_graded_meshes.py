@@ -41,6 +41,7 @@ def experiment(ladder: dict[str, Any], problem: dict[str, Any], **method: Any) -
     return found
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("order", "degree", "grading", "expected", "steps"),
     [

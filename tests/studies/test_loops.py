@@ -51,7 +51,7 @@ def test_of_many_points_loops_have_their_closed_form_at_any_order(order):
         assert worst > 0.1
 
 
-@spread(few=5, order=ORDERS)
+@spread(few=2, order=ORDERS)
 def test_of_few_points_a_number_is_near_or_not_given(order):
     rng = np.random.default_rng(12)
     size = 1 / max(abs(math.cos(order * np.pi / 2)), 1e-9)

@@ -174,6 +174,7 @@ def test_phases_are_remarked_on_where_no_error_is_known() -> None:
         assert any("by Gauss2, graded the error is some" in one for one in remarks) == is_said
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("potential", ["q**4/4", "q**6", "cosh(q)", "exp(q)", "q**4*(1 + t)"])
 def test_a_potential_of_the_wrong_sign_is_asked_about(potential: str) -> None:
     said = {}
@@ -253,7 +254,7 @@ def test_walls_that_are_met_inside_of_one_step(
     assert missed <= 0.3 * silent
 
 
-@spread(name=["gauss2", "gauss3", "bdf2-nodes"], n_steps=[6, 60, 4000])
+@spread(few=1, name=["gauss2", "gauss3", "bdf2-nodes"], n_steps=[6, 60, 4000])
 def test_integrate_says_what_run_says(name: str, n_steps: int) -> None:
     problems = [
         {"kind": "pendulum", "initial": {"position": 2.0}},

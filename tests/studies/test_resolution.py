@@ -130,7 +130,7 @@ def test_runs_and_baselines_say_so_and_keep_it(
     assert json.dumps(recalled).count(words) == (2 if is_said else 0)
 
 
-@spread(few=2, seed=range(6))
+@spread(few=1, seed=range(6))
 def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +173,7 @@ def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
     assert run().error < 0.5 * swing
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "text",
     [
@@ -192,6 +193,7 @@ def test_jumps_kinks_and_small_pulses_are_not_passed_over(text: str) -> None:
     assert resolution_remarks(scene, 100) == ()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "text",
     [
@@ -221,7 +223,7 @@ OF_LAGRANGIANS = (
 )
 
 
-@spread(few=4, seed=range(10))
+@spread(few=1, seed=range(10))
 def test_pulses_of_lagrangians_that_steps_pass_over(seed: int) -> None:
     random = np.random.default_rng([25, 6, seed])
     mass, length, second = (float(10 ** random.uniform(-6, 6)) for _ in range(3))
@@ -257,6 +259,7 @@ def test_pulses_of_lagrangians_that_steps_pass_over(seed: int) -> None:
     assert resolution_remarks(weak, 100) == ()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_pulses_of_displacements_that_steps_pass_over(seed: int) -> None:
     random = np.random.default_rng([25, 7, seed])

@@ -114,7 +114,7 @@ def symplecticity_defect(scene: Scene, method: AnyMethod, n_steps: int, distance
     return float(np.abs(derivative.T @ structure @ derivative - structure).max())
 
 
-@spread(name=FLOWS, method=METHODS)
+@spread(few=2, name=FLOWS, method=METHODS)
 def test_flow_is_symplectic(name, method):
     assert symplecticity_defect(FLOWS[name][0], method, *FLOWS[name][1:]) < 1e-12
 
@@ -175,6 +175,7 @@ def test_energy_of_implicit_euler_drifts():
     assert slope < -1e-3
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.case)
 def test_angular_momentum_of_kepler_is_kept(method):
     """Twenty times round an ellipse of eccentricity 0.36."""

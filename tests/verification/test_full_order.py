@@ -94,7 +94,7 @@ def test_gauss_has_order_2m(gamma, name, stages):
 LADDERS = {1: (64, 128, 256, 512), 2: (64, 128, 256, 512), 3: (48, 64, 80, 96)}
 
 
-@spread(gamma=[0.3, 0.5, 1.25, 1.5, 1.9], stages=[1, 2, 3])
+@spread(few=2, gamma=[0.3, 0.5, 1.25, 1.5, 1.9], stages=[1, 2, 3])
 def test_gauss_with_a_graded_start_keeps_2m_on_singular_starts(gamma, stages):
     problem = free_oscillator(gamma)
     ladder = LADDERS[stages]
@@ -196,7 +196,7 @@ def test_step_forcing(degree, limits):
     assert np.abs(plain.position - exact.position(plain.time)).max() > 2 * limits[0]
 
 
-@spread(degree=[2, 3], gamma=[0.5, 0.8, 1.25, 1.5, 1.75])
+@spread(few=2, degree=[2, 3], gamma=[0.5, 0.8, 1.25, 1.5, 1.75])
 def test_a_jump_of_the_force_on_a_pendulum(gamma, degree):
     """Full order with steps that are halved behind the jump, 4 - gamma without."""
     scene = swing((gamma, 0.5), T=8.0, x=0.5, forcing=in_pieces("2", 1.0, "0"))

@@ -76,7 +76,7 @@ def only(claim: Claim, method: str) -> Finding:
     return finding
 
 
-@spread(few=4, name=[n for n in CASES if n not in LONG])
+@spread(few=2, name=[n for n in CASES if n not in LONG])
 def test_much_holds_with_gauss3(name):
     check_everything_holds(name)
 

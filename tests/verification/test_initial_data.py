@@ -117,6 +117,7 @@ def test_the_caputo_solution_jumps_as_the_order_passes_1(method):
     assert value(1 + 1e-9) == pytest.approx(1.26871, abs=6e-6)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("order", "method", "lost"),
     [

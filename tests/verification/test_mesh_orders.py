@@ -90,7 +90,7 @@ def grading(order: float, m: int) -> float:
 NUMBERS = (48, 64, 96, 128)
 
 
-@spread(order=ORDERS, m=STAGES)
+@spread(few=2, order=ORDERS, m=STAGES)
 def test_singular_motions_on_graded_meshes(order, m):
     scene, exact = singular(order, 8.0, 0.7)
     method, r = Method(cq="gauss", degree=m), grading(order, m)
@@ -98,7 +98,7 @@ def test_singular_motions_on_graded_meshes(order, m):
     assert slope(NUMBERS, errors) == pytest.approx(2 * m, abs=0.1)
 
 
-@spread(order=ORDERS, m=STAGES)
+@spread(few=2, order=ORDERS, m=STAGES)
 def test_smooth_motions_on_graded_meshes(order, m):
     scene, times, values = smooth(order)
     numbers = (240, 300, 360, 480) if m == 1 else (96, 128, 160, 192)
@@ -111,7 +111,7 @@ def test_smooth_motions_on_graded_meshes(order, m):
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
 
 
-@spread(order=ORDERS, m=[3, 4])
+@spread(few=2, order=ORDERS, m=[3, 4])
 def test_finer_steps_inside_the_first_one_alone_are_not_enough(order, m):
     """The control: the step after them is as long as its distance from the singular point."""
     scene, exact = singular(order, 8.0, 0.7)
@@ -140,6 +140,7 @@ NONLINEAR = [
 ]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "order", "m"), NONLINEAR)
 def test_nonlinear_motions(name, order, m):
     scene, exact = nonlinear(name, order)

@@ -44,6 +44,7 @@ def measured(scene: Scene, method: Method, grading: float) -> float:
     return fit_slope(*zip(*kept[-4:], strict=True))[0]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
 @pytest.mark.parametrize("place", range(3))
 def test_gradings_multiply_the_order_of_a_singular_start(derivative, place):

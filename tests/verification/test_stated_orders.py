@@ -89,6 +89,7 @@ def test_without_the_power_the_order_is_lost():
     assert expected_order(scene, plain, "max", 128) == 1.5
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("dampers", [(), ((0.5, 0.3),), ((1.5, 0.3),)])
 @pytest.mark.parametrize("begins", [0.0, 1.0])
 def test_starting_weights_mend_no_moments_of_a_singular_force(begins, dampers):

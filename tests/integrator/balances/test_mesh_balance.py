@@ -84,6 +84,7 @@ def check(seed: int) -> None:
     assert np.abs(found.position).max() <= case.bound * (1 + 1e-12), seed
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("first", range(0, 60, 15))
 def test_the_extended_energy_of_random_scenes_falls(first):
     for seed in range(first, first + 15):

@@ -113,7 +113,7 @@ def found_mesh(scene: Scene) -> Mesh:
     return run_steps(scene, Method(cq="gauss", degree=3, start="none"), steps).mesh(())
 
 
-@few_of(8, 16)
+@few_of(2, 16)
 def test_drawn_scenes(seed):
     scene, method, mesh = drawn(seed)
     times = np.array([0.31, 0.77]) * scene.final_time

@@ -93,6 +93,7 @@ def agree(found: Any, scene: Scene, expected: dict[str, float]) -> None:
     assert found.step_solves == found.n_steps
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", DAMPINGS)
 def test_against_forty_digits(name):
     scene = oscillator(name)
@@ -100,6 +101,7 @@ def test_against_forty_digits(name):
     agree(found, scene, in_forty_digits(name))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["small", "near 2", "viscous", "on both sides of 1"])
 def test_accelerations_and_forces_against_forty_digits(name):
     scene = oscillator(name)
@@ -165,7 +167,7 @@ SCENES = {
 }
 
 
-@spread(few=3, name=list(SCENES))
+@spread(few=1, name=list(SCENES))
 def test_expressions_against_central_differences(name, monkeypatch):
     """Of accelerations, damping forces, velocities and positions."""
     scene = SCENES[name]

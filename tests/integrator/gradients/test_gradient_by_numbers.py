@@ -79,6 +79,7 @@ def drawn(seed: int) -> tuple[str, dict[str, float], float]:
     return text, values, chance.choice([20.0, 200.0, 1000.0])
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_forces_with_drawn_numbers_over_long_times(seed):
     text, values, final_time = drawn(seed)

@@ -29,6 +29,7 @@ def drawn(place: int) -> fvi.Scene:
     )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("place", range(4))
 @pytest.mark.parametrize("text", ["", "vx**2 + x"])
 def test_what_has_no_derivative_is_left_out_of_all(place, text):

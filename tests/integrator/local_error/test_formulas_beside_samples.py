@@ -74,6 +74,7 @@ def seen(forcing: Forcing, T: float) -> list[object]:
     ]
 
 
+@pytest.mark.few(8)
 @spread(few=2, seed=range(6))
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", list(TEXTS))

@@ -29,6 +29,7 @@ def pulse(shape: str, middle: float, width: float, beside: str = "") -> Forcing:
     return Forcing.from_text("2*(" + SHAPES[shape].replace("{u}", u) + ")" + beside)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_steps_have_to_end_inside_of_every_pulse(seed):
     random = np.random.default_rng([22, seed])

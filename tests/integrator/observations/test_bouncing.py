@@ -46,6 +46,7 @@ DRAWN = [
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("place", "length", "second", "restitution"),
     [*DRAWN[:7], *(pytest.param(*one, marks=SLOW) for one in DRAWN[7:])],
@@ -229,6 +230,7 @@ def _check(seed: int) -> None:
     assert all(one.least > -1e-9 for one in run.observed.extents.values())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(4))
 def test_walls_anywhere_at_any_angle_that_move(seed):
     _check(seed)

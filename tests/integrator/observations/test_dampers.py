@@ -120,6 +120,7 @@ def names_of_force(scene: fvi.Scene, place: int) -> list[str]:
     return [f"force_{place + 1}_{k + 1}" for k in range(count)]
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("seed", range(10))
 def test_works_are_the_loss_of_energy_and_forces_balance_the_motion(seed):
     one = drawn(seed)

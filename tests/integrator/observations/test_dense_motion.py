@@ -84,6 +84,7 @@ def _run_at(times: Array) -> Array:
     return fvi.integrate(FRAME, "gauss6", 200, output=times).position[:, 2]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("order", [0.3, 1.0, 1.6])
 def test_velocity_acceleration_and_damping_force_of_a_pendulum(order):
     scene = swing((order, 0.4), T=4.0, x=1.5, v=0.3)
@@ -133,6 +134,7 @@ def test_acceleration_with_a_mass_matrix_that_depends_on_the_position():
     assert np.abs(run.observed.quantities["a"] - slope).max() < 1e-7
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("order", [0.2, 0.5, 0.9, 1.3, 1.7])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_what_is_infinite_at_the_start_is_infinite(order, side):

@@ -101,7 +101,7 @@ def test_without_that_they_have_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run.observed.events["floor"].time.size > most_impacts(0.8)
 
 
-@few_of(2, 60)
+@few_of(1, 60)
 def test_drawn_rebounds_end_in_counted_work(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     random = np.random.default_rng([25, 1, seed])
     order = float(random.uniform(0.05, 1.95)) if seed % 2 else float(random.uniform(1.05, 1.95))

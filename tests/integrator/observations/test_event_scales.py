@@ -109,7 +109,7 @@ def _check(seed: int) -> None:
     assert np.abs(found - times).max(initial=0.0) < 1e-7
 
 
-@few_of(25, 500)
+@few_of(10, 500)
 def test_all_changes_of_sign_are_found(seed):
     _check(seed)
 

@@ -75,6 +75,7 @@ def _worst(observed: Observed, end: float) -> float:
     return float(worst)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", range(12))
 def test_what_ends_within_a_step_is_counted_up_to_there(seed):
     rng = np.random.default_rng(seed)

@@ -67,7 +67,7 @@ def largest(found: Trajectory, exact: Trajectory) -> Array:
     return np.array([np.abs(a - b).max() + 1e-12 * np.abs(b).max() for a, b in pairs])
 
 
-@spread(few=4, seed=range(12))
+@spread(few=2, seed=range(12))
 def test_they_are_as_good_as_a_second_run_and_the_steps_of_the_run_are_not(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     scene, start = drawn(rng), str(rng.choice(["none", "graded"]))
@@ -118,6 +118,7 @@ def test_no_other_step_is_solved(monkeypatch):
     assert (sum(by_run), sum(by_step)) == (800, 23)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["spring", "swing", "frame"])
 def test_a_member_has_the_same_bits_whatever_stands_beside_it(kind):
     rng, count, method = np.random.default_rng(len(kind)), 70, Method(cq="gauss", degree=2)

@@ -38,6 +38,7 @@ def wrong(order):
     return np.abs(found["f"] - force).max(), np.abs(found["w"] - work).max()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [1.95, *ORDERS])
 def test_force_and_work_of_a_damper_above_order_1(order):
     assert max(wrong(order)) < 1e-4

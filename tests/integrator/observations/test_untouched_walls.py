@@ -71,6 +71,7 @@ def twice(scene: Scene, method: str, n_steps: int) -> tuple[fvi.Trajectory, fvi.
     return next(runs), next(runs)
 
 
+@pytest.mark.few(8)
 @spread(few=4, seed=range(6), method=["gauss2", "gauss3", "gauss4"])
 @pytest.mark.parametrize("kind", list(LAGRANGIANS))
 def test_the_same_is_said_of_lagrangians(seed, method, kind):
@@ -80,7 +81,7 @@ def test_the_same_is_said_of_lagrangians(seed, method, kind):
     assert with_wall.time[-1] == pytest.approx(without.time[-1], abs=2.0 * without.step_size)
 
 
-@spread(few=6, seed=range(3), kind=[one for one in KINDS if one not in STRUCTURES], what=FORCES)
+@spread(few=2, seed=range(3), kind=[one for one in KINDS if one not in STRUCTURES], what=FORCES)
 def test_the_same_is_said_of_scenes_of_every_kind(seed, kind, what):
     rng = np.random.default_rng([seed, len(kind), len(what)])
     n_steps = int(rng.integers(30, 150))

@@ -59,6 +59,7 @@ def run_by(scene: Scene, how: str):
     return integrate(scene, gauss if how == "blocks" else Baseline(name=how), 2000)
 
 
+@pytest.mark.few(3)
 @spread(
     kind=list(SCENES),
     start=[(1e-8, 0.0), (-1e-9, 0.0), (0.0, 1e-9), (1e-12, -1e-12), (1e-3, 1e-6)],

@@ -105,6 +105,7 @@ def quiet(chance: random.Random) -> dict[str, Function]:
     }
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", list(quiet(random.Random(0))))
 def test_what_does_not_jump_is_not_remarked_on(name):
     for seed in range(8):

@@ -65,6 +65,7 @@ SCENES = {
 }
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize(
     ("scene", "method", "mesh"),
     [

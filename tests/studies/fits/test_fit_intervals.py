@@ -184,6 +184,7 @@ def test_removal_is_refused_where_a_term_matters_and_parts_of_a_spectrum_are_ter
     assert needless.words in found.warnings
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_parameters_that_can_be_traded_have_no_interval(seed):
     """Two springpots of one order side by side: only the sum of their coefficients is known."""

@@ -70,6 +70,7 @@ def test_the_noise_of_columns_is_that_of_restricted_likelihood(ratio):
     np.testing.assert_allclose([one.deviation for one in found.series], expected, rtol=0.02)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_length_of_an_interval_is_that_of_the_freedom_of_its_column(seed):
     """A short precise column determines all: 5 values less 2 parameters, not 45 less 2."""

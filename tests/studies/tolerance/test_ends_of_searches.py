@@ -80,7 +80,9 @@ def test_a_search_whose_steps_run_out_makes_no_further_runs(
     assert "the largest number of steps is reached" in run.assessment.reason
 
 
-@spread(speed=[200.0, 300.0, -300.0, 3.0, 0.3], steps=[1, 8, fvi.AdaptiveSteps(tolerance=1e-4)])
+@spread(
+    few=2, speed=[200.0, 300.0, -300.0, 3.0, 0.3], steps=[1, 8, fvi.AdaptiveSteps(tolerance=1e-4)]
+)
 def test_a_run_that_fails_at_once_says_why(speed: float, steps: int | fvi.AdaptiveSteps) -> None:
     """No velocity is found from the momentum of a start with a huge one; the start itself stays."""
     scene = fvi.lagrangian_scene(

@@ -50,6 +50,7 @@ def drawn(seed: int, folder: Path) -> tuple[Experiment, float]:
     return load_config(path).experiments[0], power
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(8))
 def test_l2_of_a_price_is_the_integral_over_time(tmp_path, seed):
     one, power = drawn(seed, tmp_path)

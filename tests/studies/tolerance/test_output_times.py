@@ -89,7 +89,7 @@ def check(data: dict[str, object]) -> None:
     assert largest_error(found, known) <= data["tolerance"] + known.error.max(), data
 
 
-@few_of(6, 120)
+@few_of(2, 120)
 def test_drawn_scenes(seed):
     check(draw(np.random.default_rng([21, seed]), near_two=seed % 2 == 1))
 
@@ -144,6 +144,7 @@ def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
     assert found.error > 1e-6
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("derivative", "method", "order"),
     [

@@ -89,7 +89,7 @@ def check(data: dict[str, object]) -> None:
     assert error <= data["tolerance"] + known.error.max(), data
 
 
-@few_of(6, 120)
+@few_of(2, 120)
 def test_drawn_sections(seed):
     check(draw(seed))
 
