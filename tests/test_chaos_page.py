@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
         patch.chdir(here)
         for line in lines:
             assert "number: 40" in line or "sweep" not in line
-            program, *words = shlex.split(line.replace("number: 40", "number: 5"))
+            program, *words = shlex.split(line.replace("number: 40", "number: 3"))
             assert program == "fvi"
             fvi(*words, code=0)
     return here
@@ -53,8 +53,8 @@ def test_the_table_has_mean_and_deviation(folder):
     table = (folder / "results" / "tables" / "chaos-quantities-ensemble.csv").read_text()
     rows = list(csv.DictReader(table.splitlines()))
     assert len(rows) == 12
-    assert {row["members"] for row in rows} == {"5"}
-    first = np.linspace(0.45, 0.55, 5)
+    assert {row["members"] for row in rows} == {"3"}
+    first = np.linspace(0.45, 0.55, 3)
     assert float(rows[0]["mean"]) == pytest.approx(0.5, rel=1e-12)
     assert float(rows[0]["deviation"]) == pytest.approx(first.std(ddof=1), rel=1e-12)
 

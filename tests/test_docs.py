@@ -111,6 +111,7 @@ PYTHON = [
 ]
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("page", "number"), PYTHON)
 def test_examples_run(page, number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -88,7 +88,7 @@ def replaced(tree: object, path: list[int], value: object) -> object:
     return {k: replaced(e, rest, value) if k == key else e for k, e in tree.items()}
 
 
-@some(100)
+@some(40)
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=5), trees)
 def test_a_valid_tree_with_one_node_replaced(path, value):
     tree = replaced(yaml.safe_load(SEED), path, value)

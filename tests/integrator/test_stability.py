@@ -86,7 +86,7 @@ CLOSE = (12, 130, 179, 203, 269, 281, 361, 399, 403)
 
 
 def test_growing_modes_of_coupled_systems_are_the_eigenvalues():
-    assert wrongly_counted([*CLOSE, *range(1000, 1080)]) == []
+    assert wrongly_counted([*CLOSE, *range(1000, 1040)]) == []
 
 
 def test_fewer_points_overlook_modes_that_are_close(monkeypatch):
@@ -113,7 +113,7 @@ def test_sawtooth_bound_of_explicit_sampling(p, bound, order):
 def test_the_largest_stable_step_is_one_that_is_predicted_stable():
     """Also where forces of the finest steps are beside inertia what round-off is."""
     draw, p = np.random.default_rng(1).uniform, 5
-    for _ in range(20):
+    for _ in range(5):
         scene = oscillator(
             10 ** draw(0, 2),
             mass=10 ** draw(-2, 2),

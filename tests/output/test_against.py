@@ -15,21 +15,21 @@ problem:
   parameters: {a: 0.4}
   forcing: a*cos(1.3*t)
   initial: {position: 0.1}
-  final_time: 30.0
+  final_time: 15.0
   exact: none
 sweep:
   problem.stiffness: [3.0, 1.0, 2.0]
 MORE
 method: gauss2
-ladder: {steps: [150, 300]}
+ladder: {steps: [75, 150]}
 quantities: {angle: x}
 events: {turn: {when: vx, direction: falling}}
 figures:
   - {plot: peak_angle, against: problem.stiffness}
   - {plot: rms_angle, against: problem.stiffness}
-  - {plot: turn, against: problem.stiffness, after: 12.5}
+  - {plot: turn, against: problem.stiffness, after: 6.25}
   - {plot: turn, of: vx, against: problem.stiffness}
-  - {section: turn, after: 12.5}
+  - {section: turn, after: 6.25}
 """
 AGAINST = "against-stiffness"
 
@@ -41,7 +41,7 @@ def drawn(tmp_path, more=""):
 
 
 def finest(outcome):
-    return [one for one in outcome.finished if one.run.n_steps == 300]
+    return [one for one in outcome.finished if one.run.n_steps == 150]
 
 
 def curves(figure):
@@ -62,7 +62,7 @@ def test_extents_stand_against_the_swept_key_in_its_order(tmp_path):
         }
         assert list(y) == [expected[value] for value in x]
         # the control: by the coarser grid they are others
-        coarse = next(one for one in outcome.finished if one.run.n_steps == 150)
+        coarse = next(one for one in outcome.finished if one.run.n_steps == 75)
         assert getattr(coarse.trajectory.observed.extents["angle"], which) not in y
 
 
@@ -73,7 +73,7 @@ def test_events_are_dots_and_what_is_before_the_time_is_left_out(tmp_path):
     dropped = 0
     for one in finest(outcome):
         turn = one.trajectory.observed.events["turn"]
-        late = turn.time >= 12.5
+        late = turn.time >= 6.25
         dropped += np.count_nonzero(~late)
         value = one.run.member.values["problem.stiffness"]
         found |= {(value, position) for position in turn.position[late, 0]}
@@ -118,11 +118,11 @@ def test_designs_are_curves_with_their_names(tmp_path):
 
 
 def test_a_figure_without_events_is_said(tmp_path):
-    text = TEXT.replace("MORE\n", "").replace("after: 12.5", "after: 29.99")
+    text = TEXT.replace("MORE\n", "").replace("after: 6.25", "after: 14.99")
     (tmp_path / "swept.yaml").write_text(text)
     (outcome,) = fvi.run(tmp_path / "swept.yaml")
     said = left_out([(outcome.experiment, outcome.finished)])
-    assert [line for line in said if "did not happen after t = 29.99" in line] == said[:2]
+    assert [line for line in said if "did not happen after t = 14.99" in line] == said[:2]
     assert f"swept-turn-{AGAINST}" not in fvi.figures([outcome])
 
 

@@ -117,6 +117,7 @@ def _rounded_otherwise(value: Value, rule: Within | None) -> Value:
     return value + 0.5 * max(rule.relative * abs(value), rule.absolute)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(one, marks=pytest.mark.slow if one == "fit" else ()) for one in REPORTS],

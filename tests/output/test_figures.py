@@ -146,6 +146,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
 }
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_draw_what_is_kept(name, kept):
     kept(f"{name}.json", plotting.drawn_text(FIGURES[name]()))

@@ -316,7 +316,7 @@ def test_marks_of_peaks_differ_in_form_and_the_key_has_them(count):
         assert last.get_marker() == forms[0]
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 @given(st.integers(-3, 3), st.floats(0.0, 0.1))
 def test_an_axis_reaches_the_number_that_it_just_misses(power, missed):
     size = 10.0**power

@@ -55,6 +55,7 @@ def structures() -> tuple[str, list[str]]:
     return whole + "designs:\n" + designs, alone
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("drawn", [frames, structures])
 def test_a_member_has_the_loop_of_its_own_deformation(drawn):
     text, alone = drawn()

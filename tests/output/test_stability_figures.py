@@ -19,6 +19,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.region import StabilityMap
 from fvi_cli.plotting.regions import region_figure
 from fvi_cli.plotting.stability import stability_figures, step_figure
+from fvi_cli.studies import stability_study
 from fvi_cli.studies.stability_study import StabilityTable
 
 MANY = (
@@ -28,15 +29,27 @@ MANY = (
 
 
 @functools.cache
-def growth(*, observe: bool, method: str = MANY) -> tuple[StabilityTable, Axes]:
-    """A study of an equation on which some methods grow, and its panel; not to be changed."""
+def observed(method: str) -> StabilityTable:
+    """A study of an equation on which some methods grow, without the largest stable steps."""
     text = configuration(
         "kind: bagley-torvik, damping: [{order: 1.5, coefficient: 1.0}], final_time: 1.0",
         method=method,
         steps="2, 4",
-        more=f"allow_unstable: true\nstability: {{observe: {str(observe).lower()}}}\n",
+        more="allow_unstable: true\n",
     )
-    (table,) = fvi.stability(yaml.safe_load(text))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(stability_study, "largest_stable_step", lambda *_, **__: None)
+        (table,) = fvi.stability(yaml.safe_load(text))
+    return table
+
+
+@functools.cache
+def growth(*, observe: bool, method: str = MANY) -> tuple[StabilityTable, Axes]:
+    """That study with or without what was observed, and its panel; not to be changed."""
+    table = observed(method)
+    if not observe:
+        rows = tuple(dataclasses.replace(row, observation=None) for row in table.rows)
+        table = dataclasses.replace(table, rows=rows)
     (figure,) = stability_figures("one", [table]).values()
     return table, figure.axes[1]
 

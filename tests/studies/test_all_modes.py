@@ -120,7 +120,7 @@ def test_starts_without_damping_lose_modes_and_the_count_says_so(monkeypatch):
     monkeypatch.setattr(modes._Search, "look_in", lambda *_: None)
     monkeypatch.setattr(modes._Search, "stiffened", lambda *_: [])
     lost = 0
-    for seed in range(20):
+    for seed in range(10):
         mass, terms = drawn(seed)
         expected = expected_modes(mass, terms)
         table = found_modes(structure(mass, terms))
@@ -131,7 +131,7 @@ def test_starts_without_damping_lose_modes_and_the_count_says_so(monkeypatch):
 
 
 def test_the_region_holds_all_modes_whatever_is_found():
-    for seed in range(20):
+    for seed in range(8):
         mass, terms = drawn(seed)
         stiffness = DynamicStiffness(structure(mass, terms))
         region, _ = region_of_all_modes(stiffness, largest_ratio=0.995)

@@ -216,7 +216,7 @@ def test_walls_that_are_met_inside_of_one_step(
     """No state at the ends of steps is in the wall, and the equations are solved all the same."""
     random = np.random.default_rng([25, 8])
     wrong, silent, missed = 0, 0, 0
-    for number in range(20 if is_long else 40):
+    for number in range(10 if is_long else 20):
         length, second = (float(10 ** random.uniform(-6, 6)) for _ in range(2))
         steepness, speed = float(10 ** random.uniform(1.8, 2.7)), float(random.uniform(0.6, 1.4))
         time, n_steps = float(random.uniform(2, 3)), int(random.integers(20, 60))

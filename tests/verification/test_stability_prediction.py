@@ -123,10 +123,10 @@ def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
 
 
 def test_what_is_predicted_is_observed():
-    wrong, verdicts = contradictions(seed=20, count=40)
+    wrong, verdicts = contradictions(seed=20, count=20)
     assert not wrong
     assert verdicts["unknown"] == 0
-    assert min(verdicts["stable"], verdicts["unstable"]) >= 8
+    assert min(verdicts["stable"], verdicts["unstable"]) >= 4
 
 
 @pytest.mark.slow

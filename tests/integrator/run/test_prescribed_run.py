@@ -115,7 +115,7 @@ def test_the_steady_loop_of_a_law_has_its_complex_stiffness(tmp_path):
         "name: a\nproblem: {kind: material, displacement: '0.02*sin(6*t)', final_time: 16,\n"
         "  law: [{law: zener, order: 0.6, time: 0.2, relaxed: 1, unrelaxed: 4, name: one},\n"
         "    {order: 0.3, coefficient: 0.1}]}\n"
-        "ladder: {steps: [1600]}\nmethod: {rk: gauss, degree: 4}\n"
+        "ladder: {steps: [800]}\nmethod: {rk: gauss, degree: 4}\n"
         "quantities: {one: force_one, other: force_2}\n"
     )
     (outcome,) = fvi.run(parse_config(text, "a"))

@@ -59,6 +59,7 @@ def test_a_precise_column_pays_for_the_parameters_that_it_determines():
     assert shares_held(shared=True).max() < CONFIDENCE - 0.06
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("ratio", [10, 100])
 def test_the_noise_of_columns_is_that_of_restricted_likelihood(ratio):
     kind = kind_named(f"two columns, noises 1:{ratio}")

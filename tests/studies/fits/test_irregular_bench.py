@@ -12,7 +12,7 @@ from fvi_cli.studies.fits.settings import DataSet, Series
 
 
 def test_steps_behind_kinks_at_any_times_share_their_sizes(tmp_path):
-    inside = np.random.default_rng(8).uniform(0.05, 3.0, 19)
+    inside = np.random.default_rng(8).uniform(0.05, 3.0, 14)
     times = np.sort(np.concatenate([[0.0, 3.0], inside]))
     values = 0.01 * np.sin(4.0 * times)
     lines = [f"{t!r},{u!r}" for t, u in zip(times.tolist(), values.tolist(), strict=True)]
