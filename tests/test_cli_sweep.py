@@ -27,6 +27,7 @@ def fvi(tmp_path, monkeypatch):
     return call
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("times", "stop"),
     [

@@ -31,6 +31,7 @@ def swinging(
     )
 
 
+@pytest.mark.few(2)
 @spread(
     order=[0.2, 1.0, 1.9, 1.95],
     coefficient=[0.3, 1.0],

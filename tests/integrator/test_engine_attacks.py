@@ -105,6 +105,7 @@ def test_orders_below_round_off(order):
     assert abs(found.position[-1, 0] - wanted) < 1e-8
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("degree", [4, 7, 10])
 def test_a_tolerance_below_round_off_of_the_position(degree):
     scene = spring(T=9.0, x=1e30, damping=damped(0.5, 0.3))

@@ -90,6 +90,7 @@ def orders(scene: Scene, method: Method, ladder: tuple[int, ...], finest: int) -
     return np.log2(np.array(errors[:-1]) / errors[1:])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("degree", [2, 3])
 def test_full_order_of_nonlinear_scenes(degree):
     method = Method(cq="gauss", degree=degree, start="graded")

@@ -158,6 +158,7 @@ def rounding(bdf_order: int, order: float) -> float:
     return 1e-15 + 5e-16 * float(np.abs(short).sum() / abs(short.sum()))
 
 
+@pytest.mark.few(5)
 @spread(
     bdf_order=BDF_ORDERS,
     order=[*ORDERS, -1.7, -1.0, -0.5, 0.01, 1.99, 1 + 1e-9],
@@ -209,7 +210,7 @@ def test_integral_is_the_inverse_of_the_derivative(bdf_order):
         np.testing.assert_allclose(product, np.eye(1, 500)[0], atol=2e-12)
 
 
-@spread(bdf_order=[1, 2, 4, 6], order=[0.3, 1.5, 1.9, -0.5], kind=sorted(WEIGHTS))
+@spread(few=2, bdf_order=[1, 2, 4, 6], order=[0.3, 1.5, 1.9, -0.5], kind=sorted(WEIGHTS))
 def test_no_drift_at_a_million_weights(kind, order, bdf_order):
     """The sum over q_p**order times gamma-function ratios, in 50 digits."""
     shift = 1 if kind == "difference" else 0

@@ -238,6 +238,7 @@ def test_a_quantity_is_the_force_of_a_damper_only_if_it_is():
     assert words == ["force of damper 1 1", "force max", "work on damper 1"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["caputo", "riemann-liouville"])
 def test_a_figure_of_costs_says_which_derivative_it_is_about(kind):
     figure = cost_figure(dataclasses.replace(COSTS, gamma="0.5", derivative=kind))
@@ -248,6 +249,7 @@ def test_a_figure_of_costs_says_which_derivative_it_is_about(kind):
     assert "derivative" not in whole.get_suptitle()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "more"), [("steps", ""), ("swept", "sweep: {problem.stiffness: [1.0, 2.0, 30.0]}\n")]
 )

@@ -102,6 +102,7 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator):
     assert max(two, three) < 1e-14
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("final_time", "count"), [(4.0, 2), (24.0, 3), (40.0, 3)])
 def test_what_is_small_beside_the_works_has_a_panel_of_its_own(final_time, count):
     text = OSCILLATOR.replace("final_time: 4.0", f"final_time: {final_time}")

@@ -88,6 +88,7 @@ MEMBERS = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("count", [3, 8])
 def test_members_of_a_sweep(count):
     amplitudes = {"from": 0.5, "to": 1.2, "number": count}
@@ -193,6 +194,7 @@ def test_what_a_figure_leaves_out_is_said():
     assert left_out([(outcome.experiment, outcome.finished)]) == []
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("coefficients", [[0.1, 0.2, 0.8], [0.05, 1.6]])
 def test_every_member_of_a_sweep_for_a_tolerance_is_drawn(coefficients):
     config = {key: value for key, value in CONFIG.items() if key not in ("method", "ladder")}

@@ -167,6 +167,7 @@ def test_where_lines_only_meet_every_mark_is_drawn_the_smaller_upon_the_larger(c
     assert len({own[x[at - 1]].get_markersize() for own in found}) == 1
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("share", "count"), [(0.3, 1), (0.8, 2)])
 @pytest.mark.parametrize("height", [1.0, 2.4])
 def test_curves_are_one_where_less_than_half_a_line_is_between_them(share, count, height):
@@ -274,13 +275,14 @@ def test_the_key_of_a_dashed_line_shows_all_of_its_parts_beside_the_mark(dashes,
     line = figure.legends[0].get_lines()[0]
     offset, own = line._unscaled_dash_pattern
     half = 0.5 * np.ptp(line.get_xdata()) / line.get_linewidth()
-    edges = np.cumsum([0.0, *own] * 1)[: len(own) + 1]
+    edges = np.cumsum([0.0, *own])
     # the middle of the first dash is in the middle of the key, and the others are beside it
     assert (offset + half) % edges[-1] == pytest.approx(own[0] / 2, abs=1e-6)
     assert half > edges[-1] - own[0] / 2
     assert np.array(own) / own[0] == pytest.approx(np.array(dashes[1]) / dashes[1][0])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("hollow", [{0}, {1}, {0, 2}])
 def test_hollow_marks_lie_upon_full_ones_which_are_seen_round_them(hollow):
     x = np.geomspace(1e-3, 1.0, 6)
@@ -295,6 +297,7 @@ def test_hollow_marks_lie_upon_full_ones_which_are_seen_round_them(hollow):
     assert full == sorted(full)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_marks_of_peaks_differ_in_form_and_the_key_has_them(count):
     t = np.linspace(0.0, 1.0, 50)
@@ -346,6 +349,7 @@ def test_residuals_of_a_bad_fit_do_not_press_the_others_flat(power, factor):
     assert is_whole == (factor <= 15.0) or abs(factor - 15.0) < 1e-6
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("zero", [0, 5, None])
 def test_gaps_of_a_logarithmic_curve_are_explained(zero):
     t = np.linspace(0.0, 1.0, 9)

@@ -77,6 +77,7 @@ def test_sparse_matrices_stand_in_mappings():
     assert config.resolved["experiments"][0]["problem"]["stiffness"] == [[2.0, -1.0], [-1.0, 2.0]]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("how", "exact", "known", "stored"),
     [
@@ -191,6 +192,7 @@ def errors_and_peaks(text: str) -> dict[tuple[int, str], tuple[float, float]]:
     return {(one["n_steps"], one["quantity"]): (one["peak_error"], one["peak"]) for one in rows}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7])
 def test_errors_of_peaks_are_near_those_that_a_far_finer_run_finds(tolerance):
     truth = errors_and_peaks(DRIVEN.replace("30, 60, 90", "600"))

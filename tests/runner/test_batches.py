@@ -38,6 +38,7 @@ def experiment(text, *overrides):
     return parse_config(text, "many.yaml", overrides=overrides).experiments[0]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("text", [OSCILLATORS, PENDULUMS])
 def test_a_batch_gives_what_every_run_gives_alone(text):
     (first, *_) = batches_of(experiment(text).runs())

@@ -84,6 +84,7 @@ def test_every_reference_is_found_once(tmp_path, executor):
     assert all(len(mark.read_text().split()) == 1 for mark in marks)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("more", ["", "ladder: {steps: [2, 4], grading: 2}"])
 def test_a_stored_reference_serves_further_methods(tmp_path, monkeypatch, more):
     monkeypatch.chdir(tmp_path)

@@ -68,7 +68,7 @@ def one_attribute_more(file: h5py.File) -> None:
     file[GROUP].attrs["checked"] = "yes"
 
 
-@spread(reader=READERS, change=[smaller_error, other_status, other_norm, one_attribute_more])
+@spread(few=2, reader=READERS, change=[smaller_error, other_status, other_norm, one_attribute_more])
 def test_a_changed_attribute_is_noticed_by_every_reader(change, reader):
     assert fvi(*reader).exit_code == 0  # control
     with h5py.File(FILE, "r+") as file:

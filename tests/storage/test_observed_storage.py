@@ -128,6 +128,7 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path):
     assert [float(row["time"]) for row in rows] == times.tolist()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["frame-forces", "ball-on-a-table"])
 def test_what_is_shipped_runs(name):
     for outcome in fvi.run(fvi.load(name, overrides=["ladder.steps=[60]"])):

@@ -72,6 +72,7 @@ def test_what_a_crash_left_at_the_end_of_a_link_is_removed():
     assert names("elsewhere") == ["small.h5"]
 
 
+@pytest.mark.few(2)
 @spread(
     command=[
         ("plot", "small.yaml"),

@@ -150,6 +150,7 @@ def test_a_motion_that_leaves_the_top_says_how_its_errors_grow() -> None:
     assert times > 10
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("n_steps", [300, 3000, 30_000])
 def test_long_runs_are_looked_at_in_parts(n_steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The phase of a pendulum by Gauss1: the error is that of all steps, the work is not."""

@@ -154,6 +154,7 @@ LAWS = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("damping", LAWS)
 def test_a_law_has_a_memory_and_a_dashpot_has_none(damping):
     text = (

@@ -31,6 +31,7 @@ def finished(stiffness: float, coefficient: float, order: float, steps: int, fol
     return one
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("place", range(4))
 def test_events_alone_are_held_against_a_closed_form(place, tmp_path):
     chance = random.Random(f"{os.environ[SEED]} events {place}")

@@ -86,6 +86,7 @@ def test_references_hold_where_closed_forms_cancel(draw, tolerance):
         assert found.error <= 1e-10 * scale
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("draw", [steep, struck])
 def test_the_closed_form_alone_is_wrong_there(draw):
     one, oracle = draw(np.random.default_rng([SEED, 25]))

@@ -93,6 +93,7 @@ ladder: {steps: [STEPS]}
 """
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("steps", [12, 24, 60, 150])
 def test_what_coarse_runs_do_not_know_is_not_given_but_said(steps, tmp_path):
     (tmp_path / "few.yaml").write_text(TEXT.replace("STEPS", str(steps)))

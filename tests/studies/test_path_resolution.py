@@ -209,6 +209,7 @@ def distance_behind_a_wall(steepness: float, speed: float, time: float) -> float
     return (2 * (rate * abs(time - shift) - math.log(2)) - math.log(energy)) / steepness
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("is_long", [False, True])
 def test_walls_that_are_met_inside_of_one_step(
     monkeypatch: pytest.MonkeyPatch, is_long: bool

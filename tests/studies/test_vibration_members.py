@@ -71,6 +71,7 @@ def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     assert len({round(float(size), 12) for size in sizes[:, 5]}) == 6
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("coefficients", [(-0.2,), (-0.2, 0.2), (0.2,), (-3.0,)])
 def test_growing_modes_are_seen_in_the_figure(coefficients, tmp_path):
     tables = []

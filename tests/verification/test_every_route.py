@@ -281,7 +281,7 @@ def test_routes_that_once_disagreed_agree(kind, seed):
     check_all(kind, seed)
 
 
-@spread(few=5, kind=list(KINDS), seed=range(1000, 1060))
+@spread(few=3, kind=list(KINDS), seed=range(1000, 1060))
 def test_all_routes_agree(kind, seed):
     check_all(kind, seed)
 

@@ -97,6 +97,7 @@ def check_everything_holds(name: str) -> None:
     assert compare(RESULTS, hard_case_report(report)) == []
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["order-1-9-coefficient-100", "jumps-at-every-period"])
 def test_other_methods_are_found_as_the_report_says(name):
     chosen = ("BDF3 points", "BDF6 nodes", "Radau IIA 3", "Gauss1")

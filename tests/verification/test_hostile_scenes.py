@@ -21,6 +21,7 @@ GROWING = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", GROWING)
 def test_routes_agree_on_mass_matrices_that_move_and_negative_stiffness(name):
     lagrangian, final_time = GROWING[name]

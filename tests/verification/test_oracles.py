@@ -64,6 +64,7 @@ def assert_same(solution: VolterraSolution, times, known, relative=1e-12) -> Non
         assert np.max(np.abs(found - values) / scale) < relative
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("order", [0.5, 1.5])
 def test_published_step_responses(order):
     known = STEP_RESPONSES[order]

@@ -152,6 +152,7 @@ def scaled(rng: np.random.Generator, scale: float, repelled: float = 0.0) -> Sce
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("most", [1, 8])
 def test_bits_do_not_depend_on_companions(most):
     """Members that are followed, of wild scales, and such as become infinite."""

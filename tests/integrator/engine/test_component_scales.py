@@ -149,6 +149,7 @@ def test_no_velocity_is_not_a_number():
     assert np.isnan(lagrangian.velocity(np.zeros((1, 1)), np.array([[1.5]]), 0.0)).all()
 
 
+@pytest.mark.few(2)
 @spread(
     **{
         "lagrangian, rate": [

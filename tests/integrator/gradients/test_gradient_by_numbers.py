@@ -146,7 +146,7 @@ LAGRANGIANS = {
 }
 
 
-@spread(text=sorted(LAGRANGIANS), w=[1.0, 1.83])
+@spread(few=2, text=sorted(LAGRANGIANS), w=[1.0, 1.83])
 def test_parameters_of_lagrangians(text, w):
     values, final_time = {"w": w, "c": 0.45}, 30.0
 

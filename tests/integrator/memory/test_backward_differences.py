@@ -16,7 +16,7 @@ def far_weights(bdf_order: int, n_weights: int, lags: np.ndarray) -> np.ndarray:
     return found.factors @ np.exp(-np.outer(found.rates, lags))
 
 
-@spread(bdf_order=range(1, 7), n_weights=[300, 4096, 2**20])
+@spread(few=3, bdf_order=range(1, 7), n_weights=[300, 4096, 2**20])
 def test_every_weight_behind_the_near_lags(bdf_order, n_weights):
     near = NEAR_LAGS[bdf_order]
     lags = np.unique(np.geomspace(near, n_weights - 1, 300).astype(int))

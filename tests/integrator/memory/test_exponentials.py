@@ -61,7 +61,7 @@ def block_error(result: Array, exact: Array, m: int) -> float:
     return float((errors[lower] / sizes[lower]).max())
 
 
-@spread(m=[1, 2, 3, 5, 8, 10], theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98, 1 - 1e-6])
+@spread(few=3, m=[1, 2, 3, 5, 8, 10], theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98, 1 - 1e-6])
 def test_local_blocks_are_powers_of_the_matrix_of_the_method(m, theta):
     exact = local_power(m, theta)
     error = (
@@ -71,7 +71,7 @@ def test_local_blocks_are_powers_of_the_matrix_of_the_method(m, theta):
     assert error < 3e-14
 
 
-@spread(**{"m, n": [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)]}, kind=KINDS)
+@spread(few=2, **{"m, n": [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)]}, kind=KINDS)
 def test_every_block_of_the_mesh_power_is_right(kind, m, n):
     steps = meshes(n)[kind]
     exponents = (-0.98, -0.02, 0.5, 0.98)

@@ -267,6 +267,7 @@ def test_numbers_and_names_of_dampers():
     assert found["c"].peak > 1e-2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [2, 3])
 def test_gradients_of_forces_are_those_of_differences(seed):
     def values(order: float, size: float) -> fvi.Scene:

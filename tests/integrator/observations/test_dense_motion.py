@@ -51,6 +51,7 @@ def _run(scene: fvi.Scene, method: str, n_steps: int, **asked: object) -> fvi.Tr
     return fvi.integrate(scene, method, n_steps, output=TIMES, **asked)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["gauss3", "gauss4"])
 def test_base_shear_from_accelerations_is_as_good_as_the_position(method, control):
     good = 0

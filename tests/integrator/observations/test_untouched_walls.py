@@ -123,6 +123,7 @@ def test_a_surface_that_moves_may_take_a_body_anywhere(speed, monkeypatch):
     assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "diverged"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [22, 38])
 def test_a_wall_inside_of_a_step_is_met_between_impacts(seed):
     rng = np.random.default_rng(seed)

@@ -124,6 +124,7 @@ def test_differences_of_positions_are_seen(seed, monkeypatch):
     assert off_by(run.observed.quantities["v"], scene, terms, oracle(scene, terms)) > 1e-4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["gauss6-graded", "gauss3-graded"])
 def test_the_velocity_at_a_stop_is_between_those_before_it(method):
     terms = ((1.74, 0.03), (0.612, 0.4))

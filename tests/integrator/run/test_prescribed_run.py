@@ -68,7 +68,7 @@ def summed(law: str) -> np.ndarray:
         )
 
 
-@spread(few=2, law=list(RAMPS), **{"degree, most": [(3, 2e-5), (8, 2e-9)]})
+@spread(few=1, law=list(RAMPS), **{"degree, most": [(3, 2e-5), (8, 2e-9)]})
 def test_forces_along_samples_are_sums_of_ramps(law, degree, most, tmp_path):
     times, values, at = drawn(law)
     size = np.abs(values).max()

@@ -49,7 +49,7 @@ def errors(scene: Scene, terms: tuple[tuple[float, float], ...], run: fvi.Trajec
     return np.array([momentum, np.abs(run.energy[late] - energy).max() / energy.max()])
 
 
-@spread(few=2, derivative=["caputo", "riemann-liouville"], order=ORDERS)
+@spread(few=1, derivative=["caputo", "riemann-liouville"], order=ORDERS)
 def test_stored_momenta_and_energies_are_those_of_the_motion(derivative, order):
     terms = ((order, 0.4), (0.6, 0.1)) if order in ORDERS[::2] else ((order, 0.4),)
     scene = scene_of(derivative, *terms)
@@ -60,6 +60,7 @@ def test_stored_momenta_and_energies_are_those_of_the_motion(derivative, order):
     assert errors(scene, terms, adaptive).max() < 1e-7
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("order", [1.6, 1.9])
 def test_the_steps_stay_as_they_are_and_the_error_is_seen_without(order, monkeypatch):
     terms = ((order, 0.4),)

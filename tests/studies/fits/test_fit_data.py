@@ -75,6 +75,7 @@ def model_of(specification: dict[str, Any], keys: list[str], *data: DataSet) -> 
     return MotionModel(model, data, [1.0 for one in data for _ in one.series])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", FORMULAS)
 def test_derivatives_of_formulas(name):
     specification, coordinates, text = FORMULAS[name]

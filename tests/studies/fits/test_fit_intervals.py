@@ -227,6 +227,7 @@ def settings_of_motion(times: Any, values: Any, noise: float) -> FitSettings:
     return FitSettings(data=(data,), models=(), deviations={("a", "x"): noise})
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("above", "both"), [(False, True), (True, True), (False, False)])
 def test_both_sides_of_order_one_are_looked_at(above, both):
     """At 1 a Caputo derivative with a start velocity jumps from c x' to c (x' - v0)."""

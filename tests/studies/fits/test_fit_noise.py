@@ -112,6 +112,7 @@ def test_the_length_of_an_interval_is_that_of_the_freedom_of_its_column(seed):
         assert abs(times / student.ppf(0.975, 43) - 1) > 0.4
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name",
     [

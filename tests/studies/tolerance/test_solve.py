@@ -245,6 +245,7 @@ def test_a_record_of_2000_samples_on_the_shipped_frame(tmp_path):
     assert np.abs(run(by_hand.time) - by_hand.position).max() <= run.assessment.tolerance
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7])
 def test_kinks_that_no_formula_tells_of(tolerance):
     """A force that a program computes is run on an unrelated mesh as well."""
