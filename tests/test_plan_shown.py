@@ -84,14 +84,14 @@ def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):
     (single,) = fvi("run", "alone.yaml", "--dry-run").stdout.splitlines()[1:]
     assert f" {told} " in single
     whole = fvi("run", "planned.yaml", "--dry-run", "-v").stdout
-    assert "16 members together" in whole
+    assert "4 members together" in whole
     assert f"operations of the history: {told:,}\n" in whole
     # a part has the same members together
-    fvi("run", "planned.yaml", "-q", "--shard", "1/4")
+    fvi("run", "planned.yaml", "-q", "--shard", "1/16")
     (part,) = Path("results").rglob("planned*.h5")
     with h5py.File(part) as file:
         (case,) = file["planned"].values()
-        assert case["n001030"]["history_operations"][:].tolist() == [told] * 16
+        assert case["n001030"]["history_operations"][:].tolist() == [told] * 4
 
 
 @pytest.mark.parametrize("members", [1, 40])

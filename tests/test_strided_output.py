@@ -18,7 +18,7 @@ def written_parts(source: str) -> list[str]:
     """Calls whose ``out=`` is a view: any slice, or more than one plain index from the front."""
     return [
         ast.unparse(node)
-        for node in ast.walk(ast.parse(source))
+        for node in ast.walk(ast.parse(source if "out=" in source else ""))
         if isinstance(node, ast.Call)
         for keyword in node.keywords
         if keyword.arg == "out" and any(map(is_strided, ast.walk(keyword.value)))

@@ -1,6 +1,7 @@
 """Every kind of scene has its equation on a page, a configuration and a committed picture."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -34,10 +35,5 @@ def test_every_kind_is_documented_and_pictured(kind):
 
 
 def test_every_kind_has_a_configuration_beside_the_gallery():
-    others = {
-        experiment.problem.kind
-        for name in shipped_configs()
-        if name != "gallery"
-        for experiment in load_config(find_config(name)).experiments
-    }
-    assert others >= set(SCENES)
+    texts = [find_config(name).read_text() for name in shipped_configs() if name != "gallery"]
+    assert set(re.findall(r"\bkind: ([\w-]+)", " ".join(texts))) >= set(SCENES)

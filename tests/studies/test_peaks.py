@@ -92,7 +92,7 @@ def test_peaks_of_close_modes_are_those_of_a_sum_of_oscillators(block):
 def test_peaks_that_are_looked_for_without_modes_are_missed(monkeypatch):
     # the control
     monkeypatch.setattr(response, "modes_in_range", lambda *_: NO_MODES)
-    assert sum(bool(wrong(seed)) for seed in range(6)) >= 2
+    assert any(map(wrong, range(6)))
 
 
 def two_peaks(**options: float) -> tuple[Peak, ...]:

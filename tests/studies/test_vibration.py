@@ -226,7 +226,7 @@ def test_half_power_widths_tell_the_loss_factor_of_light_damping():
 
 
 def test_nothing_of_size_d_by_d_is_made_for_modes_and_responses():
-    scene, d = sandwich(220), 880
+    scene, d = sandwich(280), 1120
     tracemalloc.start()
     try:
         assert find_modes(scene, 2).is_complete
