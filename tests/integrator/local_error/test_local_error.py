@@ -1,12 +1,14 @@
 """What a step is believed for: kinks, walls and pulses that its stages do not see."""
 
 import math
+import os
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from letters import in_pieces, spring, swing
+from spread import SEED
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -111,3 +113,22 @@ def test_steps_do_not_depend_on_where_the_origin_lies(origin, is_left):
     )
     assert there.time == pytest.approx(here.time, rel=1e-6)
     assert there.position - origin == pytest.approx(here.position, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_acts_behind_a_break_point_changes_no_step_before_it(seed):
+    rng = np.random.default_rng([int(os.environ[SEED]), seed])
+    cut, rate, order = rng.uniform(1.0, 4.0), rng.uniform(2.0, 9.0), rng.uniform(0.2, 1.4)
+    make = (spring, swing)[seed % 2]
+    ways = []
+    for later in (f"sin({rate}*t)", "0", f"{rng.uniform(2.0, 9.0)} - t"):
+        force = in_pieces(f"sin({rate}*t)", cut, later)
+        found = run(make((order, 0.3), T=5.0, x=1.0, v=0.0, forcing=force), 1e-6)
+        before = found.time <= cut
+        assert found.time[before][-1] == cut
+        ways.append((found.time[before], found.position[before], found.position[-1]))
+    same, quiet, _ = ways
+    assert not np.allclose(same[2], quiet[2], atol=1e-3)
+    for time, position, _ in ways[1:]:
+        assert np.array_equal(time, same[0])
+        assert np.array_equal(position, same[1])
