@@ -60,8 +60,9 @@ class Plan:
     def memory_bytes(self) -> int:
         """Peak memory of the run, or of its batch, without the program itself."""
         if isinstance(self.method, Baseline):
-            kept = 4 + 2 * len(self.scene.active_damping)
-            return 8 * kept * self.scene.dimension * self.n_steps
+            # samples of each term and its weights beside the motion and its energies
+            terms, d = len(self.scene.active_damping), self.scene.dimension
+            return 8 * self.n_steps * (d * (7 + terms) + 4 + terms)
         return peak_bytes(
             self.scene,
             self.method,

@@ -173,6 +173,21 @@ def test_operations_of_baselines(name, newest, of_first_order, orders):
         assert integrate(scene, method, n).history_operations == 2 * sum(terms)
 
 
+@spread(
+    few=4,
+    name=["explicit-euler", "implicit-euler", "gruenwald-letnikov", "product-integration"],
+    orders=[(), (1.0,), (0.5,), (0.5, 1.5), (0.3, 1.0, 1.5)],
+    dimension=[1, 6],
+    forcing=[None, "sin(t)"],
+)
+def test_peak_memory_of_baselines_within_a_half(name, orders, dimension, forcing):
+    scene, method = oscillators(dimension, orders, forcing=forcing), Baseline(name=name)
+    integrate(scene, method, 32)
+    planned = plan_run(scene, method, 1024).memory_bytes
+    traced = most_memory(lambda: integrate(scene, method, 1024))
+    assert planned == pytest.approx(traced, rel=0.5)
+
+
 MEMORY = [
     ("nodes", oscillators(), NODES),
     ("points", oscillators(), points()),

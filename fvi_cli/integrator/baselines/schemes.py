@@ -234,7 +234,10 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
     began = time.perf_counter()
     steps, bound = EqualSteps(scene, n_steps), scene_bound(scene)
     scheme, h = SCHEMES[method.name](steps), steps.h
-    points = [next(scheme)]
+    # the steps themselves need the newest point alone
+    positions, velocities = np.empty((2, n_steps + 1, scene.dimension))
+    point, done, iterations = next(scheme), 0, 0
+    positions[0], velocities[0] = point.position, scene.initial_velocity
     ready = time.perf_counter()
     failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
@@ -242,21 +245,23 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
             if k % STRIDE == 0:
                 report_progress(k, n_steps)
             try:
-                points.append(next(scheme))
+                point = next(scheme)
             except StepFailedError as error:
                 failure = Failure.in_step(k, k * h, error)
                 break
-            position = points[-1].position
-            failure = beyond(position, (position - points[-2].position) / h, bound, k + 1, h)
+            done, iterations = k + 1, iterations + point.iterations
+            positions[done] = point.position
+            if point.velocity is not None:
+                velocities[done] = point.velocity
+            failure = beyond(point.position, (point.position - positions[k]) / h, bound, done, h)
             if failure:
                 break
-        positions, done = np.array([one.position for one in points]), len(points) - 1
-        velocity = None
+        positions, velocity = positions[: done + 1], None
         if method.name == "gruenwald-letnikov":
             velocity = np.gradient(positions, h, axis=0, edge_order=2 if done > 1 else 1)
             velocity[0] = scene.initial_velocity
-        elif points[-1].velocity is not None:
-            velocity = np.array([one.velocity for one in points])
+        elif point.velocity is not None:
+            velocity = velocities[: done + 1]
     return baseline_trajectory(
         scene,
         positions,
@@ -264,7 +269,7 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
         n_steps,
         failure=failure,
         operations=baseline_operations(method.name, scene, done) or 0,
-        iterations=sum(one.iterations for one in points),
+        iterations=iterations,
         began=began,
         ready=ready,
     )
