@@ -236,3 +236,25 @@ def test_a_change_of_any_size_has_a_narrow_column_and_a_lost_run_none():
     assert max(map(len, shown.splitlines())) < 100
     lost = [replace(one, status="diverged") for one in outcome.finished]
     assert "%" not in to_text(design_blocks(design_sheet(lost)))
+
+
+def test_errors_that_no_second_run_tells_are_spoken_of():
+    pendulum = {"kind": "pendulum", "initial": {"position": 1.0}}
+    endless = {"kind": "lagrangian", "coordinates": ["x"], "initial": {"position": 1.0}}
+    endless |= {"lagrangian": "0.5*vx**2 + 0.5*x**4"}
+    ways = {"single": {"method": "gauss3", "ladder": {"steps": [40]}}}
+    ways["ladder"] = {"method": "gauss3", "ladder": {"steps": [20, 40]}}
+    ways["search"] = ways["failed"] = {"accuracy": {"tolerance": 1e-3}}
+    found = {}
+    for name, way in ways.items():
+        problem = {
+            **(endless if name == "failed" else pendulum),
+            "final_time": 4.0,
+            "exact": "none",
+        }
+        config = {"name": name, "problem": problem, "quantities": {"a": "x"}, **way}
+        (found[name],) = fvi.run(config)
+    for names in (["single"], ["single", "failed"], ["ladder"], ["search"], ["single", "search"]):
+        text = fvi.as_text(fvi.quantities([found[name] for name in names], name="asked"))
+        are_known = names[-1] not in ("single", "failed")
+        assert ("Errors of these numbers are not known" not in text) == are_known, names

@@ -233,9 +233,9 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
 
 
 def _advice(finished: Sequence[FinishedRun]) -> str:
-    """Why errors of quantities are not known, and advice, if they could be known."""
-    moving = [one for one in finished if getattr(one.run.problem.scene, "prescribed", 1) is None]
-    if not moving or any(one.run.is_search for one in moving):
+    """Why errors of quantities are not known, and what to write, if they could be."""
+    runs = [one.run for one in finished if not one.run.is_search]
+    if not any(getattr(run.problem.scene, "prescribed", 1) is None for run in runs):
         return ""
     return (
         "Errors of these numbers are not known, since there is no second run; give a ladder of two "
