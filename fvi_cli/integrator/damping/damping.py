@@ -146,15 +146,8 @@ class Damping:
             states = states + self.start_velocity
         if self._jump is not None and isinstance(self.memory, Lags):
             kernels = self.memory.kernels(self.memory.h, 1)
-            states = kernels.push(states, self._jump_inputs(self.memory), 1)
+            states = kernels.push(states, _jump_inputs(self._jump, self.memory), 1)
         return states, column
-
-    def _jump_inputs(self, memory: Lags) -> Array:
-        """The step from 0 to the initial position, ``(q, s, e)``."""
-        q, _, e = self.start_velocity.shape
-        inputs = np.zeros((q, memory.n_inputs, e))
-        inputs[:, -1] = 0.0 if self._jump is None else self._jump / memory.h
-        return inputs
 
     def force_of_jump(self) -> Array:
         """Force of the jump to the initial position that is left out, ``(q, n, m, e)``.
@@ -166,7 +159,7 @@ class Damping:
         if self._jump is None or not isinstance(memory, Lags):
             return np.zeros((len(self.start_velocity), 0, 0, self.start_velocity.shape[2]))
         kernels = memory.at_lags(np.arange(1, min(memory.bdf_order + 1, memory.n_steps) + 1))
-        first = self._jump_inputs(memory)
+        first = _jump_inputs(self._jump, memory)
         whole, total = np.zeros((2, len(first), *kernels.shape[1:3], first.shape[2]))
         for one in self.combinations:
             for place, factor in zip(one.places[0], one.factors.T, strict=True):
@@ -280,6 +273,13 @@ class Damping:
         part._jump = None if self._jump is None else self._jump[places]
         part.combinations = tuple(one.of(places) for one in self.combinations)
         return part
+
+
+def _jump_inputs(jump: Array, memory: Lags) -> Array:
+    """The step from 0 to the initial position, ``(q, s, e)``."""
+    inputs = np.zeros((len(jump), memory.n_inputs, jump.shape[1]))
+    inputs[:, -1] = jump / memory.h
+    return inputs
 
 
 def damping_of(
