@@ -28,7 +28,8 @@ NAME = "f.yaml:"
 
 @cache
 def content_of(file: Path) -> dict[str, Any]:
-    return yaml.safe_load(file.read_text(encoding="utf-8"))
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # far faster, where it is there
+    return yaml.load(file.read_text(encoding="utf-8"), loader)
 
 
 def changed(text: str, change: dict[str, Any]) -> str:
