@@ -17,7 +17,6 @@ import fvi_cli
 from benchmarks.robustness import LADDER
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.observations import observe
-from fvi_cli.integrator.run import loop
 from fvi_cli.runner import request
 from fvi_cli.storage.code import own_code
 from fvi_cli.storage.digests import SOLVER_VERSION
@@ -367,7 +366,7 @@ Progress.update = functools.partialmethod(Progress.update, refresh=True)
 @pytest.mark.processes
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_within_a_long_run_the_bar_says_how_far_it_is(folder, monkeypatch, workers):
-    n_steps = 5 * loop.CHUNK
+    n_steps = 20_000
     (folder / "quick.yaml").write_text(SLOW.replace("400000", str(n_steps)))
     change_every_process(folder, monkeypatch, TOLD_AND_DRAWN_AT_ONCE)
     drawn, _ = on_a_terminal("run", "quick.yaml", "--workers", workers)

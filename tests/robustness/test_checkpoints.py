@@ -303,7 +303,10 @@ def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
         assert one.is_kept_whole(1.1)
 
 
-LADDER_OF_FIVE_CHECKPOINTS = LONG.replace(f"[4, {N}]", "[4, 20000]") + "store: {every: 1000}\n"
+FIVE_CHUNKS = 5 * CHUNK
+LADDER_OF_FIVE_CHECKPOINTS = (
+    LONG.replace(f"[4, {N}]", f"[4, {FIVE_CHUNKS}]") + "store: {every: 1024}\n"
+)
 HELD = """\
 import time
 from fvi_cli.runner.executors.checkpoints import CheckpointFile
@@ -351,7 +354,7 @@ def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, undisturbe
     stop_at_a_checkpoint(folder, monkeypatch, command, number)
     logging.getLogger("fvi_cli").handlers.clear()
     rest = fvi("run", "long.yaml")
-    assert f"N=20000: resume at step {CHUNK} of 20000" in rest.stderr
+    assert f"N={FIVE_CHUNKS}: resume at step {CHUNK} of {FIVE_CHUNKS}" in rest.stderr
     assert digests() == undisturbed
     assert not PARTS.exists()
 

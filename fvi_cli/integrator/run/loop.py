@@ -13,7 +13,7 @@ from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.run.points import MeshSource, Proposal, Solved, Source
 from fvi_cli.integrator.run.recorder import Recorder
 
-CHUNK = 4096
+CHUNK = 16384
 """Steps whose loads are computed together, at most."""
 
 LARGEST_CHUNK = 2**17

@@ -146,7 +146,10 @@ def points_of(
     counts = [one.n_steps for one in solved]
 
     def spread(values: list[float] | list[int]) -> Array:
-        return np.repeat(values, counts) if len(values) > 1 else np.full(counts[0], values[0])
+        return np.repeat(values, counts) if len(values) > 1 else np.asarray(values[0])
+
+    def join(pieces: Sequence[Array]) -> Array:
+        return np.concatenate(pieces, axis=1) if len(pieces) > 1 else pieces[0]
 
     last = np.cumsum(counts) - 1
     behind = [one.first - end for one, end in zip(proposals, last - counts, strict=True)]
@@ -155,17 +158,20 @@ def points_of(
     times = spread([one.origin for one in proposals]) + sizes * number
     times[last] = ends
     every = spread([one.reported_every for one in proposals])
-    x, p = engine.to_scene(np.concatenate(position, axis=1), np.concatenate(momentum, axis=1))
+    reported = np.broadcast_to(every > 0, number.shape)
+    if every.max() > 1:
+        reported = reported & (number % np.maximum(every, 1) == 0)
+    x, p = engine.to_scene(join(position), join(momentum))
     found = Points(
         done=done,
         times=times,
-        sizes=sizes,
+        sizes=np.broadcast_to(sizes, number.shape),
         position=x,
         momentum=p,
         before=before,
-        unknowns=None if engine.law.is_linear else np.concatenate(unknowns, axis=1),
+        unknowns=None if engine.law.is_linear else join(unknowns),
     )
-    return found, (every > 0) & (number % np.maximum(every, 1) == 0)
+    return found, reported
 
 
 def velocities_of(engine: Engine, solved: Sequence[Solved]) -> Array:
