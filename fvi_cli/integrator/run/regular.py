@@ -55,14 +55,13 @@ def rough_remark(scene: Scene, what: str, more: str = "") -> str:
 
 
 def regular_until(
-    lagrangian: Lagrangian, position: Array, momentum: Array, energy: Array, grid: Array
+    lagrangian: Lagrangian, position: Array, velocity: Array, energy: Array, grid: Array
 ) -> tuple[int, Failure | None]:
     """How many points of the grid have a positive definite mass matrix and an energy.
 
     The number of points, and what comes then. The end of the path may be not finite.
     """
     with np.errstate(all="ignore"):
-        velocity = lagrangian.velocity(position, momentum, grid)
         mass = lagrangian.derivatives(position, velocity, grid).mass
     wrong = np.logical_not(np.isfinite(mass).all(axis=(1, 2)))
     mass = np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)

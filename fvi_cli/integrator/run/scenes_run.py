@@ -175,9 +175,13 @@ def trajectory_of(
             momentum = every_momentum[np.searchsorted(steps.time, time)]
         remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
     with np.errstate(all="ignore"):
-        energy = scene.energy(position, momentum, time)
+        if scene.lagrangian is None:
+            energy = scene.energy(position, momentum, time)
+        else:
+            velocity = scene.lagrangian.velocity(position, momentum, time)
+            energy = scene.lagrangian.energy(position, velocity, time)
     if scene.lagrangian is not None:
-        kept, irregular = regular_until(scene.lagrangian, position, momentum, energy, time)
+        kept, irregular = regular_until(scene.lagrangian, position, velocity, energy, time)
         if irregular:
             if kept == 0:
                 # no velocity was found from the momentum of the start, where it is given
