@@ -183,7 +183,10 @@ class Newton:
                 # large changes that fall are no round-off
                 noisy = stuck & ~self._falls(change, before, size, HALF_THE_DIGITS)
                 if noisy.any():
-                    floor = NOISE * self._floor(rest, points)
+                    floor = NOISE * UNIT * self._largest(points)
+                    if not (good | (change <= floor))[noisy].all():
+                        # terms of the equations, points among them
+                        floor = NOISE * self._floor(rest, points)
                     done |= noisy & (good | (change <= floor)).all(axis=1)
                 stuck &= ~done
                 hopeless = stuck & ~self._falls(change, before, size, 0.0)
