@@ -191,8 +191,8 @@ class Term:
     def __mul__(self, other: Term | float) -> Term:
         other = self._lift(other)
         for one, rest in ((self, other), (other, self)):
-            if one.value in (0.0, 1.0):
-                return one if one.value == 0 else rest
+            if one.value in (-1.0, 0.0, 1.0):
+                return -rest if one.value < 0 else rest if one.value else one
         return self.builder.apply("*", self, other)
 
     def __truediv__(self, other: Term | float) -> Term:
