@@ -111,7 +111,8 @@ class Recurrence:
             return found
         lags = memory.n_lags * len(engine.tables.to_inputs) * engine.e
         _, sizes, rows = np.linalg.svd(force[:, :lags], full_matrices=False)
-        rows = rows[sizes > UNIT * sizes[0]]
+        # the decomposition itself rounds by up to 3 units
+        rows = rows[sizes > 4.0 * UNIT * sizes[0]]
         found = found[lags - len(rows) :]
         found[: len(rows), :lags] = rows
         return found
