@@ -53,7 +53,7 @@ class PlannedRun:
     # result file of the request)
     action: str
     # to reuse: stored; to compute: new, older solver, changed: problem.stiffness (see
-    # fvi_cli.storage.Reasons), --fresh, or resume at step 4096 of 65536; to refuse: refused: and
+    # fvi_cli.storage.Reasons), --fresh, or resume at step 16384 of 65536; to refuse: refused: and
     # the prediction; to leave out: not in the file
     reason: str
     predicted: Predicted

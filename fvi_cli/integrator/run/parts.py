@@ -46,7 +46,7 @@ def integrate_part(
     Arguments as for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run;
     the method also by its name, and no baseline. It begins at the checkpoint, which knows the
     method and the number of steps, not the scene; by default at the start. It stops when `until`
-    steps of the mesh are done, or up to 4096 later; by default at the end.
+    steps of the mesh are done, or up to 16,384 later; by default at the end.
 
     Raises
     ------
