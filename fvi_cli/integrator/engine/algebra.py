@@ -9,10 +9,6 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, Solve, as_csr, factors_of, times, touched
 from fvi_cli.mathematics.arrays import Array
 
-LARGEST_INVERSE = 200
-"""Unknowns up to which a system is inverted: a product is quicker than two triangular solves."""
-
-
 FEW = 32
 """Components up to which a matrix that acts on no others is taken as dense on these."""
 LARGEST_OFF_DIAGONAL = 1e-12
@@ -40,8 +36,6 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
         total = np.zeros((size, size))
         for small, large in parts:
             total += kronecker(small, np.asarray(large))
-        if size <= LARGEST_INVERSE:
-            return np.linalg.inv(total).__matmul__
         from scipy.linalg import lu_factor, lu_solve
 
         factors = lu_factor(total)

@@ -1,6 +1,7 @@
 """Scenes with sparse matrices: the same motion as with dense ones, and nothing dense is made."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,30 @@ def test_so_it_is_in_adaptive_steps():
     two = integrate(row_of_masses(40, sparse=False), Method(cq="gauss", degree=4), steps)
     assert one.n_steps == two.n_steps
     assert np.abs(one.position - two.position).max() < 1e-11
+
+
+@pytest.mark.parametrize("degree", [2, 4])
+def test_turned_coordinates_of_large_scenes_turn_the_motion(degree):
+    """With full matrices, which nothing makes sparse and no modes take apart."""
+    n = 1024 // (4 * degree) + 6
+    given = row_of_masses(n, sparse=True)
+    turn = np.linalg.qr(np.random.default_rng(degree).standard_normal((n, n)))[0]
+    mass, stiffness, coefficient = (
+        symmetric_form(turn @ one @ turn.T, "turned")
+        for one in (given.inertia.mass, given.stiffness, given.damping[0].matrix)
+    )
+    turned = replace(
+        given,
+        inertia=Inertia(mass=mass),
+        potential=QuadraticPotential(stiffness=stiffness),
+        damping=tuple(replace(one, coefficient=coefficient) for one in given.damping),
+        initial_position=turn @ given.initial_position,
+        initial_velocity=turn @ given.initial_velocity,
+    )
+    assert not turned.is_sparse
+    method = Method(cq="gauss", degree=degree, start="graded")
+    one, two = (integrate(scene, method, 40) for scene in (given, turned))
+    assert np.abs(one.position @ turn.T - two.position).max() < 1e-10
 
 
 def test_states_stand_on_directions_and_not_on_degrees_of_freedom():
