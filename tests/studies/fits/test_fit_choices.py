@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from measured_responses import response_data
 
+import fvi_cli as fvi
 from fvi_cli.reports.kinds.fit import fit_report
 from fvi_cli.reports.writers.text import to_markdown
 from fvi_cli.studies.fits.fitting import fit_model
@@ -170,3 +171,38 @@ def test_a_search_without_end_is_told_in_one_sentence():
     found = least_squares_from(model, model.start, model.bounds, most=1)
     assert not found.is_converged
     assert not found.message.endswith(".")
+
+
+@pytest.mark.parametrize(("name", "rate"), [("x", 0), ("vx", 1), ("ax", 2)])
+@pytest.mark.parametrize("parts", [("real", "imaginary"), ("magnitude", "phase")])
+def test_panels_of_a_response_say_what_was_measured_and_in_which_unit(tmp_path, name, rate, parts):
+    values = (2j * np.pi * WIDE) ** rate * receptance(WIDE, 5.0, (0.9, 0.5))
+    values *= 1.0 + 1e-3 * np.random.default_rng(rate).standard_normal((WIDE.size, 2)) @ (1, 1j)
+    pair = {"real": values.real, "imaginary": values.imag}
+    pair |= {"magnitude": abs(values), "phase": np.degrees(np.angle(values))}
+    file = tmp_path / "measured.csv"
+    table = np.stack([WIDE, *(pair[one] for one in parts)], axis=1)
+    np.savetxt(file, table, delimiter=",", header=",".join(("f", *parts)), comments="")
+    problem = {"kind": "damped-oscillator", "mass": 1.0, "stiffness": 5.0, "exact": "none"}
+    problem |= {"damping": [{"order": 0.9, "coefficient": 0.4}], "final_time": 1.0}
+    problem["initial"] = {"position": 0.0, "velocity": 0.0}
+    data = {"file": str(file), "frequency": "f", "force": "x"}
+    data["columns"] = {name: dict(zip(parts, parts, strict=True))}
+    result = fvi.fit(
+        {
+            "name": "measured",
+            "problem": problem,
+            "method": "gauss4",
+            "ladder": {"steps": [16]},
+            "units": {"time": "s", "length": "m", "force": "N"},
+            "fit": {"data": data, "parameters": {"problem.damping.0.coefficient": {"from": 0}}},
+        }
+    )
+    axes = fvi.figures(result)["measured-fit"].axes
+    said = [" ".join(one.get_ylabel().split()) for one in axes[::2]]
+    symbol = ("$x$", r"$\dot x$", r"$\ddot x$")[rate]
+    unit = ("m per N", "m/s per N", "m/s² per N")[rate]
+    for text, part in zip(said, parts, strict=True):
+        words = "part of" if part in ("real", "imaginary") else "of"
+        assert text.startswith(f"{part} {words} {symbol} (")
+        assert text.endswith("(degrees)" if part == "phase" else f"{unit})")
