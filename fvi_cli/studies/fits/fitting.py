@@ -225,7 +225,9 @@ def _estimate_noise(model: MotionModel, point: Array, at: Evaluation) -> list[fl
                 f"values ({one.values.size}); write noise: with a standard deviation",
                 point,
             )
-        found.append(max(math.sqrt(float(part @ part) / n), 1e-300))
+        # a column that is met to round-off would weigh without bound
+        least = max(ROUND_OFF * rms(one.values), 1e-300)
+        found.append(max(math.sqrt(float(part @ part) / n), least))
     return found
 
 

@@ -206,3 +206,14 @@ def test_panels_of_a_response_say_what_was_measured_and_in_which_unit(tmp_path, 
         words = "part of" if part in ("real", "imaginary") else "of"
         assert text.startswith(f"{part} {words} {symbol} (")
         assert text.endswith("(degrees)" if part == "phase" else f"{unit})")
+
+
+@pytest.mark.parametrize("clean", ["magnitude", "phase"])
+def test_a_column_without_noise_beside_one_with_noise_decides(clean):
+    values = receptance(WIDE, 7.0, (0.9, 0.5))
+    columns = {"magnitude": np.abs(values), "phase": np.degrees(np.angle(values))}
+    (noisy,) = set(columns) - {clean}
+    noise = 1.0 + 1e-3 * np.random.default_rng(3).standard_normal(WIDE.size)
+    columns[noisy] = columns[noisy] * noise
+    found = fitted([response_data(WIDE, columns, "a")], COEFFICIENT)
+    assert found.estimates[0].value == pytest.approx(0.5, rel=1e-9)
