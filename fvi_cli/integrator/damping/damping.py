@@ -21,7 +21,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.directions import Direction, directions_of
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along, toeplitz_matrix
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import Reach
@@ -115,10 +115,10 @@ class Damping:
         count, column = kernels.count, self.memory.column
         if column is not None:
             return np.asarray(np.cumsum(sequence @ column, axis=1).reshape(len(sequence), -1))
-        ones = np.ones((len(sequence), self.n_states, 1))
-        unit = replace(one, matrix=np.ones((1, 1, 1)))
-        past = kernels.past([ones], [unit], 1)[..., 0]
-        return np.asarray(np.tile(-(sequence[:, 0].sum(axis=2) + past), count))
+        assert isinstance(kernels, ExponentialKernels)
+        response = kernels.response[: kernels.n_samples]
+        past = np.matmul(response, one.weights[:, :, None])[..., 0]
+        return np.concatenate([-(np.add.reduce(sequence[:, 0], axis=2) + past)] * count, axis=1)
 
     @property
     def is_shared(self) -> bool:

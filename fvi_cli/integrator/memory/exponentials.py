@@ -42,7 +42,7 @@ class ExponentialKernels(Kernels):
     @cached_property
     def change(self) -> Array:
         """Change of undriven states over the block, ``(J,)``."""
-        return self.step.changes(self.count)
+        return self.step.change if self.count == 1 else self.step.changes(self.count)
 
     def past(
         self, states: Sequence[Array], combinations: Sequence[Combination], count: int

@@ -43,6 +43,11 @@ class StageExponentials:
     log_magnitudes: Array
     intake: Array  # s_{n+1} = R s_n + intake @ V_n, shape (J, m)
 
+    @cached_property
+    def change(self) -> Array:
+        """The same as :meth:`changes` of one step, which is kept."""
+        return self.changes(1)
+
     def changes(self, count: int) -> Array:
         """``R^count - 1`` in full relative accuracy, shape ``(J,)``.
 
@@ -50,9 +55,8 @@ class StageExponentials:
         where the rounding of a ratio near 1 would be repeated in each step.
         """
         logs = count * self.log_magnitudes
-        if count % 2 == 0:
-            return np.asarray(np.expm1(logs))
-        return np.where(self.signs > 0, np.expm1(logs), -np.exp(logs) - 1)
+        found = np.expm1(logs)
+        return found if count % 2 == 0 else np.where(self.signs > 0, found, -2.0 - found)
 
     def powers(self, count: int) -> Array:
         """``R^n`` for n = 0 .. count - 1, shape ``(count, J)``."""

@@ -13,8 +13,8 @@ SMOOTH_FIRST_STEP = 1e-3
 """The same where nothing is singular; it is rejected if it is too long."""
 SHORTEST_STEP = 1e-11
 """Steps are never shorter than this, relative to T."""
-STEPS_PER_OCTAVE = 2
-"""Step sizes are powers of the square root of 2, so that the tables of a size are used again."""
+STEPS_PER_OCTAVE = 4
+"""Step sizes are powers of the fourth root of 2, so that the tables of a size are used again."""
 GROWTH = 8.0
 SHRINKAGE = 0.3
 REJECTED_SHRINKAGE = 0.2
@@ -34,8 +34,9 @@ class AdaptiveSteps:
     its velocity leave out, what shows between its stages
     (:mod:`~fvi_cli.integrator.local_error.defect`) and what formulas may hide between those
     points (:mod:`~fvi_cli.integrator.local_error.examine`). The next size is
-    :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most eight times as long. Where an argument of
-    ``abs`` or ``sign`` in a formula is zero, a step ends
+    :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most eight times as long; while steps grow, the
+    order m + 1 is that which successive estimates show, but not less than half of it. Where an
+    argument of ``abs`` or ``sign`` in a formula is zero, a step ends
     (:mod:`~fvi_cli.integrator.local_error.examine`).
 
     Parameters
@@ -98,6 +99,7 @@ class StepController:
         self.shortest_step = min(SHORTEST_STEP * final_time, 1e-2 * self._first)
         self._size = self._first
         self._cut: float | None = None
+        self._before = math.inf, 0.0  # size and estimate of the step before; none: it is fresh
         self._intended = self._first
         # where the next step begins, and whether that is the start or a break point
         self.time, self.is_fresh = 0.0, True
@@ -111,12 +113,15 @@ class StepController:
     def state(self) -> tuple[float, ...]:
         """What the steps behind an accepted one depend on, and what is counted."""
         at = math.nan if self.forced_at is None else self.forced_at
+        sizes = (self._size, self._intended, *self._before)
         counts = (self.rejected, self.forced, at)
-        return (len(self._ends), self._size, self._intended, self.time, self.is_fresh, *counts)
+        return (len(self._ends), *sizes, self.time, self.is_fresh, *counts)
 
     def restore(self, state: Sequence[float]) -> None:
         """Go on behind an accepted step."""
-        left, self._size, self._intended, self.time, is_fresh, rejected, forced, at = state
+        left, self._size, self._intended, shorter, less, self.time, *counts = state
+        is_fresh, rejected, forced, at = counts
+        self._before = shorter, less
         self._ends = self._ends[len(self._ends) - int(left) :]
         self.is_fresh, self.rejected, self.forced = bool(is_fresh), int(rejected), int(forced)
         self.forced_at = None if math.isnan(at) else at
@@ -173,6 +178,13 @@ class StepController:
                 self.forced += 1
                 self.forced_at = self.time
             self.time = self._ends[0] if at_end else self.time + size
+            # steps that grow behind a singular point err by the power with which the motion begins;
+            # half of the order is left to the points, whose error is like the square of this one
+            shorter, less = self._before
+            if size >= 2 * shorter and less > 0 and estimate < tolerance:
+                seen = math.log(max(estimate, less) / less, size / shorter)
+                factor **= min(2.0, max(1.0, 1.0 / (self._exponent * max(seen, 1e-300))))
+            self._before = size, estimate
             self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
             self.is_fresh = ends_on_kink
             if at_end:
@@ -180,7 +192,7 @@ class StepController:
                 # a step that was cut short at a point says little of how long one may be
                 self._size = max(self._size, self._intended)
             if self.is_fresh:
-                self._size = self._first
+                self._size, self._before = self._first, (math.inf, 0.0)
                 if ends_on_kink and not at_end:
                     self._size = max(self._first, AFTER_KINK * self._intended)
             return True
