@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, reduce
 
 import numpy as np
@@ -42,7 +42,7 @@ from fvi_cli.integrator.observations.at_start import (
     with_infinite_start,
 )
 from fvi_cli.integrator.observations.pieces import by_owner
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -77,6 +77,7 @@ class DenseMotion:
     # the only steps that are asked for positions and momenta, ascending, which have numbers of
     # their own from then on; None: all
     chosen: Places | None = None
+    known: Located = field(default_factory=dict)  # the last times of :meth:`located`
 
     # the mesh
 
@@ -128,7 +129,7 @@ class DenseMotion:
         ValueError
             For times outside of the run.
         """
-        steps, tau = self.steps[member].located(time, at_ends=True)
+        steps, tau = located_once(self.known, self.steps[member], time)
         steps = steps + self.firsts[member]
         return steps if self.chosen is None else np.searchsorted(self.chosen, steps), tau
 
@@ -192,28 +193,30 @@ class DenseMotion:
 
         found = np.repeat(means(self.steps) - means(self.shapes), 3, axis=0)
         ends = at_ends(self.shapes)
-        off = at_ends(self.steps) - ends
+        off, slopes = at_ends(self.steps) - ends, np.full_like(ends, np.nan)
         edges = np.searchsorted(self.owner, np.arange(len(self.steps) + 1)).tolist()
         every = zip(self.scenes, self.steps, self.shapes, itertools.pairwise(edges), strict=True)
         for member, (scene, steps, shape, pair) in enumerate(every):
             is_rough = any(term.order > 1 for term in scene.active_damping)
             if not is_rough and steps is not shape:
-                own, at = slice(*pair), np.arange(steps.n_steps)[self._own[member]]
+                at = np.arange(steps.n_steps)[self._own[member]]
                 with np.errstate(all="ignore"):
-                    slopes = self._velocities(member, at) - ends[:, own]
-                found[1:, own] = np.where(are_nearer(slopes, off[:, own]), slopes, found[1:, own])
+                    slopes[:, slice(*pair)] = self._velocities(member, at)
+        slopes -= ends
+        found[1:] = np.where(are_nearer(slopes, off), slopes, found[1:])
         return found
 
     def _velocities(self, member: int, at: Places) -> Array:
         """Velocities of a run where some of its steps begin and where they end, ``(2, n, d)``."""
         scene, steps = self.scenes[member], self.steps[member]
-        points, places = np.unique([at, at + 1], return_inverse=True)
+        is_end = np.zeros(steps.n_steps + 1, dtype=bool)
+        is_end[at] = is_end[at + 1] = True
+        points, places = np.flatnonzero(is_end), np.cumsum(is_end) - 1
         x, p, t = (one[points] for one in (steps.position, steps.momentum, steps.time))
         behind = before = scene.velocity(x, p, t)
         if steps.jump is not None:
             before = scene.velocity(x, p - steps.jump[points], t)
-        begins, ends = places.reshape(2, -1)
-        return np.stack([behind[begins], before[ends]])
+        return np.stack([behind[places[at]], before[places[at + 1]]])
 
     def momentum_and_energy(
         self, position: Array, steps: Places, tau: Array

@@ -19,7 +19,7 @@ from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.request import Observations, check_observable
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
 from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
@@ -158,10 +158,11 @@ def _chosen(
     requests: Sequence[Observations], runs: Sequence[RunSteps], members: Sequence[int]
 ) -> list[Places] | None:
     """The steps of some runs in which times of output lie; None: others are looked at as well."""
-    found = []
+    found: list[Places] = []
+    known: Located = {}
     for request, run in ((requests[member], runs[member]) for member in members):
         if request.times is None or request.quantities or request.events:
             return None
         times = request.times[request.times <= float(run.time[-1]) * (1.0 + 1e-12)]
-        found.append(np.unique(run.located(times, at_ends=True)[0]))
+        found.append(np.unique(located_once(known, run, times)[0]))
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -119,18 +120,15 @@ class Observer:
             extents = extents_of(motion, along, [one.end for one in members])
             for one, own, extent in zip(members, values, extents, strict=True):
                 one.quantities[name], one.extents[name] = own, extent
-        pairs = [one.pair(mesh=mesh.time) for one, mesh in zip(members, motion.steps, strict=True)]
+        meshes = [one.time for one in motion.steps]
         if self._first.times is None:
-            return pairs
+            return [one.pair(mesh) for one, mesh in zip(members, meshes, strict=True)]
         position, time = motion.position(steps, tau), motion.time(steps, tau)
         every = time, position, *motion.momentum_and_energy(position, steps, tau)
         columns = zip(*(np.split(one, edges) for one in every), strict=True)
         return [
-            (
-                on_mesh,
-                replace(found, time=t, position=x, momentum=p, energy=e, diagnostics=None),
-            )
-            for (on_mesh, found), (t, x, p, e) in zip(pairs, columns, strict=True)
+            one.pair(mesh, time=t, position=x, momentum=p, energy=e, diagnostics=None)
+            for one, mesh, (t, x, p, e) in zip(members, meshes, columns, strict=True)
         ]
 
     def _find(self, name: str, event: Event, members: Sequence[_Member]) -> None:
@@ -230,9 +228,11 @@ class _Member:
     quantities: dict[str, Array] = field(default_factory=dict)
     extents: dict[str, Extent] = field(default_factory=dict)
 
-    def pair(self, mesh: Array) -> Pair:
-        """The run on its mesh, and with what was observed."""
-        on_mesh = replace(self.run, remarks=(*self.run.remarks, *self.remarks))
+    def pair(self, mesh: Array, **reported: Any) -> Pair:
+        """The run on its mesh, and with what was observed and is reported in place of it."""
+        on_mesh = self.run
+        if self.remarks:
+            on_mesh = replace(on_mesh, remarks=(*on_mesh.remarks, *self.remarks))
         observed = Observed(
             mesh=mesh[mesh <= self.end],
             quantities=self.quantities,
@@ -240,4 +240,4 @@ class _Member:
             events=self.events,
             stopped_by=self.stopped_by,
         )
-        return on_mesh, replace(on_mesh, observed=observed)
+        return on_mesh, replace(on_mesh, observed=observed, **reported)
