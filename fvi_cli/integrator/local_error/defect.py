@@ -157,6 +157,10 @@ class Between:
         """The polynomial through the forces at the stages, at other places, ``(n, d)``."""
         return np.asarray(self._stage_basis.values(places).T @ found.force[1::2])
 
+    def missed(self, found: PointForces) -> Array:
+        """What the polynomial through the stages misses of the forces between them, ``(n, d)``."""
+        return np.abs(found.force[::2] - self._from_stages @ found.force[1::2])
+
     def mobility_of(self, path: StepPath) -> float:
         """Largest acceleration to forces that are 1 at most."""
         units = self.forces.units_at(path.middle) if self._stiff is not None else None

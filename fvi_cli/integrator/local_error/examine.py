@@ -19,7 +19,6 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.defect import (
-    BETWEEN_SHARE,
     ON_KINK,
     Between,
     StepPath,
@@ -30,7 +29,7 @@ from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.intervals.functions import Interval
-from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN
+from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN, STEEPEST
 
 FIRST_PARTS = 8
 MOST_PARTS = 256
@@ -38,14 +37,14 @@ MOST_HALVINGS = 48
 OF_LARGEST = 0.02
 """Ranges up to this share of the largest force of the run so far are none."""
 NEGLIGIBLE = 0.01
-"""Parts whose largest effect is less than this share of the tolerance are left alone."""
+"""Parts whose largest effect is less than this share of what may hide are left alone."""
 
 
 class HiddenSearch:
     """Searches the steps of one run; the largest force so far is what counts as usual."""
 
-    def __init__(self, between: Between) -> None:
-        self._between = between
+    def __init__(self, between: Between, final_time: float) -> None:
+        self._between, self._final_time = between, final_time
         self.largest = 0.0
 
     def search(
@@ -53,19 +52,27 @@ class HiddenSearch:
     ) -> tuple[float, float | None]:
         """Look for forces between the samples of a step that matter beside the tolerance.
 
-        With the forces at the places of the step; the tolerance is a length. The local error by
-        what was found, 0 where nothing was, and a time at which the force may be infinite.
+        With the forces at the places of the step; the tolerance is a length. How far what was found
+        moves the scene until the end, 0 where nothing was, and a time at which the force may be
+        infinite.
         """
         low, high = seen.force.min(axis=0), seen.force.max(axis=0)
         largest = float(np.abs(seen.force).max())
         self.largest = max(self.largest, largest)
         permitted = BEYOND_SEEN * (high - low) + OF_LARGEST * self.largest
-        # a force F on a part of length d moves F / M d h by the end of the step
-        counts = self._between.mobility_of(path) * path.size**2
+        # a force F in a part of length d moves F / M d h (T - t) by the end of the run
+        left = self._final_time - path.begin
+        counts = self._between.mobility_of(path) * path.size * left
         edges = np.linspace(0.0, 1.0, FIRST_PARTS + 1)
         begin, end = edges[:-1], edges[1:]
         error, infinite = 0.0, None
         with np.errstate(all="ignore"):
+            missed = self._between.missed(seen)
+            if (missed.max(axis=0) > STEEPEST * (high - low)).any():
+                # a few points have met something, and the others do not see how wide it is
+                error = counts * float(missed.max(axis=1).mean())
+                if error > tolerance:
+                    return error, None
             for halving in range(MOST_HALVINGS):
                 beyond = self._beyond(path, begin, end, low, high, permitted)
                 effect = counts * (end - begin) * beyond
@@ -76,7 +83,8 @@ class HiddenSearch:
                     suspect = suspect[np.argsort(effect[suspect])[-MOST_PARTS:]]
                 begin, end = begin[suspect], end[suspect]
                 middle = 0.5 * (begin + end)
-                error = max(error, self._missed(path, seen, middle))
+                found = counts * (end - begin) @ self._missed(path, seen, middle)
+                error = max(error, float(found) if math.isfinite(found) else math.inf)
                 if error > tolerance:
                     return error, None
                 if halving == MOST_HALVINGS - 1:
@@ -110,13 +118,12 @@ class HiddenSearch:
             total = np.maximum(total, np.where(excess > permitted[i], excess, 0.0))
         return total
 
-    def _missed(self, path: StepPath, seen: PointForces, places: Array) -> float:
-        """Local error by the forces at more places."""
+    def _missed(self, path: StepPath, seen: PointForces, places: Array) -> Array:
+        """Largest differences of the forces at more places from what was seen, ``(n,)``."""
         position, velocity, times = self._between.path_at(path, places)
         force = self._between.forces.at(position, velocity, times, path.middle).force
-        missed = np.abs(force - self._between.interpolated(seen, places)).max()
-        found = BETWEEN_SHARE * path.size**2 * self._between.mobility_of(path) * float(missed)
-        return found if math.isfinite(found) else math.inf
+        missed = np.abs(force - self._between.interpolated(seen, places))
+        return np.asarray(missed.max(axis=1))
 
 
 def _box(values: Array) -> Interval:
@@ -142,13 +149,14 @@ class StepFinding(NamedTuple):
 class Examiner:
     """Examines the steps of one run."""
 
-    def __init__(self, scene: Scene, tables: StepTables) -> None:
+    def __init__(self, scene: Scene, tables: StepTables, may_miss: float = math.inf) -> None:
         # Legendre coefficients of the velocity from U
         self._tail = (tables.to_legendre @ tables.slopes[1:].T)[-2:]
         self._forces = SceneForces(scene)
         self._stiff = stiff_modes(scene, tables.points.size)
         self._between = Between(self._forces, tables, self._stiff)
-        self._hidden = HiddenSearch(self._between)
+        self._hidden = HiddenSearch(self._between, scene.final_time)
+        self._may_miss = may_miss
         self._starts_on: int | None = None
         self._cuts = 0
 
@@ -192,8 +200,9 @@ class Examiner:
         error = max(error, self._between.defect(path, seen, fresh=fresh))
         unresolved = None
         if error <= tolerance and self._forces.may_hide:
-            hidden, unresolved = self._hidden.search(path, seen, tolerance)
-            error = max(error, hidden)
+            may_miss = min(tolerance, self._may_miss)
+            hidden, unresolved = self._hidden.search(path, seen, may_miss)
+            error = max(error, hidden * (tolerance / may_miss))
         return StepFinding(error=error, ends_on=ends_on, unresolved_at=unresolved)
 
     def go_on(self, finding: StepFinding) -> None:

@@ -50,6 +50,9 @@ class AdaptiveSteps:
         A run with more steps than this fails.
     points
         Further points of the mesh, ascending, where a force is less smooth than elsewhere.
+    may_miss
+        How far a force that no point of a step sees may move the scene until its end, a length;
+        no more than the tolerance.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class AdaptiveSteps:
     first_step: float | None = None
     most_steps: int = 10**7
     points: tuple[float, ...] = ()
+    may_miss: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "first_step"):

@@ -59,7 +59,7 @@ class AdaptiveSource:
 
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self.controller = step_controller(scene, method, steps)
-        self._examiner = Examiner(scene, step_tables(method))
+        self._examiner = Examiner(scene, step_tables(method), steps.may_miss)
         potential = scene.potential
         if (
             isinstance(potential, ExpressionPotential)

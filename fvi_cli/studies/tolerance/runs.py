@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,10 +55,13 @@ class AdaptiveRuns:
         self._points, self._most_steps = points, most_steps
         self._engines: dict[float | None, Engine] = {}
 
-    def run(self, local: float, first_step: float | None = None) -> Trajectory:
+    def run(
+        self, local: float, first_step: float | None = None, *, may_miss: float = math.inf
+    ) -> Trajectory:
         """A run with a local tolerance, a length, with its polynomials."""
         steps = AdaptiveSteps(
             tolerance=local,
+            may_miss=may_miss,
             first_step=first_step,
             most_steps=self._most_steps,
             points=self._points,
@@ -66,7 +70,8 @@ class AdaptiveRuns:
         if first_step not in self._engines:
             self._engines[first_step] = engine_for([scene], method, steps)
         engine = self._engines[first_step]
-        own = keeper_of_run(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
+        part = f"{method.case} {local!r} {first_step!r} {may_miss!r}"
+        own = keeper_of_run(self._checkpoints, part)
         (found,) = integrate_scenes(
             [scene], method, steps, with_steps=True, engine=engine, checkpoints=own
         )

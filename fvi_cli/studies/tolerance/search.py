@@ -76,6 +76,8 @@ FAR: Final = 1e3
 """Two stages more are not enough for errors of more than so many tolerances."""
 PER_HALVING: Final = 16.0
 """What an error falls by when steps between samples are halved, after jumps of the slope."""
+MAY_MISS: Final = 0.03
+"""Share of the tolerance by which what no step sees may move the system."""
 NEGLIGIBLE: Final = 0.01
 """Pulses that move the system by less than this share of the tolerance do not matter."""
 SHORTER_START: Final = 1e-12
@@ -189,14 +191,16 @@ class _Search:
         # on one mesh two runs may miss the same feature
         is_rough = forces.has_kinks or forces.is_steep
         least_gain = 1.0 if is_rough else LEAST_GAIN
-        before, still, failed, doubted = math.inf, 0, 0, False
+        before, still, failed, doubted, target = math.inf, 0, 0, False, 0.0
         for _ in range(MOST_ROUNDS):
-            run = coarse = runs.run(local, self.first_step)
+            # what hides does not fall with the steps as other errors do
+            may_miss = MAY_MISS * (target or self.target(self.guess)) or math.inf
+            run = coarse = runs.run(local, self.first_step, may_miss=may_miss)
             words = f"Gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
             if coarse.status == "ok" and coarse.steps is not None:
                 mesh = coarse.steps.mesh(self.scene.break_points)
                 if is_rough:
-                    run = finer.run(UNRELATED * local, self.first_step)
+                    run = finer.run(UNRELATED * local, self.first_step, may_miss=may_miss)
                 else:
                     run = run_on(self.scene, degree + 2, mesh, self.checkpoints)
                     run = replace(run, doubts=coarse.doubts, rejected=coarse.rejected)
