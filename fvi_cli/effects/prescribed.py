@@ -94,7 +94,11 @@ def _rate_of(component: ForceComponent) -> ForceComponent:
     if isinstance(component, SampledForce):
         powers = np.arange(component.order - 1, 0, -1)[:, None]
         slopes = powers * component.coefficients[:-1]
-        return SampledForce(knots=component.knots, coefficients=slopes, source=component.source)
+        rate = SampledForce(knots=component.knots, coefficients=slopes, source=component.source)
+        if component.formula is None:
+            return rate
+        added = _rate_of(component.formula)
+        return FunctionForce(function=lambda t: rate.evaluate({"t": t}) + added.evaluate({"t": t}))
     if not isinstance(component, Expression):
         raise ArgumentError("displacement", "give a formula or samples, not a function")
 

@@ -9,6 +9,10 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.prescribed import PrescribedMotion
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
 
 
@@ -171,3 +175,26 @@ def test_diagnostics_of_a_given_motion_are_refused():
             8,
             diagnostics=fvi.DiagnosticsRequest(energy_balance=True),
         )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_formula_beside_samples_has_its_rate(seed):
+    """Samples of a line and a formula are the same motion as one formula."""
+    rng = np.random.default_rng([13, seed])
+    T, slope, rate = (float(one) for one in rng.uniform(0.5, 5.0, 3))
+    wave = Expression.parse(f"0.3*sin({rate!r}*t) + 0.2*t**2", variables=("t",))
+    times = np.linspace(0.0, T, 9)
+    beside = SampledForce.through(times, slope * times, "linear").plus(wave)
+    alone = Expression.parse(f"{slope!r}*t", variables=("t",)).plus(wave)
+    without = SampledForce.through(times, slope * times, "linear")
+    motions = [
+        PrescribedMotion(
+            displacement=Forcing(pieces=(ForcingPiece(components=(one,)),)), final_time=T
+        )
+        for one in (beside, alone, without)
+    ]
+    at = rng.uniform(0.0, T, 20)
+    found, exact, control = (one.rate(at) for one in motions)
+    np.testing.assert_allclose(found, exact, atol=1e-12)
+    assert motions[0].start_rate == pytest.approx(motions[1].start_rate)
+    assert np.abs(control - exact).max() > 0.1
