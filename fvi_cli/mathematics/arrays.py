@@ -1,4 +1,4 @@
-"""Arrays by what they hold, as annotations have them, and as fields of values."""
+"""Types of arrays for annotations, and read-only arrays as fields of frozen values."""
 
 from __future__ import annotations
 

@@ -51,8 +51,8 @@ def convolution_weights(bdf_order: int, order: float, n_weights: int) -> Array:
 
     With step size h, ``h**-order * sum_{n=0..k} w_n f_{k-n}`` approximates the derivative of
     that order at ``t_k`` (the integral, for negative order). Orders lie in (-2, 2]; for 0, 1 and 2
-    the weights are finite stencils: exact rationals, rounded once, then zeros. The tail is right
-    relative to itself.
+    the weights are finite stencils: exact rationals, rounded once, then zeros. Small weights of
+    the tail have a small relative error as well.
 
     Raises
     ------
@@ -74,8 +74,8 @@ def difference_weights(bdf_order: int, order: float, n_weights: int) -> Array:
 
     They act on increments: ``sum_n w_n f_{k-n} = sum_n v_n (f_{k-n} - f_{k-n-1})`` with
     ``f_{-1} = 0``, w the convolution weights and v these. They are computed from the binomial
-    series of ``(1-z)**(order-1)``; running sums of w would lose the tail. Range and errors as of
-    :func:`convolution_weights`.
+    series of ``(1-z)**(order-1)``; running sums of w would lose the tail. Range and errors: those
+    of :func:`convolution_weights`.
     """
     exact = _check_arguments(bdf_order, order, n_weights)
     return _power_weights(bdf_order, exact - 1, exact, n_weights)
@@ -115,7 +115,7 @@ def _power_weights(
 ) -> Array:
     """Coefficients of ``(1-z)**binomial_exponent * q_p(z)**quotient_exponent``."""
     if binomial_exponent >= 0 and binomial_exponent.denominator == 1:
-        # exact: arrays of objects multiply and add by the operators of these
+        # exact: NumPy computes with arrays of fractions by the operators of the fractions
         stencil = np.array([Fraction(1)])
         for _ in range(int(quotient_exponent)):
             stencil = np.convolve(stencil, _quotient(bdf_order))
@@ -136,7 +136,7 @@ def _power_weights(
 def _power_series(coefficients: list[Any], exponent: Any, first: Any, n_terms: int) -> list[Any]:
     """Power of a polynomial by J.C.P. Miller's recurrence, cut where it is negligible.
 
-    The `first` coefficient is that of the polynomial to the exponent; all are numbers of one kind.
+    `first` is the first coefficient of the polynomial to this exponent; all numbers have one type.
     """
     series, largest, reach = [first], abs(first), len(coefficients) - 1
     for n in range(1, n_terms):

@@ -9,10 +9,10 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array, Places
 
 SWEEPS = 80
-"""Iterations for a root in a bracket."""
+"""Most iterations for a root in a bracket."""
 
 Function = Callable[[Places, Array], Array]
-"""Values of functions by their numbers at places, all ``(n,)``."""
+"""From numbers of functions and places, both ``(n,)``, to the values there, ``(n,)``."""
 
 
 def bracketed_roots(
@@ -57,7 +57,7 @@ def bracketed_roots(
         usable = quadratic & np.isfinite(share)
         share = np.where(usable, share, 0.5)
         share = np.clip(share, np.minimum(limit, 0.5), np.maximum(1.0 - limit, 0.5))
-        # a root that is found rests, so that it does not depend on the others
+        # a root that is found is iterated no further, so that it does not depend on the others
         a, b, c, share, open_ = a[going], b[going], c[going], share[going], open_[going]
         fa, fb, fc = fa[going], fb[going], fc[going]
     return found

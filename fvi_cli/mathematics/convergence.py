@@ -1,11 +1,11 @@
 r"""When an iteration for a root has converged: one rule for every Newton's iteration.
 
-Every component has a scale of its own and every point, step or member an end of its own. With
+Every component has a scale of its own, and every point, step or member converges by itself. With
 :math:`c_j` the change of component j, :math:`c_j'` the one before and :math:`s_j` its scale,
-component j is done where the remainder, :math:`c_j\, c_j / c_j'`, is below the unit round-off of
-:math:`s_j`. Where the changes cease to fall, :math:`c_j` must be explained by round-off: by a
-computed bound :math:`f_j` of it, in which a component that is not coupled to others does not
-feel their size. Slow progress above that bound is a failure.
+component j has converged where the remainder, :math:`c_j\, c_j / c_j'`, is below the unit round-off
+of :math:`s_j`. Where the changes cease to fall, :math:`c_j` must be below a computed bound
+:math:`f_j` of round-off; the bound of a component that is not coupled to others does not depend
+on their size. Slow progress above that bound is a failure.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from fvi_cli.mathematics.arrays import Array, Mask
 UNIT = 2.0**-53
 """Unit round-off."""
 NEGLIGIBLE = 0.1 * UNIT
-"""A part of the scale that changes nothing."""
+"""Changes below this share of the scale have no effect."""
 NOISE = 16.0
-"""Changes of so many unit round-offs of the terms of an equation are noise."""
+"""Changes up to this many unit round-offs of the terms of an equation are noise."""
 SLOW = 0.25
-"""From this ratio of successive changes on an iteration is slow."""
+"""An iteration is slow where a change is larger than this share of the change before it."""
 ITERATIONS, HALVINGS = 60, 40
 SMALLEST = np.finfo(float).tiny
 
@@ -40,8 +40,8 @@ def find_roots(evaluate: Evaluate, start: Array) -> tuple[Array, Mask, int]:
     than the one before. A root is found when the correction that the residual *there* calls for
     is no more than round-off.
 
-    From points ``(n, d)`` to the roots, which of them were found, and the largest number of
-    iterations.
+    Takes points ``(n, d)``; returns the roots, which of them were found, and the largest number
+    of iterations.
     """
     with np.errstate(all="ignore"):
         return _find_roots(evaluate, np.array(start, dtype=float))
@@ -84,12 +84,12 @@ def _find_roots(evaluate: Evaluate, unknown: Array) -> tuple[Array, Mask, int]:
 
 
 def _rounding(matrix: Array, terms: Array, size: Array) -> Array:
-    """What rounded terms of the residuals, and rounded unknowns, do to a correction."""
+    """Bound on the round-off of a correction, by the terms of the residuals and by the unknowns."""
     return np.asarray(UNIT * (np.einsum("nab,nb->na", np.abs(np.linalg.inv(matrix)), terms) + size))
 
 
 def _regular(residual: Array, jacobian: Array) -> Mask:
-    """Where residual and Jacobian are finite, and it has an inverse."""
+    """Where residual and Jacobian are finite and the Jacobian has an inverse."""
     sound = np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     finite: Mask = np.asarray(sound)
     safe = np.where(finite[:, None, None], jacobian, 0.0)

@@ -7,14 +7,15 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array
 
 LEAST = 1e-14
-"""Least eigenvalue of a matrix whose diagonal is one, for each of its rows: below, it is the
-round-off of a singular one."""
+"""Smallest eigenvalue, per row, of a matrix with unit diagonal: below this times the number of rows
+the matrix is singular up to round-off."""
 
 
 def least_scaled_eigenvalue(matrix: Array) -> Array:
     """Least eigenvalues of symmetric matrices whose diagonals are scaled to 1, ``(..., d, d)``.
 
-    The units of the coordinates do not count. Not positive where an entry of the diagonal is not.
+    The result does not depend on the units of the coordinates. It is not positive where an entry of
+    the diagonal is not positive.
     """
     diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
     least = diagonal.min(axis=-1)

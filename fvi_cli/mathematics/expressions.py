@@ -32,7 +32,7 @@ T = TypeVar("T")
 LARGEST_DEPTH: Final = 500
 MOST_NODES: Final = 5_000
 MOST_LISTED, MOST_NEAREST = 12, 10
-"""Names up to which a complaint lists all that are known; of more, the nearest."""
+"""A complaint lists up to 12 known names; if there are more, the 10 nearest."""
 
 CONSTANTS: Final[Mapping[str, float]] = MappingProxyType({"pi": math.pi, "e": math.e})
 _ALIASES: Final[Mapping[str, str]] = MappingProxyType(
@@ -68,13 +68,13 @@ class Expression:
     """A formula in declared variables, as data.
 
     Two expressions are equal when text, variables, constants and programs are. Build one with
-    :meth:`parse`, or of others by :meth:`plus` and :meth:`times`.
+    :meth:`parse`, or from others with :meth:`plus` and :meth:`times`.
     """
 
     text: str  # the text as given
     variables: tuple[str, ...] = ()  # names that may occur and get their values in evaluate
     constants: tuple[tuple[str, float], ...] = ()  # further names with fixed values, sorted by name
-    # the program, with the constants as variables; left out: what the text says
+    # the program, with the constants as variables; if omitted, the translation of the text
     system: FormulaSystem = field(repr=False, default=NO_SYSTEM)
 
     def __post_init__(self) -> None:
@@ -152,7 +152,7 @@ class Expression:
         )
 
     def expand(self, formulas: Mapping[str, Expression]) -> Expression:
-        """The formula with others in the place of the variables that they are named by."""
+        """The formula with variables replaced by formulas, given by the names of the variables."""
         used = self.names.intersection(formulas)
         if not used:
             return self
@@ -175,10 +175,10 @@ class Expression:
 def slopes_of(
     expression: Expression, values: Mapping[str, Array | float], wanted: Iterable[str]
 ) -> dict[str, Array]:
-    """Derivatives of a formula by those of its variables that are wanted.
+    """Derivatives of a formula with respect to wanted variables, by the names of the variables.
 
-    By those of the wanted names that occur in it, at values of all its variables: numbers or
-    ``(n,)``.
+    Only names that occur in the formula have an entry. `values` has all of its variables: numbers
+    or ``(n,)``.
     """
     names = sorted(expression.names.intersection(wanted))
     system = slopes_system(expression.system, tuple(names))
@@ -192,7 +192,7 @@ def slopes_of(
 
 @lru_cache(maxsize=256)
 def slopes_system(system: FormulaSystem, names: tuple[str, ...]) -> FormulaSystem:
-    """A program with its derivatives by some variables behind it, each once for all scenes."""
+    """A program followed by its derivatives with respect to some variables; scenes share them."""
     return derivatives(system, [{name: 1.0} for name in names])
 
 
@@ -286,7 +286,7 @@ _THEIR_NAMES: Final[Mapping[str, str]] = MappingProxyType(
 
 
 def _of_library(node: ast.expr) -> str:
-    """What to write for a function or number of a library, such as ``np.sin``; else nothing."""
+    """What to write for a function or number of a library, such as ``np.sin``; else empty."""
     target = node.func if isinstance(node, ast.Call) else node
     if not (isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name)):
         return ""
@@ -325,7 +325,7 @@ def _col(node: ast.expr) -> int:
 
 
 def _operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
-    """An operator or function with its operands; of a sign that changes nothing no name."""
+    """Name and operands of an operator or function; the name is empty for a unary plus."""
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
         return _BINARY[type(node.op)], [node.left, node.right]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
@@ -348,7 +348,7 @@ def _operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
 
 
 def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, count: int) -> None:
-    """Put what `node` makes in the place of its operands, with its value where that is fixed."""
+    """Replace the operands of `node` by its result, with the value where that is fixed."""
     first, *others = done[-count:]
     del done[-count:]
     try:
@@ -360,7 +360,7 @@ def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, coun
             if kind == "/" and value is None and other[1] == 0:
                 raise ExpressionError("it divides by zero")
             if value is not None:
-                # what is made of constants must be finite for their values
+                # a part that has constants only must be finite for their values
                 terms[0].builder.number(value)
             first = (terms[0].builder.apply(kind, *terms), value)
     except ExpressionError as error:

@@ -35,7 +35,7 @@ def fractional_integral(order: float, step_size: float, values: Array) -> Array:
     factorial = 1.0
     for power in range(SPLINE_DEGREE + 1):
         factorial *= max(power, 1)
-        # right of every grid point, where the step begins, also for the derivative that jumps there
+        # derivatives from the right, at the beginning of each step: the fifth jumps at grid points
         coefficients = spline(left, nu=power) / factorial
         weights = _moments(order, power, n_steps)
         total[1:] += fftconvolve(coefficients, weights[:, None], axes=0)[:n_steps]

@@ -1,4 +1,4 @@
-"""Discrete fractional derivatives and integrals of a whole sequence, retarded and advanced.
+"""Discrete fractional derivatives and integrals of a whole sequence, from its past.
 
 Sign convention: the exponent e is the order of *differentiation*. ``e > 0`` differentiates,
 ``e < 0`` integrates, ``e = 0`` does nothing. In the literature on convolution quadrature the same
@@ -18,14 +18,14 @@ _LONGEST_DIRECT_SUM = 1024
 
 
 def left_operator(bdf_order: int, exponent: float, step_size: float, values: ArrayLike) -> Array:
-    """The retarded operator, which looks at the past, on values ``(N + 1,)`` or ``(N + 1, d)``.
+    """The retarded operator, which acts on the past, of values ``(N + 1,)`` or ``(N + 1, d)``.
 
     ``(J_- X)_k = h**-e sum_{n=0..k} w_n X_{k-n}`` with ``sum_n w_n z^n = gamma_p(z)**e``: for
-    e in (0, 2] the left Riemann-Liouville derivative of order e at ``t_k = k h``, down to -2 its
-    integral; in units of `values` times time to the power -e. Operators of one formula and one
-    step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one series (Lubich,
-    *Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986; Hariz Belgacem, Jimenez,
-    Ober-Bloebaum, arXiv 2403.18362).
+    e in (0, 2] the left Riemann-Liouville derivative of order e at ``t_k = k h``, for e in (-2, 0)
+    the integral of order -e; in units of `values` times time to the power -e. Operators of one
+    formula and one step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one
+    series (Lubich, *Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986; Hariz Belgacem,
+    Jimenez, Ober-Bloebaum, arXiv 2403.18362).
     """
     samples = np.asarray(values, dtype=np.float64)
     n_samples = samples.shape[0]

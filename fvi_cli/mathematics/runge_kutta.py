@@ -8,7 +8,8 @@ import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
 
-# eigenvalues between 1/70 and 1, and within 75 degrees of the positive axis, leave exp(-48)
+# the trapezoidal rule errs by exp(-48) for eigenvalues of size 1/70 to 1 within 75 degrees of
+# the positive axis
 _FIRST, _LAST, _WIDTH = -1.0, 6.0, 0.25
 _FAR = 300.0
 

@@ -1,4 +1,4 @@
-"""What formulas are made of: functions on arrays, and on values of other kinds by their rules."""
+"""The functions that formulas call: on arrays, and by rules on other kinds of values."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class ExpressionError(ValueError):
         super().__init__(message, column, unknown, known)
         self.message = message  # what is wrong and what is allowed
         self.column = column  # where in the text, from 1; None when it concerns the whole text
-        self.unknown = unknown  # the name that is not known, where that is wrong
-        self.known = known  # then the names that are
+        self.unknown = unknown  # the unknown name, if the complaint is about one
+        self.known = known  # the known names, if a name is unknown
 
     def __str__(self) -> str:
         return self.message if self.column is None else f"column {self.column}: {self.message}"
@@ -38,23 +38,23 @@ class Algebra(NDArrayOperatorsMixin):
     """A value on which formulas work as on arrays, by the operators and functions of NumPy."""
 
     rules: ClassVar[Mapping[str, Callable[..., Any]]]
-    """By the names of NumPy's functions, and of :data:`INNER_FUNCTIONS`, what they make of it."""
+    """How to compute each function, by its name in NumPy or in :data:`INNER_FUNCTIONS`."""
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """What a function of NumPy makes of values of this kind and numbers."""
+        """Value of a function of NumPy, of values of this kind and numbers."""
         return self.apply(ufunc.__name__, *inputs)
 
     @classmethod
     def apply(cls, name: str, *inputs: Any) -> Any:
-        """What a function makes of values of this kind and numbers.
+        """Value of a function, given by its name, of values of this kind and numbers.
 
         Raises
         ------
         ExpressionError
-            If there is no rule for it.
+            If there is no rule for the function.
         """
         if name not in cls.rules:
             raise ExpressionError(f"the function {name!r} is not available here")
@@ -75,7 +75,7 @@ def _digamma(argument: Array) -> Array:
 
 
 def _by_rules(function: Callable[..., Array]) -> Callable[..., Any]:
-    """A function that is none of NumPy's, with the rules of other values than arrays."""
+    """A function that NumPy lacks, on arrays and by the rules of an :class:`Algebra`."""
     name = function.__name__.removeprefix("_")
 
     def called(*arguments: Any) -> Any:
@@ -104,7 +104,7 @@ NUMPY_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
     {name: getattr(np, name) for name in _OF_NUMPY}
     | {"abs": np.abs, "gamma": _gamma, "min": np.minimum, "max": np.maximum}
 )
-"""The functions an expression may call; of the last two every pair."""
+"""The functions an expression may call; `min` and `max` take two arguments at a time."""
 
 INNER_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
     {
@@ -115,11 +115,11 @@ INNER_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
         "digamma": _digamma,
     }
 )
-"""What programs call besides: ``select(a, b, x, y)`` is x where a < b, y where a > b, and their
-mean where a = b; ``log_times(f, x)`` is f log x, and 0 where f is."""
+"""Further functions of programs: ``select(a, b, x, y)`` is x where a < b, y where a > b, and
+(x + y)/2 where a = b; ``log_times(f, x)`` is f log x, and 0 where f is 0."""
 
 KINKED: Final = ("abs", "sign", "min", "max", "select")
-"""What is not smooth where its argument is zero, or its first two arguments are equal."""
+"""Functions that are not smooth where the argument is zero or the first two arguments are equal."""
 
 
 def value_of(name: str, values: Mapping[str, T | float]) -> T | float:

@@ -1,10 +1,10 @@
-r"""Programs that grow, and programs made of others: derivatives of formulas, as formulas.
+r"""Build programs, alone and from other programs: derivatives of formulas, as formulas.
 
 At a kink the derivative is the mean of both sides, :math:`|x|' = \operatorname{sign} x` with
 :math:`\operatorname{sign} 0 = 0`, and where :math:`a = b` both :math:`\min(a, b)` and
 :math:`\max(a, b)` have :math:`(a' + b')/2`: a subgradient where the function is convex. Elsewhere
-it is that of the side which is taken, whatever the other one is: ``min(exp(800*x), 5)`` has
-derivative 0 where the exponential overflows. ``sign`` has derivative 0 everywhere.
+it is the derivative of the argument that is taken, whatever the other one is: the derivative of
+``min(exp(800*x), 5)`` is 0 where the exponential overflows. ``sign`` has derivative 0 everywhere.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, Instruction, compute, operands
 
 MOST_INSTRUCTIONS: Final = 100_000
-"""Of a program; second derivatives of a long formula grow with the square of its variables."""
+"""Longest program; second derivatives of a formula of n variables are longer by a factor of n^2."""
 
 
 class Builder:
-    """A program that grows: equal parts are one, numbers are computed at once."""
+    """A program that grows: equal parts are stored once, operations on numbers are done at once."""
 
     def __init__(self) -> None:
         self.instructions: list[Instruction] = []
@@ -42,12 +42,12 @@ class Builder:
         return Term(self, self._places[key])
 
     def number(self, value: float) -> Term:
-        """A number.
+        """Add a number.
 
         Raises
         ------
         ExpressionError
-            If it is not finite.
+            If the number is not finite.
         """
         if math.isnan(value):
             raise ExpressionError("this constant is not a real number")
@@ -56,16 +56,16 @@ class Builder:
         return self._add("number", float(value))
 
     def variable(self, name: str) -> Term:
-        """A variable."""
+        """Add a variable."""
         return self._add("variable", name)
 
     def apply(self, kind: str, *terms: Term) -> Term:
-        """An operator, ``negate``, ``**`` or a function of terms, as it stands.
+        """Add an operator, ``negate``, ``**`` or a function of terms, without simplifying.
 
         Raises
         ------
         ExpressionError
-            If it is a number that is not finite.
+            If all terms are numbers and the result is not finite.
         """
         values = [one.value for one in terms]
         if all(value is not None for value in values):
@@ -80,10 +80,10 @@ class Builder:
         bound: Mapping[str, float | Term] | None = None,
         named: Mapping[int, str] | None = None,
     ) -> dict[int, Term]:
-        """Another program in this one, by its places.
+        """Copy another program into this one; the new terms by the places of that program.
 
-        Numbers, and terms of this one, may take the place of variables, and variables that of
-        numbers and exponents.
+        `bound` replaces variables by numbers or by terms of this builder, `named` replaces
+        numbers and exponents, given by their places, by variables.
         """
         found: dict[int, Term] = {}
         names, values = named or {}, bound or {}
@@ -107,12 +107,12 @@ class Builder:
     def include(
         self, system: FormulaSystem, bound: Mapping[str, float | Term] | None = None
     ) -> list[Term]:
-        """The outputs of another program, as :meth:`terms`."""
+        """Copy another program into this one as :meth:`terms` does; the terms of its outputs."""
         found = self.terms(system, bound)
         return [found[place] for place in system.outputs]
 
     def system(self, terms: Iterable[Term]) -> FormulaSystem:
-        """The program of some terms."""
+        """The program whose outputs are these terms."""
         outputs = tuple(one.place for one in terms)
         return FormulaSystem(instructions=tuple(self.instructions), outputs=outputs)
 
@@ -124,13 +124,13 @@ def bound(system: FormulaSystem, values: Mapping[str, float]) -> FormulaSystem:
 
 
 def negative(system: FormulaSystem) -> FormulaSystem:
-    """The program of the outputs with another sign."""
+    """The program with the signs of all outputs changed."""
     builder = Builder()
     return builder.system([-one for one in builder.include(system)])
 
 
 def terms_with(system: FormulaSystem, name: str) -> tuple[FormulaSystem, FormulaSystem]:
-    """The terms of a sum in which a variable occurs, and the others."""
+    """Split a sum into two programs: of the terms with a variable, and of the terms without it."""
     builder = Builder()
     found = builder.terms(system)
     sums = [builder.number(0.0), builder.number(0.0)]
@@ -162,7 +162,7 @@ class Term:
 
     @property
     def value(self) -> float | None:
-        """The number that it is; None: it is none."""
+        """Its value if it is a number, else None."""
         kind, *rest = self.builder.instructions[self.place]
         return float(rest[0]) if kind == "number" else None
 
@@ -218,7 +218,7 @@ class Term:
         return self._lift(other) / self
 
     def __call__(self, name: str, *others: Term) -> Term:
-        """A function of it."""
+        """A function of this term and others."""
         return self.builder.apply(name, self, *others)
 
 
@@ -247,7 +247,7 @@ _RULES: Final[Mapping[str, Callable[[Term, Term], Term | float]]] = MappingProxy
         "gamma": lambda x, y: y * x("digamma"),
     }
 )
-"""Of y = function(x) by x."""
+"""The derivative of y = function(x) with respect to x, from x and y."""
 
 
 def derivatives(
@@ -255,7 +255,7 @@ def derivatives(
 ) -> FormulaSystem:
     """All outputs of a program, then their derivatives along every direction.
 
-    A direction has rates, numbers or names of further variables, by names of variables.
+    A direction maps names of variables to rates: numbers, or names of further variables.
 
     Raises
     ------
@@ -277,7 +277,7 @@ def _rates(
     terms: Mapping[int, Term],
     builder: Builder,
 ) -> dict[int, Term]:
-    """Derivatives at the places of a program; what is missing is 0."""
+    """Derivatives at the places of a program; places that are missing have derivative 0."""
     rates: dict[int, Term] = {}
     for place in system.needed:
         kind, *rest = instruction = system.instructions[place]
@@ -326,5 +326,5 @@ def _rate(kind: str, terms: Sequence[Term], rates: Sequence[Term], value: Term) 
         return da * b + a * db
     if kind == "/":
         return (da - value * db) / b
-    # the remainder is log_times
+    # the one remaining kind is log_times
     return da * b("log") + a / b * db

@@ -18,9 +18,10 @@ _POLYNOMIAL: Final = ("+", "-", "*", "negate", "sin", "cos", "/", "**")
 
 
 def arguments_of(system: FormulaSystem, kinds: Collection[str] = KINKED) -> FormulaSystem:
-    """The arguments of functions in a program, of those with several the first less the second.
+    """The arguments of the functions of some kinds in a program.
 
-    Those with kinks are not smooth where it is zero. Whole powers are no functions here.
+    For several arguments it is the first minus the second; functions with kinks are not smooth
+    where it is zero. Integer powers do not count as functions.
     """
     builder = Builder()
     terms, found = builder.terms(system), []
@@ -40,11 +41,11 @@ def kinks_of(system: FormulaSystem) -> frozenset[str]:
 def constant_values(
     system: FormulaSystem, parameters: Mapping[str, float], names: Iterable[str]
 ) -> list[float] | None:
-    """The values of all outputs where none depends on variables with these names; None: one does.
+    """The values of all outputs if none depends on variables with these names, else None.
 
-    Polynomials of the variables and of sines and cosines of such are constant if their values at a
-    few unrelated places agree in 150 digits; no other function drops out here, as a narrow pulse is
-    0 almost everywhere.
+    Polynomials of the variables, and of sines and cosines of polynomials, are constant if their
+    values at a few unrelated places agree in 150 digits. Other functions of a variable always count
+    as dependent on it: a narrow pulse is 0 almost everywhere.
 
     Raises
     ------

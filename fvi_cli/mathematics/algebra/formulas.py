@@ -35,7 +35,7 @@ _SMOOTH: Final = ("sin", "cos", "exp", "expm1", "sinh", "cosh", "tanh", "arctan"
 ENTIRE: Final = frozenset(
     ("number", "variable", "negate", "+", "-", "*", "square", "cbrt", *_SMOOTH)
 ) | frozenset(("select", "min", "max", "abs", "sign"))
-"""What is finite wherever its operands are, but for overflow."""
+"""Operations whose value is finite wherever the operands are, except for overflow."""
 LARGEST_WHOLE_POWER: Final = 1e9
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 _OF_NUMBERS: Final[Mapping[str, Callable[..., Any]]] = {
@@ -53,7 +53,7 @@ _OF_NUMBERS: Final[Mapping[str, Callable[..., Any]]] = {
 class FormulaSystem:
     """Several values computed by one program, in which equal parts occur once."""
 
-    instructions: tuple[Instruction, ...]  # the program, operands before what is made of them
+    instructions: tuple[Instruction, ...]  # the program, operands before their users
     outputs: tuple[int, ...]  # places of the values
 
     @cached_property
@@ -73,17 +73,17 @@ class FormulaSystem:
 
     @cached_property
     def functions(self) -> frozenset[str]:
-        """Functions that occur."""
+        """Functions that users may call and that occur."""
         return self.called & NUMPY_FUNCTIONS.keys()
 
     @cached_property
     def called(self) -> frozenset[str]:
-        """Functions that occur, those of derivatives among them."""
+        """Functions that occur, including those that only derivatives call."""
         return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
 
     @cached_property
     def is_entire(self) -> bool:
-        """Whether its values are finite wherever its variables are, but for overflow."""
+        """Whether its values are finite wherever its variables are, except for overflow."""
         for place in self.needed:
             kind, *rest = self.instructions[place]
             if kind == "/":
@@ -108,7 +108,7 @@ class FormulaSystem:
     ) -> list[T | float]:
         """The values for given variables: arrays, numbers or values of an :class:`Algebra`.
 
-        Of other kinds of numbers the `functions` are given that occur. Integral exponents arrive
+        For other kinds of numbers, give the `functions` that occur. Integral exponents arrive
         as ``int``. Floating-point arithmetic never warns or raises here.
 
         Values are given for every one of :attr:`names`; arrays broadcast. One value per output, a
@@ -135,12 +135,12 @@ class FormulaSystem:
         return FunctionType(code, {"__builtins__": {}, **_EVERY, **functions})
 
     def __getstate__(self) -> dict[str, object]:
-        """What is pickled: the program without what was made of it."""
+        """What is pickled: the program, without the caches computed from it."""
         return {"instructions": self.instructions, "outputs": self.outputs}
 
 
 def operands(instruction: Instruction) -> tuple[int, ...]:
-    """Places of what an instruction is made of."""
+    """Places of the operands of an instruction."""
     kind = instruction[0]
     if kind in ("number", "variable"):
         return ()
@@ -198,7 +198,7 @@ def _compiled(source: str) -> CodeType:
 
 
 def compute(kind: str, values: Sequence[float]) -> float:
-    """What an operator or function makes of numbers; it may not be finite."""
+    """Value of an operator or function of numbers; it may be infinite or not a number."""
     # NumPy's numbers never raise and never turn complex; 9**9**9 overflows at once
     numbers = [np.float64(value) for value in values]
     if kind == "**" and values[1] == 2:
@@ -208,9 +208,9 @@ def compute(kind: str, values: Sequence[float]) -> float:
 
 
 class PointFormulas:
-    """The values of a program as a function of points, quickly.
+    """Fast evaluation of a program at many points.
 
-    Values at a point are the same to the last bit whatever other points stand beside it.
+    Values at a point are the same to the last bit whatever other points are evaluated with it.
     Floating-point errors are treated as the caller's ``np.errstate`` says.
 
     Variables are the names of the components of points. Parameters, the other names, are numbers or
@@ -233,9 +233,9 @@ class PointFormulas:
     def __call__(self, *points: Array) -> Array:
         """The values ``(..., number of outputs)`` at points ``(..., k)``.
 
-        Several arrays stand for one with all of their components.
+        Several arrays count as one array with the components of all.
         """
-        # contiguous: vector instructions do the same to every point, wherever it stands
+        # contiguous: vector instructions treat every point alike, wherever it is in the array
         components = [
             np.ascontiguousarray(one[..., index])
             for one in points
@@ -245,7 +245,7 @@ class PointFormulas:
         shape = points[0].shape[:-1]
         if self._count == 1:
             (only,) = values
-            # an array with a base is the point itself
+            # an array with a base is a view of the points
             if isinstance(only, np.ndarray) and only.base is None and only.shape == shape:
                 return only[..., None]
         found = np.empty((*shape, self._count))

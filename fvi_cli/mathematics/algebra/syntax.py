@@ -21,7 +21,7 @@ _ADVICE: Final = {
     "=": "; give the difference of both sides",
     "'": "; the velocity of x is vx, its acceleration ax",
 }
-"""By signs that people write."""
+"""Advice by the characters that people write."""
 _NO_OPERATOR: Final = re.compile(r"(?<![\w.])([\d.]+(?:[eE][-+]?\d+)?|\))\s*([A-Za-z_]\w*|\()")
 
 
@@ -31,7 +31,7 @@ def syntax_tree(text: str) -> ast.expr:
     Raises
     ------
     ExpressionError
-        If the text is none, is too long or nested too deeply.
+        If the text is no expression, is too long or nested too deeply.
     """
     if len(text) > LONGEST_TEXT:
         raise ExpressionError(f"too long: {len(text)} characters, at most {LONGEST_TEXT}")
@@ -77,7 +77,7 @@ def syntax_tree(text: str) -> ast.expr:
 
 
 def difference_of_sides(text: str) -> str:
-    """What an equation ``a = b`` is as an expression that is 0; empty for any other text."""
+    """The expression that is 0 where an equation ``a = b`` holds; empty for any other text."""
     sides = [side.strip() for side in text.split("=")]
     if len(sides) != 2 or not all(sides):
         return ""
@@ -88,7 +88,7 @@ def difference_of_sides(text: str) -> str:
 
 
 def _without_factor(text: str) -> ExpressionError | None:
-    """The complaint of a number or bracket with a factor behind it and no ``*`` between."""
+    """The complaint about a missing ``*`` after a number or parenthesis; None if there is none."""
     found = _NO_OPERATOR.search(text)
     message = f"'*' is missing: write {found[1]}*{found[2]}" if found else ""
     return ExpressionError(message, found.start(2) + 1) if found else None

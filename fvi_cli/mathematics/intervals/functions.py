@@ -2,7 +2,7 @@
 
 Every operation encloses the range of the exact one up to round-off (Moore, Kearfott, Cloud,
 *Introduction to Interval Analysis*, SIAM 2009, chapter 2); ends are not rounded outwards, because
-ranges are asked for where something large may have been missed, not for proofs to the last digit.
+ranges serve to find large values that samples miss, not for proofs to the last digit.
 Floating-point errors are treated as the caller's ``np.errstate`` says; formulas ignore them.
 """
 
@@ -63,7 +63,7 @@ def monotone(
     first: float = -math.inf,
     last: float = math.inf,
 ) -> Interval:
-    """The range of a monotone function of an interval, as far as this lies in its domain."""
+    """The range of a monotone function on the part of an interval in its domain [first, last]."""
     return hull(
         function(np.clip(value.low, first, last)), function(np.clip(value.high, first, last))
     )
@@ -164,7 +164,7 @@ def _holds(value: Interval, first: float, period: float) -> NDArray[np.bool_]:
 
 
 def _wave(value: Interval, function: Callable[[Array], Array], top: float) -> Interval:
-    """Sine or cosine, the first maximum of which is given."""
+    """Sine or cosine; `top` is the place of its first maximum."""
     ends = monotone(function, value)
     at_top = _holds(value, top, 2 * math.pi)
     at_bottom = _holds(value, top + math.pi, 2 * math.pi)
@@ -202,7 +202,7 @@ def _extremum(function: Callable[..., Array]) -> Callable[..., Interval]:
 def _select(
     a: Interval | float, b: Interval | float, below: Interval | float, above: Interval | float
 ) -> Interval:
-    """The range of what is taken; of both where it is not known which."""
+    """The range of the value that is taken; of both values where the choice is not known."""
     (a_low, a_high), (b_low, b_high) = _ends(a), _ends(b)
     first, second = _ends(below), _ends(above)
     low = np.where(a_low > b_high, second[0], first[0])

@@ -17,7 +17,7 @@ from fvi_cli.mathematics.intervals.functions import Interval
 FIRST_PARTS: Final = 64
 MOST_PARTS: Final = 1024
 DISTANCES: Final = (1e-8, 1e-6)
-"""Distances from a place at which the power is estimated, in lengths of the interval."""
+"""Distances from a place at which the power is estimated, relative to the interval's length."""
 LEAST_INTEGRABLE: Final = -0.999
 
 IsOpen = Callable[[Places, Array, Array], NDArray[np.bool_]]
@@ -26,9 +26,9 @@ IsOpen = Callable[[Places, Array, Array], NDArray[np.bool_]]
 def find_open_places(is_open: IsOpen, low: Array, high: Array) -> tuple[Places, Array]:
     """Places in n intervals whose surroundings stay open however often they are halved.
 
-    `is_open` says which parts, from one array of ends to another, of the intervals of these numbers
-    are. The first 1024 parts of a length are followed. The numbers of intervals and the places,
-    both ascending.
+    ``is_open(numbers, low, high)`` says which parts, from `low` to `high`, of the intervals with
+    these numbers are open. Of each length the first 1024 open parts are followed. Returns the
+    numbers of the intervals and the places, both ascending.
     """
     numbers = np.arange(low.size)
     least = 4 * np.spacing(np.maximum(np.abs(low), np.abs(high)).max())
@@ -50,8 +50,9 @@ def find_open_places(is_open: IsOpen, low: Array, high: Array) -> tuple[Places, 
 def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, float] | None:
     """The first place in (begin, end] where the integral of a formula is infinite, and its power.
 
-    A place is looked at where its range is not bounded however short the interval is; the power of
-    the distance is estimated from values beside it, -1 and less is not integrable. None: no place.
+    Candidates are places around which the range is unbounded on any interval, however short. The
+    power of the distance is estimated from values near a candidate; -1 and less is not integrable.
+    None if there is no such place.
     """
     (name,) = formula.names or ("",)
     edges = np.linspace(begin, end, FIRST_PARTS + 1)
@@ -60,7 +61,7 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
         try:
             found = formula.evaluate({name: Interval(low, high)})
         except ExpressionError:
-            # of some functions of derivatives no range is known
+            # some functions that only derivatives call have no known range
             found = 0.0
         return is_unbounded(found, low)
 
@@ -75,7 +76,7 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
 
 
 def is_unbounded(found: object, like: Array) -> NDArray[np.bool_]:
-    """Where a range is infinite, in the shape of `like`; a number is none."""
+    """Where a range is infinite, in the shape of `like`; nowhere if `found` is a number."""
     if not isinstance(found, Interval):
         return np.zeros(like.shape, dtype=bool)
     return np.asarray(~(np.isfinite(found.low) & np.isfinite(found.high)))

@@ -1,8 +1,8 @@
-"""Formulas on intervals and on samples inside of them at once: where samples see too little.
+"""Evaluate formulas on intervals and on samples inside of them: find where samples miss something.
 
-The range of a function over an interval holds all that its samples there span. Where it is many
-times as large, a wall or a pulse may stand between the samples. Functions are looked at one by one,
-so that a pulse is not lost in the range of a larger term beside it.
+The range of a function over an interval contains the span of its samples there. Where the range is
+many times as wide, a wall or a pulse may lie between the samples. Each function in a formula is
+checked by itself, so that a pulse is not lost in the range of a larger term.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval
 
 BEYOND_SEEN = 4.0
-"""Ranges up to so many times what samples span are their overestimate."""
+"""A range up to this many times the span of the samples counts as an overestimate."""
 STEEPEST = 0.25
-"""Samples that lie farther from their neighbours' mean, relative to their span, are not smooth."""
+"""Samples farther from the mean of their neighbours, relative to the span, are not smooth."""
 MARGIN = 0.25
-"""How far values may go beyond few or smooth samples, relative to their span."""
+"""How far values may lie outside of the span of smooth samples, relative to the span."""
 LARGEST, LEAST = 1e300, 1e-290
 ROUND_OFF = 1e-13
-"""Ranges below this share of their values are round-off."""
+"""A range narrower than this share of its values is round-off."""
 _OPERATORS = (np.add, np.subtract, np.multiply, np.divide, np.power)
 
 
@@ -36,7 +36,7 @@ class Traced(Algebra):
 
     box: Interval  # its range on each, shape (n,)
     seen: Array  # samples, shape (n, k)
-    # where the range of any function so far is far beyond its samples, (n,); shared
+    # where any function so far has a range far wider than its samples, (n,); shared
     undersampled: NDArray[np.bool_] = field(repr=False)
 
     @property
@@ -45,12 +45,12 @@ class Traced(Algebra):
         return Interval(self.seen.min(axis=1), self.seen.max(axis=1))
 
     def _compared(self, box: Interval, seen: Array, spanned: Interval, *, combines: bool) -> Traced:
-        """A value whose range is believed where samples of it are smooth.
+        """Mark where samples miss something; a value, with a tighter range elsewhere.
 
-        `spanned` would be its range if the operands were no larger than their samples. Where it
-        `combines` two values its range is tightened: they may depend on each other.
+        `spanned` would be the range if the operands stayed within the spans of their samples. The
+        range is tightened if the function `combines` two values, which may depend on each other.
         """
-        # where all have overflowed nothing hides
+        # clipped: where all values have overflowed, samples miss nothing
         low, high = np.clip(box.low, -LARGEST, LARGEST), np.clip(box.high, -LARGEST, LARGEST)
         values = np.clip(seen, -LARGEST, LARGEST)
         least, most = values.min(axis=1), values.max(axis=1)
@@ -71,7 +71,7 @@ class Traced(Algebra):
         return Traced(Interval(low, high), seen, self.undersampled)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Traced:
-        """A function on ranges, on samples and on what these span."""
+        """Apply a function to the ranges, to the samples and to the spans of the samples."""
         boxes, samples, hulls = zip(*map(_parts, inputs), strict=True)
         box, seen = ufunc(*boxes), np.asarray(ufunc(*samples))
         if ufunc is np.negative:
@@ -91,7 +91,7 @@ def _parts(
 def trace(
     expression: Expression, begin: Array, end: Array, samples: Array
 ) -> tuple[Interval, Array, NDArray[np.bool_]]:
-    """Ranges of a formula of the time t over intervals, its samples there, and where these miss.
+    """Ranges of a formula of t over intervals, its samples there, and where samples miss something.
 
     Intervals from `begin` to `end`, shape ``(n,)``; samples in them, both ends included, of shape
     ``(n, k)``. The values have the shape of the samples, the rest ``(n,)``.

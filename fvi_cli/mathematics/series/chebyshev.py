@@ -12,8 +12,8 @@ from numpy.polynomial import chebyshev
 from fvi_cli.mathematics.arrays import Array, Places
 
 ROWS = 8
-"""Rows of products of matrices are filled up to multiples of this: the last ones round otherwise,
-and a row must have the same bits wherever it stands."""
+"""Matrix products are padded to a multiple of this many rows: the last rows are rounded
+differently, and a row must have the same bits wherever it is in the array."""
 
 
 def second_kind_points(count: int) -> Array:
@@ -27,7 +27,7 @@ def to_coefficients(points: Array) -> Array:
 
 
 def in_rows(values: Array, matrix: Array) -> Array:
-    """``values @ matrix`` of shape ``(n, k)``; every row has its bits whatever n is."""
+    """``values @ matrix`` of shape ``(n, k)``; a row has the same bits whatever n is."""
     count = len(values)
     missing = -count % ROWS
     if missing:
@@ -64,7 +64,7 @@ def products_of_series(size: int) -> Array:
 
 
 def roots_of_series(coefficients: Array) -> tuple[Places, Array]:
-    """Real roots in (-1, 1) of series ``(n, K)``: whose they are, and the roots.
+    """Real roots in (-1, 1) of series ``(n, K)``: the number of each root's series, and the roots.
 
     They are eigenvalues of the colleague matrix, in the symmetric scaling of NumPy's
     ``chebcompanion``; nearly double roots leave the real axis by the root of round-off.

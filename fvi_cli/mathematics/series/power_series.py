@@ -1,4 +1,4 @@
-r"""Truncated power series with real exponents, as values that calculate.
+r"""Truncated power series with real exponents, and their arithmetic.
 
 A series stands for :math:`\sum_\sigma c_\sigma t^\sigma + O(t^Q)` as t falls to 0, with finitely
 many real exponents below the cutoff Q. Every operation keeps track of how far its result is known,
@@ -186,7 +186,7 @@ def _product(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries:
     if not isinstance(b, PowerSeries):
         return a.scaled(float(b))
     # a O(t^Q) term of one factor meets the leading term of the other; a product is not
-    # carried further than its operands even where that would be known.
+    # carried further than its operands, even where more terms would be known.
     known = min(
         a.cutoff + b.leading_exponent, b.cutoff + a.leading_exponent, max(a.cutoff, b.cutoff)
     )
@@ -231,7 +231,7 @@ def _composition(series: PowerSeries, name: str, coefficients_at: Taylor) -> Pow
         coefficients = coefficients_at(value, max(count, 1))
     if not all(map(math.isfinite, coefficients)):
         raise SeriesError(f"{name} has no finite Taylor coefficients at {value:g}")
-    # Horner's scheme; a partial sum is needed no further than its later factors leave it
+    # Horner's scheme; a partial sum is cut where later factors take its terms beyond the cutoff
     exponents, sums = np.zeros(1), np.array([coefficients[-1]])
     for power, coefficient in zip(
         range(len(coefficients) - 2, -1, -1), reversed(coefficients[:-1]), strict=True
@@ -248,7 +248,7 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     integral = exponent.is_integer()
     if exponent == 0:
         return PowerSeries.constant(1.0, series.cutoff)
-    # an exact sum has exact powers only
+    # an exact sum has no Taylor series, only powers that are exact again
     if integral and 1 <= exponent <= (MOST_TERMS if math.isinf(series.cutoff) else 16):
         half = _real_power(series, exponent // 2)
         square = _product(half, half)
@@ -290,7 +290,7 @@ def _start_of(series: PowerSeries, name: str) -> float:
 
 
 def _cycle(name: str, *derivatives: Callable[[float], float]) -> SeriesFunction:
-    """A function whose derivatives come round: the function, its derivative, and so on."""
+    """A function with periodic derivatives; `derivatives` has one period from the function on."""
 
     def coefficients(value: float, count: int) -> list[float]:
         sizes = [float(one(value)) for one in derivatives]
@@ -333,7 +333,7 @@ def _gamma(series: PowerSeries) -> PowerSeries:
 
 
 def _sign_of(series: PowerSeries) -> float:
-    """The sign to the right of 0, that of the leading term; 0: it is 0 as far as it is known."""
+    """The sign to the right of 0, which is that of the leading term; 0 if no term is known."""
     if math.isinf(series.cutoff):
         raise SeriesError("the sign of an exact sum is known to the right of 0 only")
     return math.copysign(1.0, series.coefficients[0]) if series.exponents.size else 0.0
@@ -347,7 +347,7 @@ def _sign(series: PowerSeries) -> PowerSeries:
 
 
 def _select(a: Any, b: Any, below: Any, above: Any) -> Any:
-    """What is taken to the right of 0."""
+    """The value that is taken to the right of 0."""
     difference = a - b
     sign = _sign_of(difference)
     if sign == 0:  # equal as far as they are known

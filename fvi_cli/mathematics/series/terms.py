@@ -1,4 +1,4 @@
-"""Terms of series with real exponents: which are one, how far they are known, the power rule."""
+"""Terms of series with real exponents: merging and cutting off terms, and the power rule."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fvi_cli.mathematics.arrays import Array
 SAME_EXPONENT: Final = 1e-9
 MOST_TERMS: Final = 512
 CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
-"""Sums below, relative to their own terms, count as 0."""
+"""A sum counts as 0 below this share of the sum of the absolute values of its terms."""
 
 
 class SeriesError(ValueError):
@@ -21,11 +21,11 @@ class SeriesError(ValueError):
 
 
 def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[Array, Array]:
-    r"""Sort terms, add up those of one exponent, drop zeros and all from the cutoff on.
+    r"""Sort terms, add up terms of equal exponent, drop zeros and terms from the cutoff on.
 
-    Exponents ``(n,)`` in any order, with repetitions, and coefficients ``(n, ...)``; those from the
-    cutoff on, less 1e-9, are dropped. A sum below 16 units of round-off of its own terms counts as
-    0.
+    Exponents ``(n,)`` in any order, with repetitions, and coefficients ``(n, ...)``. Terms with an
+    exponent of at least the cutoff less 1e-9 are dropped. A sum below 16 units of round-off of its
+    own terms counts as 0.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[
         raise SeriesError("a coefficient is not finite; no expansion in powers of t was found")
     if exponents.size == 0:
         return exponents, coefficients
-    # most sums are of series that are in order already: there is nothing to add up
+    # most often all exponents are different and in order already
     if not (exponents[1:] - exponents[:-1] > SAME_EXPONENT).all():
         order = exponents.argsort(kind="stable")
         exponents, coefficients = exponents[order], coefficients[order]

@@ -23,7 +23,7 @@ _STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)
 _SAME_ZERO = 5e-3
 _SAME_POSITIVE_ZERO = 0.1
 FIRST_STEPS = 10.0
-"""Of a path in a unit of w, to begin with."""
+"""Initial steps of a path per unit length in w."""
 _CONVERGED = 4 * np.finfo(np.longdouble).eps
 
 Terms = tuple[tuple[float, float], ...]
@@ -33,7 +33,7 @@ Terms = tuple[tuple[float, float], ...]
 def characteristic_terms(
     *, mass: float, stiffness: float = 0.0, damping: tuple[tuple[float, float], ...] = ()
 ) -> Terms:
-    r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform.
+    r"""Laplace transform of the operator :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x`.
 
     The mass is positive; `damping` has pairs :math:`(\gamma_j, \mu_j)` with orders in (0, 2).
     """
@@ -50,7 +50,8 @@ class ZeroCluster:
     center: np.clongdouble  # the zero, or the middle of the cluster; its argument lies in [0, pi)
     # no zero of the cluster is farther from the center than this, relative to abs(center)
     radius: float
-    # every other zero, and the branch point, is at least about this far away, relative too
+    # every other zero, and the branch point, is at least about this far away, relative to
+    # abs(center)
     clearance: float
     multiplicity: int  # how many zeros there are, on both sides of the real axis if `is_real`
     # whether the cluster is its own mirror image. Otherwise there is another one at the conjugate
@@ -58,9 +59,9 @@ class ZeroCluster:
 
 
 def characteristic_zeros(terms: Terms) -> tuple[ZeroCluster, ...]:
-    r"""Zeros with :math:`0 \le \arg s < 2.9` or so; others lie inside of every contour used.
+    r"""Zeros with :math:`0 \le \arg s < 2.9` or so; other zeros lie inside every contour used.
 
-    One damping term with positive coefficient and positive stiffness has a single conjugate pair
+    With one damping term and positive coefficients there is a single conjugate pair
     (for orders below 1: M. Naber, *Linear fractionally damped oscillator*, Int. J. Differ. Equ.
     2010, 197020), which is left out where it lies close to the cut.
 
@@ -107,7 +108,7 @@ class _ExponentialSum:
         logs = plain + math.log(4.0 * len(powers))
         high = float(np.max((logs[1:] - plain[0]) / (powers[0] - powers[1:])))
         low = float(np.min((plain[-1] - logs[:-1]) / (powers[:-1] - powers[-1])))
-        # of terms next to each other in power it may lie out of all range, on either side
+        # for terms of nearly equal power a bound may be out of range, on either side
         largest = _LARGEST_LOGARITHM
         return min(max(low, -largest), largest), min(max(high, -largest), largest)
 
@@ -121,7 +122,7 @@ class _ExponentialSum:
         return parts.sum(axis=0), (powers * parts).sum(axis=0), np.abs(parts).sum(axis=0)
 
     def balances(self, low: float, high: float, density: int) -> LongComplexArray:
-        """Places at which two terms cancel each other, and more around them."""
+        """Places at which two terms cancel each other, and further places around them."""
         seeds: list[complex] = []
         angles = np.linspace(0.0, 3.1, 12 * density)
         shifts = np.linspace(-2.0, 2.0, 4 * density + 1) if density else np.empty(0)
@@ -177,7 +178,7 @@ class _ExponentialSum:
 
 
 def _linked(first: LongComplexArray, second: LongComplexArray) -> NDArray[np.bool_]:
-    """Which zeros belong together; on the positive axis nearly double ones can be dealt with."""
+    """Which first zeros are close to any second one; on the positive axis the limit is wider."""
     positive = np.abs(first.imag) < _SAME_POSITIVE_ZERO
     limit = np.where(positive, _SAME_POSITIVE_ZERO, _SAME_ZERO)
     return np.asarray((np.abs(first[:, None] - second) < limit[:, None]).any(axis=1))
@@ -195,7 +196,8 @@ def _clusters(sums: _ExponentialSum, zeros: LongComplexArray) -> tuple[ZeroClust
             near = _linked(everything, members)
         left = left[~_linked(left, members)]
         center = members.mean()
-        # A zero that is not real is linked to its image, or at least half the distance off.
+        # A zero that is not real is linked to its mirror image, or at least _SAME_ZERO / 2 off the
+        # axis.
         if abs(center.imag) < _SAME_ZERO / 4 or center.imag > 0:
             clusters.append(_cluster(sums, members, everything[~near]))
     return tuple(clusters)
@@ -214,7 +216,7 @@ def _cluster(
     )
     multiplicity = 0 if math.isnan(turn) else round(turn / (2 * math.pi))
     if multiplicity == 1:
-        # The best of the copies, not their mean, which remembers where they came from.
+        # The copy with the least residual; the mean would depend on where the iterations started.
         center = members[np.abs(sums.values(members)[0]).argmin()]
     return ZeroCluster(
         center=np.exp(np.clongdouble(center.real) if is_real else center),

@@ -7,9 +7,9 @@ cut. The cut integral is taken along a hyperbola that scales with 1/t, so that n
 densities (orders close to 1, overdamped) stay inside of it, small times lose nothing by
 cancellation, and the algebraic tail keeps its relative accuracy.
 
-What rounding leaves of such sums is computed beside them: their terms without signs, times what
-one term loses. Powers of s that cancel (forces that are large and small in turn, zeros next to the
-branch point) show in it.
+A bound on the rounding of such sums is computed with them: the sum of the absolute values of the
+terms, times the rounding of one term. It shows where powers of s cancel (forces that are large and
+small in turn, zeros next to the branch point).
 
 References
 ----------
@@ -35,7 +35,7 @@ from fvi_cli.mathematics.transforms.characteristic import (
 
 _ANGLE = math.pi / 4
 SPACINGS, OTHER_SPACINGS = (0.05, 0.045), (0.04, 0.036)
-"""Steps along the contour: of the two that is taken whose nodes are farther from the poles."""
+"""Step sizes along the contour, in pairs: the one with nodes farther from the poles is used."""
 _DECAY = 42.0
 _CHUNK = 2048
 _SHIFT = 4.0
@@ -59,12 +59,13 @@ def contour_response(
 
     P is a sum of powers, its zeros are those of :func:`characteristic_zeros`; N maps powers of s,
     at most that of P less 1, to coefficients; :math:`l \ge 0` is for transforms N(s + l)/P(s + l).
-    At times > 0 of any shape, known to `time_error` of them, and for coefficients of P that are
-    known to `terms_error` of them, round-off leaves no more of an error than the second array,
-    which is about 1e-15 of the response's own size near and after that time where nothing cancels.
-    Where ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
-    abs(pole). What the rule along the contour errs by shows in the difference from the response by
-    another pair of `spacings`: of steep forces and of zeros next to the branch point it is large.
+    Times are positive, of any shape. The second array bounds the error by round-off if times are
+    known to a relative error `time_error` and coefficients of P to `terms_error`. It is about 1e-15
+    of the response's own size near and after that time where nothing cancels. Where
+    ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
+    abs(pole). The error of the rule along the contour is seen in the difference from the response
+    with another pair of `spacings`: it is large for steep forces and zeros next to the branch
+    point.
 
     Raises
     ------
@@ -168,7 +169,7 @@ class _Contour:
         return np.asarray(-1j * (np.arcsin((s * time - self.shift) / self.scale - 1.0) + _ANGLE))
 
     def _trapezoidal_sum(self, time: Array, spacing: float, offset: float) -> Array:
-        """The sum and what one unit in the last place of its terms comes to, ``(2, n)``."""
+        """The sum, and the effect of one unit in the last place of its terms, ``(2, n)``."""
         last = math.acosh((_DECAY / self.scale + 1.0) / math.sin(_ANGLE))
         u = spacing * (offset + np.arange(int(last / spacing) + 2))
         weights = np.where(u == 0, 0.5, 1.0)
@@ -192,7 +193,7 @@ class _Contour:
         return np.stack([(quotient @ weights).real, EPSILON * (sizes @ np.abs(weights))]) * time
 
     def _residue(self, zero: ZeroCluster, time: Array) -> tuple[ComplexArray, Array]:
-        """Residue at a simple zero, and what it loses by rounding; in extended precision."""
+        """Residue at a simple zero and its rounding error; in extended precision."""
         center = np.array([zero.center])
         slope = {power - 1.0: power * c for power, c in self.terms if power}
         above, below = (evaluate_powers(one, center)[0] for one in (self.numerator, slope))
@@ -203,7 +204,7 @@ class _Contour:
             float(_sizes(one, radius) / np.abs(below))
             for one in (self.numerator, slope, dict(self.terms))
         )
-        # how far the zero may be from where it is, relative to it
+        # relative error of the zero
         off = self.terms_error * of_whole / float(radius)
         steepest = 2.0 + max(map(abs, self.numerator), default=0.0)
         share = float(np.abs(constant))
@@ -235,7 +236,7 @@ class _Contour:
 
 
 def _sizes(terms: Mapping[float, float], modulus: LongArray) -> LongArray:
-    """Sums of the moduli of powers where s has these."""
+    """Sums of the moduli of the terms, at points s with these moduli."""
     total = np.zeros(np.shape(modulus), dtype=np.longdouble)
     for power, coefficient in terms.items():
         total = total + abs(coefficient) * modulus ** np.longdouble(power)

@@ -29,26 +29,26 @@ UNDECIDED = -1
 """In place of a count: a zero lies on the contour to round-off."""
 
 USUAL_DEGREE = 8
-"""Zeros of the determinant of a few unknowns."""
+"""Number of zeros that is assumed for the determinant of a few unknowns."""
 
 LARGEST_COUNT = 64
-"""More zeros than these are not located."""
+"""Zeros are not located if there are more than this."""
 
 PER_ZERO, PER_FACTOR = 4, 2
-"""Points of half a circle at first: 4 for each zero; and for every two zeros one more for each
-factor of 2 towards its ends, where the modes of coupled systems gather in short steps. So none of
-10,000 drawn systems of 2 to 6 components by explicit Euler was counted otherwise than by their
-eigenvalues, and with 6 and one for each factor 8 of 3,000 were; on maps of BDF4 to 6 none of
-970,000 points, against 4 times as many points."""
+"""Initial points on half a circle: 4 for each zero; and for every two zeros one more for each
+factor of 2 towards its ends, where the zeros of coupled systems gather for short steps. With these
+no count differed from that of the eigenvalues for 10,000 random systems of 2 to 6 components by
+explicit Euler (with 6, and one for each factor, 8 of 3,000 differed), and none from that with 4
+times as many points for 970,000 points on maps of BDF4 to BDF6."""
 LARGEST_CHANGE = 1.0
-"""Of log f between neighbouring points of a path: less finds more pairs of zeros, and round-off for
-zeros where the steps are as short as a millionth of the run."""
+"""Largest change of log f between neighbouring points of a path. A smaller one finds more pairs of
+zeros, but takes round-off for zeros where steps are as short as a millionth of the run."""
 LARGEST_SURPRISE = 0.5
-"""Difference between the changes over an interval and over its halves."""
+"""Largest difference between the change over an interval and the sum over its halves."""
 DEEPEST = 48
-"""Halvings of an interval."""
+"""Most halvings of an interval."""
 MOST_PENDING = 2_000
-"""Intervals of one function that wait to be halved."""
+"""Most intervals of one function that wait to be halved."""
 VALUES_AT_ONCE = 500_000
 
 _ITERATIONS = 150
@@ -69,17 +69,17 @@ class Functions(Protocol):
 
     @property
     def number(self) -> int:
-        """How many."""
+        """How many functions there are."""
 
     @property
     def degree(self) -> int:
-        """About how many zeros each has, in and around what is looked at."""
+        """About how many zeros each function has in and around the contour."""
 
     def tabulate(self, z: ComplexArray) -> ComplexArray:
         """What all of them have in common at each z, shape ``(k, ...)``."""
 
     def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
-        """Any branch of log f of these numbers at these rows, index arrays that broadcast."""
+        """Any branch of log f; `rows` of the table and `numbers` of functions broadcast."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +104,12 @@ def contour_integrals(
 ) -> Array:
     r"""Imaginary parts of :math:`\int z^k\, d \log f_q` along a path, ``(q, powers + 1)``.
 
-    First the changes of the argument, in radians; nan where a zero lies on the path to round-off.
+    Column 0 has the changes of the argument in radians; nan where a zero lies on the path to
+    round-off.
     The path goes through the points of `parameters`, which increase. Intervals are halved until
-    log f, the modulus included, changes by less than 1 over both halves, and over them together by
-    what the ends say: so zeros are seen that come in twos, whose turns of :math:`2 \pi` would be
-    overlooked. Each function has points where it needs them.
+    log f, its modulus included, changes by less than 1 over each half, and the changes of the
+    halves add up to that between the ends. This finds close pairs of zeros, whose turn of
+    :math:`2 \pi` would be overlooked otherwise. Each function has points where it needs them.
     """
     number = functions.number
     fine = np.empty(2 * parameters.size - 1)
@@ -144,7 +145,7 @@ def _integrals(
     for _ in range(DEEPEST):
         first, second = _change(left, new), _change(new, right)
         is_resolved = np.abs(first + second - _change(left, right)) < LARGEST_SURPRISE
-        # a half beside one that changes fast may hide a whole turn
+        # a half next to one that changes fast may hide a whole turn
         done = is_resolved & (np.maximum(np.abs(first), np.abs(second)) <= LARGEST_CHANGE)
         kept = []
         halves = ((first, low, middle, left, new), (second, middle, high, new, right))
@@ -159,7 +160,7 @@ def _integrals(
         if not owner.size:
             return total
         middle = 0.5 * (low + high)
-        # intervals of several functions are the same ones
+        # several functions have the same intervals
         different, rows = (
             (middle, np.arange(middle.size)) if n == 1 else np.unique(middle, return_inverse=True)
         )
@@ -178,7 +179,7 @@ def _change(before: ComplexArray, after: ComplexArray) -> ComplexArray:
 def _add(
     total: Array, owner: Integers, change: ComplexArray, path: Path, low: Array, high: Array
 ) -> None:
-    """Add to each owner's integrals those over intervals, by their middles."""
+    """Add integrals over intervals, by the midpoint rule, to the totals of their owners."""
     terms, powers = change, total.shape[1]
     z = 0.5 * (path(low) + path(high)) if powers > 1 else change
     for power in range(powers):
@@ -210,7 +211,7 @@ def _first_angles(radius: float, degree: int) -> Array:
 
 
 def _unit_circle(angles: Array) -> ComplexArray:
-    """Its points at these angles, exactly real at the ends, where functions are real."""
+    """Points of the unit circle at these angles; at 0 and pi exactly real, as the functions are."""
     points = np.exp(1j * angles)
     return np.asarray(np.where(angles == math.pi, -1.0, points))
 
@@ -218,10 +219,10 @@ def _unit_circle(angles: Array) -> ComplexArray:
 def find_zeros(
     log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
 ) -> ComplexArray | None:
-    r"""All zeros in :math:`|z| < \rho`, smallest modulus first; None where they stay unseparated.
+    r"""All zeros in :math:`|z| < \rho`, smallest modulus first; None if they cannot be separated.
 
     Newton's iteration with mutual repulsion (O. Aberth, Math. Comp. 27, 1973, 339-344) has found
-    all zeros when it has found as many as were counted. `degree` is as of :class:`Functions`.
+    all zeros when it has found as many as were counted. `degree`: see :class:`Functions`.
 
     Raises
     ------
@@ -265,7 +266,7 @@ def _seeds(sums: Array) -> ComplexArray:
 
 
 def _repelled(log_function: LogFunction, z: ComplexArray, radius: float) -> ComplexArray | None:
-    """The zeros that iterations from z find, each point another one; None where some find none."""
+    """The zeros that iterations from z find, one for each point; None if a point finds none."""
     live, begun = np.ones(z.size, dtype=bool), 0
     for _ in range(_ITERATIONS):
         now = np.flatnonzero(live)
@@ -274,13 +275,13 @@ def _repelled(log_function: LogFunction, z: ComplexArray, radius: float) -> Comp
         gaps[np.arange(now.size), now] = np.inf
         repulsion = 1.0 - step * np.sum(1.0 / np.where(gaps == 0, 1e-14, gaps), axis=1)
         step = step / np.where(repulsion == 0, 1.0, repulsion)
-        # half way to 0 at the most
+        # at most half way to 0
         size, room = np.abs(step), 0.5 * np.maximum(np.abs(z[now]), 0.1)
         step = step * np.minimum(1.0, room / np.maximum(size, 1e-300))
         z[now] -= step
         is_found = size < _LAST_STEP * _scale(z[now])
         live[now] = ~is_found | (np.abs(z[now]) >= radius)
-        # those that leave the disc, or find zeros outside, begin anew elsewhere
+        # points that leave the disc or find zeros outside of it start again elsewhere
         lost = now[(np.abs(z[now]) > 1.0 - 0.5 * (1.0 - radius)) | (is_found & live[now])]
         places = begun + np.arange(lost.size)
         z[lost] = radius * np.sqrt((0.5 + places) % _PLACES / _PLACES)
@@ -294,7 +295,7 @@ def _repelled(log_function: LogFunction, z: ComplexArray, radius: float) -> Comp
 
 
 def _scale(z: ComplexArray) -> Array:
-    """Length on which functions change that may have branch points at 1 and -1."""
+    """Length scale of functions that may have branch points at 1 and -1."""
     return np.minimum(np.maximum(np.abs(z), 1e-3), np.minimum(np.abs(1.0 - z), np.abs(1.0 + z)))
 
 
@@ -310,7 +311,7 @@ def _newton(log_function: LogFunction, z: ComplexArray) -> ComplexArray:
 
 
 def largest_root(orders: Array, sizes: Array) -> float:
-    r"""A bound on the positive zero of :math:`s^2 - \sum_j a_j s^{\gamma_j}`, from above; 0: none.
+    r"""A bound from above on the positive zero of :math:`s^2 - \sum_j a_j s^{\gamma_j}`, or 0.
 
     Powers below 2 and factors that are not negative, both ``(n,)``.
     """
