@@ -1,4 +1,4 @@
-"""Forces along a matrix: what they have in common, and fractional damping."""
+"""Forces with a coefficient matrix: their common base class, and fractional damping."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Coefficient = ArrayLike | SparseMatrix | Factored
 """A number or a symmetric matrix, dense, sparse or in factors."""
 
 SAME = 1e-14
-"""Entries of matrices of the same direction differ by no more than this part."""
+"""Matrices have the same direction if their entries differ by no more than this, relatively."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MatrixForce(MatrixEffect):
-    """A force that is a symmetric matrix times something made of every coordinate's motion.
+    """A force that is a symmetric matrix times one functional of each coordinate's motion.
 
     Raises
     ------
@@ -43,9 +43,9 @@ class MatrixForce(MatrixEffect):
 
     # a number, a matrix (d, d), dense or sparse, or its factors; kept as the matrix
     coefficient: Coefficient
-    factored: Factored | None = None  # of a matrix that was given by its factors
-    name: str = ""  # a word that formulas know it by
-    number: int = 0  # place among the dampers of a scene, from 1; 0: behind those that have one
+    factored: Factored | None = None  # the factors, if the matrix was given by them
+    name: str = ""  # name of the force in formulas
+    number: int = 0  # place among the dampers of a scene, from 1; forces with 0 come last
     form: Form = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class MatrixForce(MatrixEffect):
         return self.form if self.factored is None else self.factored.inner
 
     def deformation(self, motion: Array) -> Array:
-        """What the force acts on, y = B q, from ``(..., d)`` to ``(..., c)``."""
+        """The deformation y = B q that the force acts on, from ``(..., d)`` to ``(..., c)``."""
         return motion if self.factored is None else np.asarray(motion @ self.factored.rows.T)
 
     @cached_property
@@ -88,7 +88,7 @@ class MatrixForce(MatrixEffect):
 
 
 def is_same_direction(a: Form, b: Form) -> bool:
-    """Whether two matrices from `MatrixForce.scale_and_direction` are one."""
+    """Whether two matrices from `MatrixForce.scale_and_direction` are equal up to round-off."""
     if a.shape != b.shape or is_sparse(a) != is_sparse(b):
         return False
     if not isinstance(a, np.ndarray):
@@ -101,7 +101,7 @@ def is_same_direction(a: Form, b: Form) -> bool:
 
 
 def distinct_directions(forces: Sequence[MatrixForce]) -> list[Form]:
-    """The matrices of forces without their scales, each once."""
+    """The matrices of forces without their scales, each different one once."""
     found: list[Form] = []
     for force in forces:
         _, direction = force.scale_and_direction
@@ -139,7 +139,7 @@ class FractionalDamping(MatrixForce):
         return self.order == 1.0
 
     def symbol(self, s: complex) -> complex:
-        r"""What the derivative is on :math:`e^{st}`, :math:`s^\gamma` on the principal branch.
+        r"""Factor of the derivative on :math:`e^{st}`: :math:`s^\gamma`, on the principal branch.
 
         The force of a scene on :math:`q = v e^{st}` is minus the sum over its damping terms of
         symbol times matrix times v.

@@ -1,4 +1,4 @@
-"""What is to be computed beside a motion; a value of its own, so that asking loads no engine."""
+"""Diagnostics to compute with a motion; in a module of its own, so that requests load no engine."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from fvi_cli.effects.symmetry import Symmetry
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiagnosticsRequest:
-    """Which diagnostics are computed beside a trajectory; by default none."""
+    """Which diagnostics are computed with a trajectory; by default none."""
 
     # dissipated work, work of the forcing, and the defect of the energy balance
     energy_balance: bool = False
-    symmetries: tuple[Symmetry, ...] = ()  # those whose momentum maps are followed
+    symmetries: tuple[Symmetry, ...] = ()  # symmetries whose momentum maps are computed
 
     @property
     def is_empty(self) -> bool:

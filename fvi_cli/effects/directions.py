@@ -27,7 +27,7 @@ _REASONS: Final[Mapping[object, str]] = {
 
 
 def linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
-    """The constant of a formula, and its factors of the names; what is not linear is refused."""
+    """The constant of a formula and the coefficients of the names; refused if it is not linear."""
     units = dict(zip(names, np.eye(1 + len(names))[1:], strict=True))
     forms: dict[int, Array] = {}
     for place in system.needed:
@@ -63,7 +63,7 @@ class Directions:
     """
 
     rows: Array  # B, shape (r, d)
-    labels: tuple[int, ...] = ()  # what names call the rows by; empty: 1, 2, ...
+    labels: tuple[int, ...] = ()  # numbers of the rows in names; empty: 1, 2, ...
 
     def __post_init__(self) -> None:
         set_arrays(self, rows=np.atleast_2d(self.rows))
@@ -80,12 +80,12 @@ class Directions:
         Raises
         ------
         ArgumentError
-            For ``acts_on.<index>``.
+            At ``acts_on.<index>``, if that text is not a linear combination.
         """
         places = {name: place for place, name in enumerate(coordinates)}
         rows = []
         for index, text in enumerate(texts):
-            # forms on the coordinates that occur: a structure has thousands
+            # only on the coordinates that occur: a structure has thousands
             used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
             try:
                 # more names than a complaint can list are not needed

@@ -24,7 +24,7 @@ ForceComponent = Expression | SampledForce | FunctionForce
 
 
 def formula_of(component: ForceComponent) -> Expression | None:
-    """The formula that a component is, or that is added to samples or a function."""
+    """The formula of a component: all of it, or the part that is added to samples or a function."""
     return component if isinstance(component, Expression) else component.formula
 
 
@@ -32,8 +32,8 @@ def formula_of(component: ForceComponent) -> Expression | None:
 class ForcingPiece:
     """One piece of a force: d components in ``t``, valid up to and including `until`.
 
-    Expressions are smooth inside of the piece; samples have knots there, at which only the
-    polynomials between them change.
+    Expressions are smooth inside the piece. Samples may have knots there, at which one polynomial
+    follows another.
     """
 
     components: tuple[ForceComponent, ...]
@@ -41,7 +41,7 @@ class ForcingPiece:
 
     @cached_property
     def distinct(self) -> tuple[tuple[ForceComponent, list[int]], ...]:
-        """Every component once, with its places: large structures share a few."""
+        """Every different component once, with its places: large structures share a few."""
         places: dict[int, list[int]] = {}
         for index, component in enumerate(self.components):
             places.setdefault(id(component), []).append(index)
@@ -49,14 +49,14 @@ class ForcingPiece:
 
     @cached_property
     def is_zero(self) -> bool:
-        """Whether no component is ever anything but zero."""
+        """Whether every component is the constant zero."""
         return all(
             isinstance(one, Expression) and one.is_constant and not one.evaluate({})
             for one, _ in self.distinct
         )
 
     def evaluate(self, time: Array) -> Array:
-        """The force at `time`, shape ``(...)`` to ``(..., d)``; the piece is not limited here."""
+        """The force at `time`, shape ``(...)`` to ``(..., d)``; `until` is not checked here."""
         time = np.asarray(time, dtype=float)
         result = np.empty((*time.shape, len(self.components)))
         for component, places in self.distinct:
@@ -68,7 +68,7 @@ class ForcingPiece:
 @explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forcing:
-    """A force f(t) in R^d, smooth inside each piece but for the knots of samples.
+    """A force f(t) in R^d, smooth inside each piece except at the knots of samples.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class Forcing:
         pieces differ in dimension.
     """
 
-    pieces: tuple[ForcingPiece, ...]  # in the order of time; only the last is valid for ever
+    pieces: tuple[ForcingPiece, ...]  # in the order of time; only the last has no end
 
     def __post_init__(self) -> None:
         if not self.pieces:
@@ -102,8 +102,8 @@ class Forcing:
     ) -> Forcing:
         """A force from d functions of the time, smooth between break points.
 
-        Each gives the force at times of any shape, in the same shape. At the break points they
-        jump or have kinks; there it is the value before that counts.
+        A function maps times of any shape to the force, in the same shape. At break points it may
+        jump or have kinks; there the value before counts.
         """
         components = tuple(FunctionForce(function=one) for one in functions)
         ends = (*break_points, math.inf)
@@ -119,7 +119,8 @@ class Forcing:
     ) -> Forcing:
         """A force through samples of d components, each ``(n,)``, at the same times.
 
-        Behind the last sample it is ``zero``, or scenes that go on for longer are refused.
+        After the last sample the force is zero (``zero``), or longer scenes are refused
+        (``refuse``).
         """
         components = tuple(
             SampledForce.through(time, one, interpolation, source=f"component {index}")
@@ -147,12 +148,12 @@ class Forcing:
 
     @property
     def components(self) -> tuple[ForceComponent, ...]:
-        """What acts, of every piece once."""
+        """The components of all pieces, each different one once per piece."""
         return tuple(one for piece in self.pieces for one, _ in piece.distinct)
 
     @property
     def has_functions(self) -> bool:
-        """Whether a component is a function, of which nothing is known."""
+        """Whether a component is a Python function, which has no formula to examine."""
         return any(isinstance(one, FunctionForce) for one in self.components)
 
     @property
@@ -162,10 +163,10 @@ class Forcing:
         return tuple(c for c in every if isinstance(c, SampledForce))
 
     def objection(self, final_time: float) -> str:
-        """What speaks against the force up to a time; empty where nothing does.
+        """Why the force is not allowed up to a time; empty if it is allowed.
 
-        Samples must reach to the end of their piece, and no formula may have an infinite integral
-        behind the beginning of its piece.
+        Samples must reach to the end of their piece. After the beginning of its piece a formula may
+        have no place around which its integral is infinite.
         """
         begin, slack = 0.0, 1e-9 * final_time
         for piece in self.pieces:
@@ -195,7 +196,7 @@ class Forcing:
         return ""
 
     def is_zero_on(self, begin: float, end: float) -> bool:
-        """Whether it is zero from the piece of one time to that of another."""
+        """Whether it is zero on all pieces from that at `begin` to that at `end`."""
         first, last = (bisect.bisect_left(self.break_points, time) for time in (begin, end))
         return all(one.is_zero for one in self.pieces[first : last + 1])
 
@@ -212,8 +213,8 @@ class Forcing:
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.
 
-        On n steps from `start` ``(n,)`` at offsets ``(r,)`` in [0, 1], to ``(n, r, d)``; at 0 and 1
-        the limit from inside the step is taken.
+        Takes the starts ``(n,)`` of n steps and offsets ``(r,)`` in [0, 1]; returns ``(n, r, d)``.
+        At offsets 0 and 1 the limit from inside the step is taken.
         """
         which = np.searchsorted(np.array(self.break_points), start + 0.5 * step_size)
         times = start[:, None] + step_size * offsets

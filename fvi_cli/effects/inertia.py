@@ -59,7 +59,7 @@ class Inertia(MatrixEffect):
         return solver(self.form)
 
     def __getstate__(self) -> dict[str, object]:
-        """Without the factors of M, which cannot be sent to other processes."""
+        """What is pickled: not the factors of M, which cannot be sent to other processes."""
         return {"form": self.form}
 
     def velocity(self, momentum: Array) -> Array:

@@ -28,13 +28,13 @@ def velocity_name(coordinate: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Derivatives:
-    r"""L up to its second derivatives at n points."""
+    r"""First and second derivatives of L at points."""
 
-    momentum: Array  # by v, (..., d)
-    force: Array  # by q
-    mass: Array  # by v and v, (..., d, d)
-    mixed: Array  # by v and q
-    stiffness: Array  # by q and q
+    momentum: Array  # dL/dv, (..., d)
+    force: Array  # dL/dq, (..., d)
+    mass: Array  # by v twice, (..., d, d)
+    mixed: Array  # by v (rows) and q (columns), (..., d, d)
+    stiffness: Array  # by q twice, (..., d, d)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,7 +44,7 @@ class Lagrangian:
     coordinates: tuple[str, ...]  # names of the d coordinates
     value: FormulaSystem
     parameters: Mapping[str, float] = field(default_factory=dict)  # values of the other names in it
-    # A matrix K whose q^T K q / 2 is taken from L, shape (d, d); None: 0
+    # K, shape (d, d): q^T K q / 2 is subtracted from L; None: 0
     stiffness: Array | None = None
 
     @cached_property
@@ -54,7 +54,7 @@ class Lagrangian:
 
     @property
     def accelerations(self) -> tuple[str, ...]:
-        """Names of the accelerations, which no user can give to anything else."""
+        """Names of the accelerations; users cannot write such names."""
         return tuple(f"{name}''" for name in self.coordinates)
 
     @cached_property
@@ -82,7 +82,7 @@ class Lagrangian:
     def imbalance(self) -> FormulaSystem:
         r""":math:`\partial_q L` and :math:`\frac{d}{dt} \partial_v L`, d values each.
 
-        Variables besides are :attr:`accelerations`.
+        The program has :attr:`accelerations` as further variables.
         """
         d = self.dimension
         moving = dict(zip(self.coordinates, self.velocities, strict=True))
@@ -152,7 +152,7 @@ class Lagrangian:
     def remainder(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float
     ) -> Array:
-        r"""What accelerates a motion further, :math:`\partial_q L - \frac{d}{dt} \partial_v L`."""
+        r"""The unbalanced force of a motion, :math:`\partial_q L - \frac{d}{dt} \partial_v L`."""
         found = self.evaluate(self.imbalance, position, velocity, time, acceleration=acceleration)
         force, rate = found[..., : self.dimension], found[..., self.dimension :]
         rest = force - rate
@@ -161,7 +161,7 @@ class Lagrangian:
     def remainder_slopes(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float
     ) -> Array:
-        """Of :meth:`remainder` by every position and every velocity, shape ``(..., 2, d, d)``."""
+        """Derivatives of :meth:`remainder` by positions and velocities, ``(..., 2, d, d)``."""
         d = self.dimension
         system = slopes_system(self.imbalance, (*self.coordinates, *self.velocities))[2 * d :]
         found = self.evaluate(system, position, velocity, time, acceleration=acceleration)

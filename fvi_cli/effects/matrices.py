@@ -23,7 +23,7 @@ SYMMETRY_TOLERANCE = 1e-12
 LEAST_SPARSE = 32
 """Rows from which on a matrix may be worth keeping as sparse."""
 SPARSE_DENSITY = 0.1
-"""A matrix with fewer entries, relative to all places, is taken as sparse."""
+"""A matrix with a smaller share of nonzero entries is kept as sparse."""
 
 
 class SparseMatrix(Protocol):
@@ -49,7 +49,7 @@ class SparseMatrix(Protocol):
 
 
 Form: TypeAlias = Array | SparseMatrix
-"""A matrix as it is best kept."""
+"""A dense or a sparse matrix."""
 Solve = Callable[[Array], Array]
 """From right-hand sides, shape ``(d,)`` or ``(d, n)``, to solutions."""
 
@@ -61,26 +61,26 @@ class Factored:
     rows: Array  # B, shape (r, d): the directions
     inner: Array  # C, symmetric, shape (r, r)
     whole: Form | None = None  # the product, where it is known
-    labels: tuple[int, ...] = ()  # what names call the directions by; empty: 1, 2, ...
+    labels: tuple[int, ...] = ()  # numbers of the directions in names; empty: 1, 2, ...
 
     @cached_property
     def form(self) -> Form:
         """The d x d matrix, sparse where it has many rows."""
         if self.whole is not None:
             return symmetric_form(self.whole, "coefficient")
-        rows: Any = self.rows  # arrays and sparse arrays by the operators that they share
+        rows: Any = self.rows  # dense or sparse: only operators that both have are used
         rows = rows if rows.shape[1] < LEAST_SPARSE else as_csr(rows)
         full = rows.T @ (as_csr(self.inner) if is_sparse(rows) else self.inner) @ rows
         return symmetric_form(0.5 * (full + full.T), "coefficient")
 
 
 def is_sparse(matrix: object) -> bool:
-    """Whether a matrix keeps its entries only."""
+    """Whether a matrix is sparse."""
     return hasattr(matrix, "toarray")
 
 
 def as_csr(matrix: Form) -> csr_array[np.float64]:
-    """A matrix by its rows, entries only."""
+    """A matrix in compressed rows."""
     from scipy.sparse import csr_array
 
     found = csr_array(cast("csr_array[np.float64]", matrix))
@@ -88,7 +88,7 @@ def as_csr(matrix: Form) -> csr_array[np.float64]:
 
 
 def as_csc(matrix: Form) -> csc_array[np.float64]:
-    """A matrix by its columns, entries only."""
+    """A matrix in compressed columns."""
     from scipy.sparse import csc_array
 
     return csc_array(cast("csr_array[np.float64]", matrix), dtype=np.float64)
@@ -97,14 +97,14 @@ def as_csc(matrix: Form) -> csc_array[np.float64]:
 def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
     """`value` as a read-only symmetric float matrix; a number becomes 1 x 1.
 
-    What is sparse stays so, but for a few rows, where the dense matrix is the quicker one.
+    A sparse matrix stays sparse, unless it has few rows: then the dense matrix is quicker.
 
     Raises
     ------
     ArgumentError
         If it is not square, not finite or not symmetric to 1e-12 relative.
     """
-    matrix: Any  # arrays and sparse arrays by the operators that they share
+    matrix: Any  # dense or sparse: only operators that both have are used
     if is_sparse(value):
         matrix = as_csr(cast(SparseMatrix, value))
         matrix.sum_duplicates()
@@ -117,7 +117,7 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
         raise ArgumentError(name, f"shape {shape} is not allowed; give a number or a square matrix")
     if isinstance(matrix, np.ndarray):
         matrix.setflags(write=False)
-        # as nearly all are: sweeps make many
+        # the usual case first: sweeps have many matrices
         if (matrix.size == 1 or (matrix == matrix.T).all()) and np.isfinite(matrix).all():
             return cast(Form, matrix)
     i, j, is_odd = _largest(matrix, lambda kept: ~np.isfinite(kept))
@@ -134,7 +134,7 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
 
 
 def _largest(matrix: Any, measure: Callable[[Array], Array]) -> tuple[int, int, float]:
-    """Row and column of the entry with the largest measure, and that; those of zeros are 0."""
+    """Row and column of the entry with the largest measure, and the measure; zeros measure 0."""
     rows, columns = matrix.nonzero()
     if not rows.size:
         return 0, 0, 0.0
@@ -161,7 +161,7 @@ class MatrixEffect:
 
 
 def form(matrix: Form) -> Form:
-    """A matrix as sparse where that is worth while."""
+    """A matrix, converted to sparse where that is worth while."""
     if not isinstance(matrix, np.ndarray):
         return matrix
     rows = matrix.shape[0]
@@ -184,7 +184,7 @@ def times(values: Array, matrix: Form) -> Array:
 
 
 def sparse_unit(dimension: int) -> SparseMatrix:
-    """The unit matrix, entries only."""
+    """The unit matrix as a sparse matrix."""
     from scipy.sparse import eye_array
 
     return cast(SparseMatrix, eye_array(dimension, format="csr"))
@@ -201,14 +201,14 @@ def is_diagonal(matrix: Form) -> bool:
 
 
 def touched(matrix: Form) -> NDArray[np.bool_]:
-    """Which rows of a matrix hold anything, shape ``(d,)``."""
+    """Which rows of a matrix have entries other than zero, shape ``(d,)``."""
     found = np.zeros(matrix.shape[0], dtype=bool)
     found[matrix.nonzero()[0]] = True
     return found
 
 
 def solver(matrix: Form) -> Solve:
-    """What solves equations with a symmetric matrix.
+    """A function that solves equations with a symmetric matrix.
 
     Raises
     ------
@@ -229,7 +229,8 @@ def solver(matrix: Form) -> Solve:
 def factors_of(matrix: csc_array[Any], least_pivot: float = 0.1) -> SuperLU:
     """Factors of a matrix with a symmetric pattern.
 
-    A pivot stays on the diagonal unless it is less than this part of its column's largest entry.
+    A pivot stays on the diagonal unless it is less than `least_pivot` times its column's largest
+    entry.
 
     Raises
     ------
@@ -253,7 +254,7 @@ def negative_pivots(matrix: SparseMatrix) -> int:
     """Number of pivots that are not positive in an elimination without exchange of rows.
 
     By Sylvester's law of inertia this is the number of eigenvalues of a sparse symmetric matrix
-    that are not positive; all of them count where the elimination breaks down.
+    that are not positive; where the elimination breaks down it is the number of rows.
     """
     if is_diagonal(matrix):
         return int(np.count_nonzero(~(matrix.diagonal() > 0)))

@@ -30,17 +30,17 @@ from fvi_cli.mathematics.expressions import Expression, slopes_system
 T = TypeVar("T")
 
 ROUGH = float(np.finfo(float).eps) ** 0.25
-"""Differences that agree to this share of a derivative are those of a smooth function."""
+"""Difference quotients that agree to this share of a derivative are of a smooth function."""
 GROSS = 0.1
-"""Share of a derivative by which own ones may be off beside the start, as tables are."""
+"""Relative error of derivatives that users give, allowed away from the start: tables have one."""
 PARTS = (-0.3, -0.01, 0.01, 0.3)
-"""Places beside a start at which functions of the user are tried, relative to sizes there."""
+"""Distances from the start at which functions of the user are tried, relative to sizes there."""
 
 
 class Potential(Protocol):
     """A potential energy V(q) of d coordinates: any object with these three functions.
 
-    Positions have the shape ``(..., d)``: one, or many at once. Functions of an own object may
+    Positions have the shape ``(..., d)``: one, or many at once. Functions of a user's object may
     return nan where V is not defined, and must return the same for the same position.
     """
 
@@ -130,7 +130,7 @@ class ExpressionPotential(_StiffenedPotential):
 
     coordinates: tuple[str, ...]  # names of the d coordinates
     energy_expression: Expression
-    # first derivatives, and rows of second ones; None: differentiated here
+    # first derivatives, and rows of second derivatives; None: the energy is differentiated
     gradient_expressions: tuple[Expression, ...] | None = None
     hessian_expressions: tuple[tuple[Expression, ...], ...] | None = None
     # the other names: numbers, or arrays that broadcast with the components of positions
@@ -161,12 +161,12 @@ class ExpressionPotential(_StiffenedPotential):
         """The formulas of the second derivatives row by row, without the stiffness."""
         if self.hessian_expressions is not None:
             return join(*(one.system for row in self.hessian_expressions for one in row))
-        # they stand direction by direction, and are symmetric
+        # derivatives are ordered by direction; the matrix is symmetric
         return slopes_system(self.gradient_system, self.coordinates)[self.dimension :]
 
     @cached_property
     def derivatives_system(self) -> FormulaSystem:
-        """Both, one behind the other, without the stiffness."""
+        """The formulas of the gradient, then of the Hessian, without the stiffness."""
         return join(self.gradient_system, self.hessian_system)
 
     def __getstate__(self) -> dict[str, object]:
@@ -197,7 +197,7 @@ class ExpressionPotential(_StiffenedPotential):
         position: Array,
         parameters: Mapping[str, float | Array] | None = None,
     ) -> list[Array | float]:
-        """Values of a program in the coordinates and, if not these, other parameters."""
+        """Values of a program in the coordinates and its own or other parameters."""
         columns = zip(self.coordinates, np.moveaxis(position, -1, 0), strict=True)
         return system.evaluate({**(parameters or self.parameters), **dict(columns)})
 
@@ -210,12 +210,12 @@ class ExpressionPotential(_StiffenedPotential):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SuppliedPotential(_StiffenedPotential):
-    r"""Potential energy by the functions of an object of the user, which are held to their shapes.
+    r"""Potential energy by functions of an object of the user; checks the shapes that they return.
 
     Raises
     ------
     ValueError
-        Where a function returns another shape than it should.
+        If a function returns another shape than it should.
     """
 
     functions: Potential  # V, its gradient and its Hessian
@@ -238,13 +238,13 @@ class SuppliedPotential(_StiffenedPotential):
 def checked_potential(
     functions: Potential, position: Array
 ) -> QuadraticPotential | ExpressionPotential | SuppliedPotential:
-    """One that a scene takes; an object of the user is tried around a position, shape ``(d,)``.
+    """A potential for a scene; an object of the user is tried around a position, shape ``(d,)``.
 
     Raises
     ------
     ValueError
-        If it lacks a function, one returns another shape or is not finite there, or one is not the
-        derivative of another there, or roughly beside it.
+        If a function is missing, returns another shape or is not finite at the position, or is not
+        the derivative of another one: there, or roughly at places nearby.
     """
     if isinstance(functions, QuadraticPotential | ExpressionPotential | SuppliedPotential):
         return functions
@@ -265,14 +265,14 @@ def checked_potential(
             )
     _check_derivatives(found, name, position, "at the start", 4.0 * ROUGH)
     for place in _places_near(position):
-        # at rest a wrong sign is not seen; outside of its domain nothing is
+        # at rest a wrong sign does not show; outside the domain of V errors are ignored
         with np.errstate(all="ignore"), contextlib.suppress(ArithmeticError, LookupError):
             _check_derivatives(found, name, place, f"at q = {place.tolist()}", GROSS)
     return found
 
 
 def _places_near(position: Array) -> list[Array]:
-    """Places beside a position, by parts of 1 and of its own size."""
+    """Places near a position, at distances relative to 1 and to its own size."""
     turns = np.cos(np.arange(1, position.size + 1))
     sizes = (np.maximum(1.0, np.abs(position)), np.abs(position))
     return [position + part * size * turns for size in sizes for part in PARTS if size.any()]
@@ -281,7 +281,7 @@ def _places_near(position: Array) -> list[Array]:
 def _check_derivatives(
     found: SuppliedPotential, name: str, place: Array, where: str, tolerated: float
 ) -> None:
-    """Refuse a derivative where differences agree over two distances, and not with it."""
+    """Refuse a derivative if differences over two distances agree, but not with it."""
     spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(place))
     for value, derivative in ((found.energy, found.gradient), (found.gradient, found.hessian)):
         near, far = (_differences(value, place, size * spacing) for size in (1.0, 2.0))
@@ -299,7 +299,7 @@ def _check_derivatives(
 
 
 def _differences(function: Callable[[Array], Array], position: Array, sizes: Array) -> Array:
-    """Central differences at a position ``(d,)``, the direction last."""
+    """Central differences at a position ``(d,)``; the last axis is the direction."""
     steps = np.diag(sizes)
     found = (function(position + steps) - function(position - steps)).T / (2.0 * sizes)
     return np.asarray(found)
@@ -307,7 +307,7 @@ def _differences(function: Callable[[Array], Array], position: Array, sizes: Arr
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearPotential:
-    r"""The potential :math:`c - f \cdot q` of a constant force that a forcing holds."""
+    r"""The potential :math:`c - f \cdot q` of a constant force that is part of a forcing."""
 
     offset: float
     force: Array  # (d,)

@@ -1,4 +1,4 @@
-"""Motions that are given, in place of those that forces make."""
+"""Motions that are given, in place of motions that forces cause."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 
 JUMP = 1e-9
-"""Part of the largest displacement by which neighbouring pieces may differ where they meet."""
+"""Jump that is allowed between neighbouring pieces, relative to the largest displacement."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,7 +25,7 @@ class PrescribedMotion:
     final_time: float
 
     def check(self) -> None:
-        """Refuse what no damper can follow.
+        """Refuse a motion that no damper can follow.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class PrescribedMotion:
 
     @property
     def start_rate(self) -> float:
-        """The derivative of u behind t = 0."""
+        """The derivative of u just after t = 0."""
         return float(self.rate(np.zeros(1))[0, 0])
 
     @cached_property

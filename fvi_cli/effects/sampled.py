@@ -1,4 +1,4 @@
-"""Forces that are no formulas: known at samples only, or computed by a program."""
+"""Forces that are not formulas: given by samples, or by a Python function."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4}
 class _WithFormula:
     """A component of a force to which an expression in t may be added."""
 
-    formula: Expression | None = None  # the expression; None: nothing
+    formula: Expression | None = None  # None: no expression is added
 
     def plus(self, formula: Expression) -> Self:
         """The force plus an expression in t."""
@@ -119,13 +119,13 @@ class SampledForce(_WithFormula):
     def evaluate(self, names: Mapping[str, T | float]) -> T | float:
         """The force at the times under ``t``, or its expansion to the right of a point.
 
-        Before the first and after the last sample the outermost polynomials go on, which is of
-        use for round-off at the ends only.
+        Before the first and after the last sample the outermost polynomials are continued, only
+        to allow for round-off at the ends.
 
         Raises
         ------
         ExpressionError
-            On any other algebra, exact sums of powers among them: samples are no formula.
+            For values of any other algebra, exact sums of powers included: samples are no formula.
         """
         time = names["t"]
         samples: object
@@ -165,8 +165,8 @@ class SampledForce(_WithFormula):
 class FunctionForce(_WithFormula):
     """One component of a force as a function of the time, with an expression in t added."""
 
-    # times of any shape to the force at them, in the same shape; smooth between the break points
-    # that its piece of the forcing has
+    # from times of any shape to the force, in the same shape; smooth between the break points of
+    # the forcing
     function: Callable[[Array], Array]
     factor: float = 1.0  # what it is multiplied by
 
@@ -177,7 +177,7 @@ class FunctionForce(_WithFormula):
 
     @property
     def is_constant(self) -> bool:
-        """Of an unknown kind."""
+        """Never, as far as is known of a function."""
         return False
 
     def scaled(self, factor: float) -> FunctionForce:
@@ -190,7 +190,7 @@ class FunctionForce(_WithFormula):
         Raises
         ------
         SeriesError
-            On any other algebra than floating-point numbers.
+            For values of any algebra other than floating-point numbers.
         ExpressionError
             Where the function gives another shape, or no real numbers.
         """

@@ -40,7 +40,7 @@ def listed_effects(name: str, given: object) -> tuple[Any, ...]:
     Raises
     ------
     ValueError
-        For anything but a list of them, with what to write.
+        If it is not a list of such terms; the message says what to write.
     """
     kind, example = _LISTED[name]
     if not isinstance(given, list | tuple):
@@ -62,7 +62,7 @@ class Scene:
     .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + \sum_i A_i\, g_i\, k_i * q' + \nabla V(q)
               = f(t), \quad q(0)=q_0, q'(0)=v_0
 
-    What is absent is not simulated.
+    Absent effects are not computed.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class Scene:
         Lagrangian.
     """
 
-    inertia: Inertia  # beside a Lagrangian its mass matrix at the start
+    inertia: Inertia  # with a Lagrangian: its mass matrix at the start
     initial_position: Array  # q0 and v0, shape (d,)
     initial_velocity: Array
     final_time: float  # T > 0
@@ -86,13 +86,13 @@ class Scene:
     # in place of inertia and potential, where the mass matrix is not constant: d/dt L_v - L_q
     # stands for M q'' + grad V(q)
     lagrangian: Lagrangian | None = None
-    # these have relaxed before t = 0; their relaxed moduli become part of the potential
+    # laws have relaxed before t = 0; their relaxed moduli become part of the potential
     laws: tuple[Law, ...] = ()
-    # c - f q of a constant force f in `forcing`: it is energy, and its work is none of the forcing
+    # c - f q of a constant force f in `forcing`: counted as energy, not as work of the forcing
     linear_potential: LinearPotential | None = None
-    # the motion itself, of one coordinate, where it is given: only the forces are sought
+    # a given motion of the one coordinate: then only the forces are computed
     prescribed: PrescribedMotion | None = None
-    coordinates: tuple[str, ...] = ()  # what expressions call them by, where that is given
+    coordinates: tuple[str, ...] = ()  # names of the coordinates in expressions, if given
 
     def __post_init__(self) -> None:
         d = self.inertia.dimension
@@ -192,7 +192,7 @@ class Scene:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether mass or stiffness is kept as sparse: then nothing dense is made of either."""
+        """Whether mass or stiffness is sparse; then neither is converted to a dense matrix."""
         forms: list[Form] = [self.inertia.form]
         if isinstance(self.potential, QuadraticPotential):
             forms.append(self.potential.form)
@@ -218,7 +218,7 @@ class Scene:
 
         Then nothing grows: for Re s > 0 every term of
         :math:`s M + \sum_j s^{\gamma_j - 1} D_j + K / s` has a positive semi-definite Hermitian
-        part, that of the first one definite. Sparse matrices stay sparse.
+        part, and that of the first term is definite. Sparse matrices stay sparse.
         """
         forms = [term.form for term in self.active_forces]
         if isinstance(self.potential, QuadraticPotential):
@@ -241,7 +241,7 @@ class Scene:
         return np.asarray(times(velocity, self.inertia.form))
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
-        """The velocity to a momentum."""
+        """The velocity that belongs to a momentum."""
         if self.lagrangian is not None:
             return self.lagrangian.velocity(position, momentum, time)
         return self.inertia.velocity(momentum)
@@ -263,7 +263,7 @@ class Scene:
         return np.asarray(kinetic + self.potential_energy(position))
 
     def potential_energy(self, position: Array) -> Array:
-        """V(q) without forcing, beside an inertia, shapes ``(..., d)`` to ``(...)``."""
+        """V(q) without forcing, in a scene without Lagrangian, shapes ``(..., d)`` to ``(...)``."""
         parts = [one.energy(position) for one in (self.potential, self.linear_potential) if one]
         return np.asarray(reduce(np.add, parts)) if parts else np.zeros(position.shape[:-1])
 

@@ -27,7 +27,7 @@ class Symmetry:
         For sizes that do not match, entries that are not finite, or a flow that stands still.
     """
 
-    name: str  # what the momentum is called in files and figures
+    name: str  # name of the momentum in files and figures
     generator: Array  # G, shape (d, d)
     shift: Array  # g, shape (d,)
 
@@ -79,7 +79,7 @@ def symmetry_defect(scene: Scene, symmetry: Symmetry) -> float:
     change = np.einsum("ni,ni->n", force, along) + np.einsum("ni,ni->n", momentum, turned)
     size = np.einsum("ni,ni->n", np.abs(force), np.abs(along))
     size += np.einsum("ni,ni->n", np.abs(momentum), np.abs(turned))
-    # where nothing acts at all nothing changes
+    # where all terms are zero the defect is zero
     parts = np.linalg.norm(force, axis=1) * np.linalg.norm(along, axis=1) + size
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = np.where(parts > 0, np.abs(change) / parts, 0.0)

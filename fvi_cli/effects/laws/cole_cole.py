@@ -12,7 +12,7 @@ from fvi_cli.effects.laws.law import Coefficient, Law, check_fraction, positive
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
-# the density is zero to every accuracy so far from its peak, and its logarithm finite
+# so far from its peak the density is zero to every accuracy; its logarithm is finite
 _FAR = 600.0
 
 
@@ -43,12 +43,12 @@ class ColeCole:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Powers a and -a of the rate in the density per logarithm."""
+        """Powers a and -a of x in x rho(x) for small and for large rates x."""
         return self.order, -self.order
 
     @property
     def peak(self) -> tuple[float, float]:
-        r"""At :math:`1/\tau`; singular where :math:`(x\tau)^a = -e^{\pm i \pi a}`."""
+        r"""The peak is at :math:`1/\tau`, singularities at :math:`(x\tau)^a = -e^{\pm i \pi a}`."""
         return -math.log(self.time), math.pi * (1 - self.order) / self.order
 
     @property
@@ -110,7 +110,7 @@ def fractional_zener(
 def fractional_maxwell(
     *, order: float, time: float, modulus: float, coefficient: Coefficient
 ) -> Law:
-    r"""A spring and a springpot in a row: :math:`G(s) = G \frac{(s\tau)^a}{1 + (s\tau)^a}`.
+    r"""A spring and a springpot in series: :math:`G(s) = G \frac{(s\tau)^a}{1 + (s\tau)^a}`.
 
     The order is a in (0, 1), the time :math:`\tau > 0`, and the modulus G > 0 that of the spring.
 

@@ -4,8 +4,8 @@ r"""A relaxation law: a force that remembers the velocity and forgets it again.
           \qquad k(t) = \int_0^\infty e^{-x t} \rho(x)\, dx
 
 with a spectral density :math:`\rho \ge 0` or point masses in its place: k is completely monotone,
-the law causal, and what it takes up it stores or dissipates (F. Mainardi, *Fractional Calculus and
-Waves in Linear Viscoelasticity*, 2010, chapter 2). Before t = 0 the law has relaxed.
+the law is causal, and it stores or dissipates all work done on it (F. Mainardi, *Fractional
+Calculus and Waves in Linear Viscoelasticity*, 2010, chapter 2). Before t = 0 the law has relaxed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 class RelaxationKernel(Protocol):
-    """The kernel k of a law, as a value: equal ones are one kernel to the integrator."""
+    """The kernel k of a law; the integrator treats equal values as one kernel."""
 
     @property
     def label(self) -> str:
@@ -32,7 +32,7 @@ class RelaxationKernel(Protocol):
 
     @property
     def shift(self) -> float:
-        """Rate l >= 0 from which on there is a density, 1/time."""
+        """Rate l >= 0 at which the density begins, 1/time."""
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -40,14 +40,15 @@ class RelaxationKernel(Protocol):
 
     @property
     def peak(self) -> tuple[float, float] | None:
-        r"""Where the density bends: a :math:`\log y`, and how far singularities are there.
+        r"""The :math:`\log y` at which the density bends, and the distance to its singularities.
 
-        These lie beside the real axis of :math:`\log y`. None where the power is the same for all.
+        Singularities lie off the real axis of :math:`\log y`. None if the density is one power of
+        y.
         """
 
     @property
     def masses(self) -> tuple[tuple[float, float], ...]:
-        """Pairs (rate, weight) of point masses beside the density."""
+        """Pairs (rate, weight) of point masses, in addition to the density."""
 
     @property
     def start_order(self) -> float | None:
@@ -80,11 +81,11 @@ class Law(MatrixForce):
         For negative or infinite moduli, or a matrix that is not symmetric.
     """
 
-    kernel: RelaxationKernel  # k, of no unit but for powers of the time
+    kernel: RelaxationKernel  # k, without a unit except powers of the time
     size: float  # g >= 0, a modulus (times the powers of the time that k lacks)
-    # G0 >= 0, the modulus that is left in the end; a scene counts it among its stiffnesses
+    # G0 >= 0, the modulus after complete relaxation; a scene moves it into its stiffness
     relaxed: float = 0.0
-    spring: float = 0.0  # a relaxed modulus that a scene has counted so already
+    spring: float = 0.0  # relaxed modulus that a scene has moved into its stiffness
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -105,7 +106,7 @@ class Law(MatrixForce):
         return self.size > 0 and super().is_active
 
     def symbol(self, s: complex) -> complex:
-        r"""What the law is on :math:`e^{st}`: the complex modulus :math:`G_0 + g\,s\,\hat k(s)`.
+        r"""Factor of the law on :math:`e^{st}`, the complex modulus :math:`G_0 + g\,s\,\hat k(s)`.
 
         The force on :math:`q = v e^{st}` is minus symbol times matrix times v; at
         :math:`s = i \omega` its real part stores and its imaginary part dissipates.
@@ -113,7 +114,7 @@ class Law(MatrixForce):
         return self.relaxed + self.size * s * self.kernel.transform(s)
 
     def without_stiffness(self) -> Law:
-        """What the law remembers, without its relaxed modulus."""
+        """The law without its relaxed modulus, which is added to `spring`."""
         return replace(self, relaxed=0.0, spring=self.spring + self.relaxed)
 
 

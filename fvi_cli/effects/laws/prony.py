@@ -21,7 +21,7 @@ class PronyKernel:
     Raises
     ------
     ValueError
-        If there is none, or one is not positive.
+        If there are no pairs, or a rate or weight is not positive.
     """
 
     masses: tuple[tuple[float, float], ...]  # pairs of a rate x_i > 0 (1/time) and a weight g_i > 0
@@ -44,7 +44,7 @@ class PronyKernel:
         return f"relaxation by {count} exponential{'s' * (count > 1)}"
 
     def log_density(self, log_rate: Array) -> Array:
-        """There is none."""
+        """Minus infinity: there is no density."""
         return np.full(np.shape(log_rate), -np.inf)
 
     def transform(self, s: complex) -> complex:
@@ -75,7 +75,7 @@ def prony(
     Raises
     ------
     ValueError
-        For numbers out of range, ``moduli`` or ``times`` named.
+        For numbers out of range, at ``moduli`` or ``times``.
     """
     if len(moduli) == 0:
         raise ArgumentError("moduli", "at least one is needed")

@@ -45,7 +45,7 @@ class TemperedPower:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The power gamma of the rate beyond l, everywhere."""
+        """The power of y = x - l in y rho(x): gamma everywhere."""
         return self.order, self.order
 
     @property
@@ -54,7 +54,7 @@ class TemperedPower:
         return self.order
 
     def log_density(self, log_rate: Array) -> Array:
-        """Logarithm of the rate beyond l times the density, at its logarithms."""
+        """Logarithm of y = x - l times the density, at logarithms of y."""
         sine = math.sin(math.pi * min(self.order, 1 - self.order))
         return np.asarray(math.log(sine / math.pi) + self.order * log_rate)
 
@@ -64,7 +64,7 @@ class TemperedPower:
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`(I (1 + l I)^{-1})^{1 - \gamma}`."""
-        # of the size of the matrix of the method, whatever l is to the step
+        # scaled to the size of the method's matrix, whatever l times the step is
         step = np.abs(integration).sum(axis=-1).max(axis=-1)
         scales = step / (1 + self.rate * step)
         unit = np.eye(integration.shape[-1])
