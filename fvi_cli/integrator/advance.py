@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 
 STRIDE = 256
-"""Loops over single steps report after every so many of them."""
+"""Loops over single steps report their progress after every 256 steps."""
 
 SECONDS_BETWEEN = 0.1
-"""The callback is called no more often than this, unless it wants to be."""
+"""Least seconds between two calls of the callback, unless it asks for others."""
 
 Watcher = Callable[[int, int], None]
 """Called with the number of steps that are done, and N."""
@@ -21,10 +21,9 @@ _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 @contextlib.contextmanager
 def on_progress(watcher: Watcher, *, seconds_between: float | None = None) -> Iterator[None]:
-    """Tell `watcher` now and then how far the integrations inside the block have come.
+    """Call `watcher` now and then with the progress of the integrations inside the block.
 
-    Loops report it of their own accord, block by block; they need not be handed the watcher through
-    all that lies between.
+    Loops report their progress block by block; the watcher need not be passed on to them.
     """
     due = 0.0
 
@@ -43,7 +42,7 @@ def on_progress(watcher: Watcher, *, seconds_between: float | None = None) -> It
 
 
 def report_progress(done: int, n_steps: int) -> None:
-    """Note that `done` of `n_steps` steps are done."""
+    """Report that `done` of `n_steps` steps are done."""
     watcher = _watcher.get()
     if watcher is not None:
         watcher(done, n_steps)

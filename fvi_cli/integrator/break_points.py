@@ -13,9 +13,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 
 ON_GRID = 1e-9
-"""What is as close to a multiple of the step as this, in steps, lies on the grid."""
+"""A time lies on the grid if it is this close, in steps, to a multiple of the step."""
 MOST_STEPS, LARGEST_DENOMINATOR = 2**30, 2**20
-"""What is looked for: steps at most, and fractions of the interval."""
+"""Limits of the search: number of steps, denominator of a break point as a fraction of T."""
 
 
 def are_on_grid(places: Array) -> NDArray[np.bool_]:
@@ -39,7 +39,7 @@ def steps_at_break_points(scene: Scene, n_steps: int) -> tuple[int, ...]:
 
 
 def misplaced_break_point(break_points: Sequence[float], final_time: float, n_steps: int) -> str:
-    """Which break point lies inside one of N equal steps, and which N fit; empty: none does."""
+    """Which break point lies inside one of N equal steps, and which N fit; empty if none does."""
     places = np.array(break_points) / final_time * n_steps
     between = np.array(break_points)[~are_on_grid(places)]
     if not between.size:
@@ -77,12 +77,12 @@ def fits_break_points(scene: Scene, n_steps: int) -> bool:
 
 
 def interpolation_limit(scene: Scene, n_steps: int, *, grading: float = 1.0) -> float:
-    """Limit that the knots of a sampled force set; infinite without samples.
+    """Largest order that the knots of a sampled force allow; infinite without samples.
 
-    A knot between two points of the grid costs the order p of the interpolation (linear 2, cubic
-    4). Where all knots lie on the grid, only the memory of the damping sees them: a kink of the
-    p-th kind starts a fractional power, p + 3 - gamma. Measured for gamma = 0.5, 1 and 1.5 and
-    none, on Gauss methods of degree 2 and 3. On a graded mesh no knot is looked for.
+    A knot between two points of the grid limits the order to that of the interpolation, p (linear
+    2, cubic 4). Where all knots lie on the grid, only the memory of the damping limits it, to
+    p + 3 - gamma: a knot starts a fractional power. Measured for gamma = 0.5, 1 and 1.5 and without
+    damping, on Gauss methods of degree 2 and 3. On a graded mesh the limit is always p.
     """
     samples = () if scene.forcing is None else scene.forcing.samples
     if not samples:

@@ -1,4 +1,4 @@
-"""Where a motion leaves the places at which its potential energy is a finite number."""
+"""Where a motion leaves the domain in which its potential energy is finite."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from fvi_cli.mathematics.intervals.singularities import find_open_places
 from fvi_cli.mathematics.intervals.singularities import is_unbounded as has_no_bound
 
 WALL_DISTANCES: Final = np.array([1e-2, 1e-4, 1e-6])
-"""Distances from a place, in lengths of a chord, at which V shows whether it is infinite there."""
+"""Distances from a place, in lengths of a chord, at which V is checked for growth."""
 LEAST_GROWTH: Final = 0.01
-"""Growth of V on the way to a place, relative to V, that is no round-off (a guess)."""
+"""Least growth of V towards a place, relative to V, that is more than round-off (a guess)."""
 
 
 def first_undefined(potential: Potential | None, position: Array) -> int | None:
-    """Index of the first of successive positions, shape ``(n, d)``, that no motion reaches.
+    """Index of the first of successive positions ``(n, d)`` that no motion reaches, or None.
 
-    There V is not finite, or it is infinite at a place of the chord from the position before, as
-    where a long step jumps over the pole of ``1/(a - x)``. None: all are reached.
+    V is not finite there, or it is infinite somewhere on the chord from the position before: a long
+    step may jump over a pole such as that of ``1/(a - x)``.
     """
     if potential is None or isinstance(potential, QuadraticPotential) or len(position) < 2:
         return None
     with np.errstate(all="ignore"):
         energy, first = potential.energy(position), position.shape[0]
         if not np.isfinite(energy).all():
-            # an energy that overflows where its forces do not is only large
+            # an energy that overflows while its forces are finite is only large
             lost = np.isinf(energy) & ~np.isfinite(potential.gradient(position)).all(axis=1)
             wrong = np.flatnonzero(np.isnan(energy) | lost)
-            # what begins where V is not finite never was at a place that counts
+            # the start counts as reached, even if V is not finite there
             first = max(int(wrong[0]), 1) if wrong.size else first
-        # the poles of functions of the user are not sought
+        # poles of a user's functions are not searched for
         if (
             not isinstance(potential, ExpressionPotential)
             or potential.energy_expression.system.is_entire
@@ -57,10 +57,10 @@ def first_undefined(potential: Potential | None, position: Array) -> int | None:
 def check_domain(
     potential: Potential | None, position: Array, per_step: int, times: Array, done: int
 ) -> tuple[int, Failure] | None:
-    """The first step that leaves the domain of V, with the failure; None: all stay inside.
+    """The first step that leaves the domain of V, with the failure; None if all stay inside.
 
-    Of steps that end at times ``(n,)``, `done` of them before the first, there are the start and
-    `per_step` positions of every one, ``(n per_step + 1, d)``.
+    `times` are the ends of n steps, which follow `done` earlier ones; `position` has the start and
+    `per_step` positions of every step, ``(n per_step + 1, d)``.
     """
     found = first_undefined(potential, position)
     if found is None:
@@ -97,13 +97,13 @@ def may_be_unbounded(
     try:
         found = potential.energy_expression.system.evaluate(names)[0]
     except ExpressionError:
-        # of some functions no range is known
+        # some functions have no known range
         found = 0.0
     return has_no_bound(found, low[..., 0])
 
 
 def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int | None:
-    """The first of the chords, both ``(n, d)``, on which V is infinite somewhere."""
+    """The first chord, from `begin` to `end`, both ``(n, d)``, on which V is infinite somewhere."""
 
     def is_open(chords: Places, low: Array, high: Array) -> NDArray[np.bool_]:
         ends = [_on(begin, end, chords, at) for at in (low, high)]
@@ -117,7 +117,7 @@ def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int
         sizes = np.abs(potential.energy(near))
         first, second = np.diff(sizes, axis=0)
         grows = (second > 0.5 * np.abs(first)) & (second > LEAST_GROWTH * sizes[0])
-        # a finite limit, such as that of sin(x)/x in 0, is no pole
+        # a finite limit, such as that of sin(x)/x at 0, is no pole
         ends = np.isnan(sizes[-1]) | (np.isinf(sizes[-1]) & np.isfinite(sizes[0]))
         growing |= (grows | ends) & ((at >= 0) & (at <= 1)).all(axis=0)
     return int(chords[growing].min()) if growing.any() else None

@@ -11,7 +11,7 @@ Reason = Literal[
 
 
 class StepFailedError(Exception):
-    """A step whose equations could not be solved, and what that is for the program."""
+    """A step whose equations could not be solved, with a reason for the program."""
 
     def __init__(self, message: str, reason: Reason = "step failed") -> None:
         self.reason = reason
@@ -20,7 +20,7 @@ class StepFailedError(Exception):
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run stopped: words for the reader, and as fields what happened, and where."""
+    """Why a run stopped: words for the reader, and fields for programs."""
 
     words: str  # the whole message
     reason: Reason = "step failed"  # what happened
@@ -43,7 +43,7 @@ class Failure:
 
 
 def no_unique_solution(step_size: float) -> StepFailedError:
-    """Of steps whose equations are singular, as with negative stiffness."""
+    """The error of a step with singular equations, as with negative stiffness."""
     return StepFailedError(
         f"the equations of a step of length {step_size:.6g} have no unique solution; take "
         "another number of steps",

@@ -1,4 +1,4 @@
-"""When a run is far outside of anything that its scene can do."""
+"""When a run is far outside of all motions that its scene permits."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from fvi_cli.mathematics.arrays import Array, Mask
 from fvi_cli.mathematics.transforms.zeros import largest_root
 
 TOLERATED_FACTOR = 1e8
-"""How far a position may go beyond what start values and forces move in the time of the run."""
+"""Factor by which a position may exceed the distance that start values and forces can cause."""
 
 TOLERATED_ENERGY = 1e12
-"""How much more energy a nonlinear scene may gain than start values, forces and potential give."""
+"""Factor by which a nonlinear scene may gain more energy than start, forces and potential give."""
 
 PERMITTED_ENERGY = 4.0
-"""So many times the energy that a scene has, a run that is right cannot have: twice the way."""
+"""A run with more than 4 times the energy that its scene permits is wrong: twice the amplitude."""
 
 GAINS_ENERGY = "unstable: its energy rises to "
 """How the remark on a run begins; it is left out where growth was predicted."""
@@ -29,31 +29,31 @@ GAINS_ENERGY = "unstable: its energy rises to "
 FLEXIBILITY_SWEEPS = 10
 
 POORLY_RESOLVED = 1.25
-"""So many times faster than the exact one a mode may grow that is not resolved well (a guess)."""
+"""A poorly resolved mode may grow this many times faster than the exact one (a guess)."""
 
 SHARES = np.concatenate([np.linspace(0.0, 1.0, 65), 2.0 ** -np.arange(7.0, 60.0)])
-"""Where a potential is looked at between the start and a point, as parts of the way."""
+"""Where a potential is evaluated between the start and a point, as shares of the distance."""
 
 PROBED_FRACTIONS = (np.arange(64) + 0.5) / 64
-"""Where forces are looked at, on every part between break points."""
+"""Places where forces are evaluated, as shares of every interval between break points."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GrowthBound:
     r"""The bound :math:`|x(t)| \le C e^{\sigma t}` that no sound run leaves."""
 
-    # C: 1e8 times the sum of start position, way at the start velocity and way under the largest
-    # force; infinite for a scene that nothing moves
+    # C: 1e8 times the sum of start position, distance at the start velocity and distance under the
+    # largest force; infinite for a scene at rest without forces
     size: float
     # a bound on the growth of the exact linear scene and a quarter more; 0 for a nonlinear one
     rate: float
     per_force: float = 0.0  # what a unit of the largest force adds to C
     force: float = 0.0  # the largest force
-    # a nonlinear scene, which may well go farther: then its energy decides
+    # a nonlinear scene, which may exceed C: then its energy decides
     scene: Scene | None = None
 
     def with_force(self, force: float) -> GrowthBound:
-        """The bound where the force is found to be so large: a pulse may be missed beforehand."""
+        """The bound for a larger force, met during the run: `scene_bound` may miss a pulse."""
         return replace(self, size=self.size + self.per_force * force, force=max(self.force, force))
 
     def outside(self, position: Array, momentum: Array, times: Array) -> Mask:
@@ -72,7 +72,7 @@ class GrowthBound:
         .. math:: H(x, p, t) - H_0 > 10^{12} \bigl(T_0 + (|\nabla V(x_0)| + F) c
                   + \max(V(x_0) - V) + |V(x, t) - V(x, 0)|\bigr)
 
-        with the length :math:`c = 10^{-8} C` and V over the points and the straight ways to them.
+        with the length :math:`c = 10^{-8} C` and V over the points and the straight lines to them.
         """
         start = scene.initial_position
         rest = np.zeros_like(start)
@@ -109,7 +109,7 @@ class GrowthBound:
 def beyond(
     position: Array, velocity: Array, bound: GrowthBound, n_done: int, step_size: float
 ) -> Failure | None:
-    """Why a run ends with this position after so many steps; None where it goes on."""
+    """Why a run ends at this position after `n_done` steps; None if it continues."""
     size, time = float(np.abs(position).max()), n_done * step_size
     if not math.isfinite(size):
         return Failure.not_finite(n_done - 1, time)
@@ -158,12 +158,12 @@ def scene_bound(scene: Scene) -> GrowthBound:
     least, per_force = least_bound(scene)
     size, rate = least + per_force * force, 0.0
     if scene.is_sparse or (scene.is_linear and scene.active_laws):
-        # what grows is not looked for in large structures and beside laws: then there is no bound
+        # growth is not computed for large structures and with laws: then there is no bound
         size = size if scene.is_dissipative else math.inf
     elif scene.is_linear:
         rate = POORLY_RESOLVED * growth_limit(scene)
     elif not all(is_semidefinite(term.form) for term in scene.active_forces):
-        # energy may come out of the damping without end
+        # damping may supply energy without limit
         size = math.inf
     return GrowthBound(
         size=size if 0 < size < math.inf else math.inf,
@@ -175,7 +175,7 @@ def scene_bound(scene: Scene) -> GrowthBound:
 
 
 def _largest_flexibility(inertia: Inertia) -> float:
-    """Largest eigenvalue of the inverse mass; of a sparse one a few iterations' estimate."""
+    """Largest eigenvalue of the inverse mass; estimated by a few iterations if it is sparse."""
     if not is_sparse(inertia.form):
         return float(np.linalg.norm(np.linalg.inv(inertia.mass), 2))
     vector = np.random.default_rng(1).standard_normal(inertia.dimension)
@@ -190,9 +190,9 @@ def _largest_flexibility(inertia: Inertia) -> float:
 def first_outside(
     bound: GrowthBound, position: Array, momentum: Array, times: Array, done: int
 ) -> tuple[int, Failure] | None:
-    """The first position outside of `bound`, with the failure; None: all are inside.
+    """The first position outside of `bound`, with the failure; None if all are inside.
 
-    Of successive points ``(n, d)``, ``(n, d)`` and ``(n,)`` behind `done` steps.
+    Takes successive points, ``(n, d)``, ``(n, d)`` and ``(n,)``, after `done` steps.
     """
     outside = bound.outside(position, momentum, times)
     if not outside.any():
@@ -222,15 +222,15 @@ def least_bound(scene: Scene) -> tuple[float, float]:
 def energy_remarks(
     scene: Scene, position: Array, energy: Array, largest_force: float
 ) -> tuple[str, ...]:
-    r"""Whether a run has far more energy than its scene permits, in words for its reader.
+    r"""Remark on a run that has far more energy than its scene permits; empty for others.
 
-    Forces of damping that only take energy leave
+    With damping forces that only dissipate energy
 
     .. math:: \sqrt{E(t) - V_0} \le \sqrt{E(0) - V_0} + F t \sqrt{d / (2 m)}
 
-    with the least potential energy :math:`V_0` on the way, the largest entry F of the forcing and
-    the least eigenvalue m of the mass. It does not hold for derivatives of order above 1 that begin
-    with a velocity, nor of Riemann-Liouville derivatives, whose start gives energy.
+    with the least potential energy :math:`V_0` along the motion, the largest entry F of the forcing
+    and the least eigenvalue m of the mass. It does not hold for derivatives of order above 1 that
+    begin with a velocity, nor for Riemann-Liouville derivatives, whose start gives energy.
     """
     starts_free = scene.derivative == "caputo" and (
         not scene.initial_velocity.any() or all(one.order <= 1 for one in scene.active_damping)

@@ -53,7 +53,7 @@ def integrate(
     Parameters
     ----------
     scene
-        Effects and initial data; what is absent is not simulated.
+        Effects and initial data; absent effects are not computed.
     method
         Method or baseline.
     n_steps
@@ -71,8 +71,8 @@ def integrate(
     -------
     Trajectory
         With status ``ok``, ``diverged`` (it left the bound of what the scene can do, or numbers
-        ceased to be finite) or ``failed`` (equations unsolved, or a way to where the energy is not
-        finite); it keeps what was finished.
+        ceased to be finite) or ``failed`` (equations unsolved, or a motion to where the energy is
+        not finite); finished steps are kept.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def integrate(
 
 
 def start_only(scene: Scene, n_steps: int, *, status: Status, message: str) -> Trajectory:
-    """The start of a motion of which no step is made."""
+    """A trajectory that has the start only, where no step can be made."""
     position = scene.initial_position[None]
     momentum = scene.momentum(position, scene.initial_velocity[None], np.zeros(1))
     return Trajectory(

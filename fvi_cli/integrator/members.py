@@ -25,14 +25,14 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
 
 LARGEST_STEP = 24
-"""Unknowns of a step of a member, at most: beyond, matrix products are quicker one by one."""
+"""Most unknowns of a step of a member: larger matrix products are quicker one by one."""
 FEWEST_LINEAR = 4
-"""Linear scenes that make a batch worth while."""
+"""Fewest linear scenes for which a batch is worth while."""
 FEWEST_NONLINEAR, STEPS_FOR_ONE_MORE = (16, 64), 64
-"""The same for nonlinear ones, on few steps and on many, which are quick alone in blocks; and with
-how many steps one more is needed."""
+"""Fewest nonlinear scenes, for few steps and for many, which are quick individually in blocks; and
+the number of steps for which one more scene is needed."""
 MOST_TOGETHER = 512
-"""Members that are stepped together: more would not stay in the cache."""
+"""Most members that are stepped together: more would not stay in the cache."""
 
 
 def integrate_members(
@@ -46,10 +46,11 @@ def integrate_members(
 ) -> list[Trajectory]:
     """Integrate every scene, those of one kind (:func:`batch_kind`) as one batch.
 
-    Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all, the
-    method also by its name; each batch has a part of the checkpoint. One trajectory per scene, in
-    their order: what `integrate` gives, to round-off, and the same to the last bit whatever others
-    are in its batch, with a status of its own; times are the equal shares of those of the batch.
+    Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all;
+    the method may be given by name. Each batch has a part of the checkpoint. Returns one trajectory
+    per scene, in order, with its own status: the result of `integrate` to round-off, and the same
+    to the last bit whatever others are in the batch. Run times are equal shares of those of the
+    batch.
 
     Raises
     ------
@@ -87,10 +88,10 @@ def integrate_batch(
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
 ) -> list[Trajectory]:
-    """Integrate scenes of one kind, so many at a time as stay in the cache.
+    """Integrate scenes of one kind, as many at a time as stay in the cache.
 
-    One whose numbers cease to be finite is integrated individually, where overflow in blocks is
-    distinguished from a run that left its bound before.
+    A scene whose numbers cease to be finite is integrated again individually, which distinguishes
+    overflow in blocks from a run that left its bound before.
     """
     mesh, block = mesh_for(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
@@ -116,7 +117,7 @@ def block_in_batch(scene: Scene, method: Method) -> int:
 
 
 def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[int]:
-    """How many of the scenes `integrate_members` takes together with each of them, itself among."""
+    """How many scenes `integrate_members` puts into the batch of each scene, itself included."""
     found = [1] * len(scenes)
     for indices in _groups(scenes, method, n_steps):
         for index in indices:
@@ -130,7 +131,7 @@ def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
 
 
 def fewest(scene: Scene, n_steps: int) -> int:
-    """So many scenes of one kind are quicker in a batch."""
+    """Fewest scenes of one kind that are quicker in a batch."""
     if scene.is_linear:
         return FEWEST_LINEAR
     least, most = FEWEST_NONLINEAR
@@ -142,7 +143,7 @@ def _count(n_steps: int | Mesh) -> int:
 
 
 def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> list[list[int]]:
-    """Places of the scenes that are integrated together; one where a scene is so individually."""
+    """Places of the scenes that are integrated together; a single place for individual scenes."""
     if not isinstance(method, Method):
         return [[place] for place in range(len(scenes))]
     found: dict[Hashable, list[int]] = {}
@@ -159,7 +160,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> 
 
 
 def batch_kind(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | None:
-    """What scenes have in common that differ in numbers alone; None: it goes individually."""
+    """A key, equal for scenes of one batch; None: the scene is integrated individually."""
     if scene.is_sparse or scene.prescribed is not None:
         return None
     memory: Hashable = any(term.order != 1 for term in scene.active_damping)
@@ -184,7 +185,7 @@ def batch_kind(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | 
 
 
 def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:
-    """Rates of the exponentials for a scene, which laws shape."""
+    """Rates of the exponentials for a scene, which depend on its laws."""
     damping = damping_of(
         [scene], method, shortest_step=mesh.shortest_step, steps=mesh.equivalent_steps
     )

@@ -275,8 +275,8 @@ class Baseline:
         1 by its derivative), ``product-integration`` (trapezoidal, order 2), ``dop853`` (SciPy's,
         for scenes without memory), or a method of another package.
     tolerance
-        Of ``dop853``, relative and absolute; its steps are its own, N is the number of intervals
-        at whose ends it is asked. Others have none.
+        For ``dop853``, relative and absolute; it chooses its steps, N is the number of intervals
+        at whose ends values are kept. Other baselines have no tolerance.
 
     Raises
     ------
@@ -324,7 +324,7 @@ AnyMethod = Method | Baseline
 def method_columns(method: AnyMethod) -> dict[str, str]:
     """The columns ``cq, sampling, degree, quadrature, start`` of tables and attributes.
 
-    What a baseline does not have is ``-``.
+    Columns that a baseline does not have are ``-``.
     """
     if isinstance(method, Baseline):
         return {"cq": method.name, "sampling": "-", "degree": "-", "quadrature": "-", "start": "-"}

@@ -41,7 +41,7 @@ def method_named(name: str) -> AnyMethod:
     """The method of a short name, or of the name that it has in files.
 
     ``bdf1`` to ``bdf6``; ``gauss``, ``radau-iia`` or ``lobatto-iiic`` with the degree, as in
-    ``gauss3``; or a baseline. What is to be other than by default is joined by ``-``: ``nodes`` or
+    ``gauss3``; or a baseline. What differs from the defaults is joined by ``-``: ``nodes`` or
     ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``,
     ``galerkin``, ``exact`` or ``projected``, ``direct`` or ``exponentials``. ``bdf2-nodes``,
     ``gauss-s3-graded`` and ``Gauss3`` are such names.
@@ -49,7 +49,7 @@ def method_named(name: str) -> AnyMethod:
     Raises
     ------
     ValueError
-        For a name that says no method.
+        For a text that is not the name of a method.
     """
     try:
         values = keys_of_name(name)
@@ -98,7 +98,7 @@ def keys_of_name(name: str) -> dict[str, Any]:
 
 
 def _entry_of(word: str) -> tuple[str, Any]:
-    """Key and value that a part of a name stands for; no key where it stands for none."""
+    """Key and value that a part of a name stands for; an empty key if there is none."""
     numbered = _NUMBERED.fullmatch(word)
     if numbered is None:
         return next((key for key, words in _WORDS.items() if word in words), ""), word
@@ -127,9 +127,9 @@ def _no_method(name: str) -> str:
 def make_method(
     values: Mapping[str, Any], *, usual_start: Start = "graded"
 ) -> tuple[AnyMethod, dict[str, Any]]:
-    """The method with its defaults, and the keys that say it in full.
+    """The method with its defaults, and the keys that define it in full.
 
-    `usual_start` is what Runge-Kutta methods do by default.
+    `usual_start` is the default start of Runge-Kutta methods.
     """
     if "baseline" in values:
         baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))

@@ -74,7 +74,7 @@ def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
 
 
 def describe_method(method: AnyMethod) -> list[str]:
-    """What a method is, in phrases."""
+    """Phrases that describe a method."""
     if isinstance(method, Baseline):
         return ["for comparison"]
     words = [f"degree {method.degree}"]
@@ -141,7 +141,7 @@ def _is_needed(feature: _Feature, methods: Sequence[AnyMethod]) -> bool:
         if isinstance(method, Method):
             key += (method.sampling,)
         if feature is _rule:
-            # the rule follows from the degree unless it is given: ask only beside equal degrees
+            # the rule follows from the degree unless it is given: compare at equal degrees only
             key += (_degree(method),)
         if seen.setdefault(key, feature(method)) != feature(method):
             return True

@@ -33,9 +33,9 @@ class StepTables:
     sample_weights: Array
     sample_basis: Array  # l_nu(chi_i), shape (s + 1, m)
     # weights of the damping force in the load vectors of a step of length 1, (s + 1, m): at the
-    # quadrature points, of backward differences at their samples
+    # quadrature points, for backward differences at their samples
     to_loads: Array
-    to_inputs: Array  # from a step's unknowns to what drives the memory, (i, s)
+    to_inputs: Array  # from a step's unknowns to the inputs of the memory, (i, s)
 
     @cached_property
     def mass_matrix(self) -> Array:

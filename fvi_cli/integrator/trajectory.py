@@ -1,4 +1,4 @@
-"""What an integration gives back."""
+"""The result of an integration."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ PLACES = (
     ("observed", Observed, ", of a run with quantities: {drift: x2 - x1}, or events"),
     ("diagnostics", Diagnostics, ", of a run with store: {diagnostics: [energy-balance]}"),
 )
-"""Where more of a trajectory is found, and what a run needs for it."""
+"""Where a trajectory has further attributes: name, class, and the run that has it, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Assessment:
-    """What is known of the error of a run that was made for a tolerance.
+    """Assessment of the error of a run for a tolerance.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ class Assessment:
         ``met``; ``unreliable``: runs that should agree do not, or something may hide between their
         points; ``refused``: the tolerance is out of reach.
     tolerance
-        What was asked for, a length; nan where nothing moves that it could be relative to.
+        The requested tolerance, a length; nan if it is relative and there is no motion.
     estimate
         Estimated error of the position at any time, the least that was reached.
     reason
-        Why it is not met, in one line; empty where it is.
+        Why it is not met, in one line; empty if it is met.
     time, place
         Where the motion is unreliable from; None otherwise.
     attempts
@@ -78,9 +78,9 @@ class Trajectory:
     n_steps, step_size
         Number N of reported steps, and h = T / N.
     status, message
-        What was observed, and in words what happened when it is not ``ok``.
+        Status of the run, and in words what happened if it is not ``ok``.
     failure
-        The same with reason, step and time as fields; None where it is ``ok`` or read from a file.
+        The failure with reason, step and time as fields; None if ``ok``, or read from a file.
     history_operations
         Multiply-adds (weight times sample) spent on the memory.
     newton
@@ -92,7 +92,7 @@ class Trajectory:
     every
         Only every n-th point of the grid is kept, with the first and the last.
     diagnostics
-        Works, energy balance and momentum maps on the same points; None unless asked for.
+        Works, energy balance and momentum maps on the same points; None unless requested.
     steps
         All steps as polynomials on their own mesh, where they were kept.
     rejected
@@ -100,9 +100,9 @@ class Trajectory:
     doubts
         Times of an adaptive run at which the local error could not be kept or seen, and why.
     assessment
-        What is known of its error, where it was made for a tolerance.
+        Assessment of its error, if it was made for a tolerance.
     observed
-        Quantities and events, where they were asked for; then `time` are the times of the output.
+        Quantities and events, if requested; then `time` are the times of the output.
     coordinates
         Names of the coordinates; empty: they have none.
     """
@@ -137,7 +137,7 @@ class Trajectory:
 
     @property
     def outcome(self) -> Outcome | None:
-        """Whether a tolerance was met; None where none was asked for."""
+        """Whether a tolerance was met; None if there was no tolerance."""
         return None if self.assessment is None else self.assessment.outcome
 
     @property
@@ -245,7 +245,7 @@ class Trajectory:
 
 
 def status_of(failure: Failure | None, *, finite: bool = True) -> Status:
-    """What a run is called that ended with this failure, or without one."""
+    """Status of a run that ended with this failure, or without one."""
     if failure is None:
         return "ok"
     return "diverged" if failure.reason in ("diverged", "not finite") or not finite else "failed"

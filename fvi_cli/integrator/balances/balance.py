@@ -2,12 +2,12 @@ r"""Works, energy balance and momentum maps along a run, with the scheme's own q
 
 With the increments of step k in the polynomial :math:`x_d`, the forces enter the equations of
 motion by their moments :math:`g_{k\nu} = h \sum_i b_i l_\nu(c_i) f_{k,i}` against the basis, and
-their work and their pull along :math:`\xi` are
+their work and their components along :math:`\xi` are
 
 .. math:: W_k = \sum_\nu g_{k\nu} \cdot x_d'(d_\nu h; k), \qquad
           \Lambda_k = \sum_\nu g_{k\nu} \cdot \xi(x_k^\nu).
 
-What holds exactly, whatever the step size:
+These balances are exact, whatever the step size:
 
 - the balance of every momentum map, for every variational method (`nodes`, `points`,
   Runge-Kutta): the discrete equations tested with :math:`\xi(x_k^\nu)` (Marsden, West, *Discrete
@@ -17,10 +17,10 @@ What holds exactly, whatever the step size:
   method, which keeps quadratic invariants, and a kick at a node does its work at the mean of the
   velocities before and after it.
 
-Otherwise the defects fall with the order of the method; but with :math:`h^{2 - 2 \gamma}` at the
-points of a method where a Riemann-Liouville derivative of order
-:math:`\gamma < 1` makes the force :math:`t^{-\gamma}` of an initial position: the velocity that
-meets it is known to :math:`t^{1 - \gamma}` only (measured).
+Otherwise the defects fall with the order of the method. If a Riemann-Liouville derivative of order
+:math:`\gamma < 1` turns an initial position into the force :math:`t^{-\gamma}`, they fall with
+:math:`h^{2 - 2 \gamma}` at the points of a method: the velocity there is known to
+:math:`t^{1 - \gamma}` only (measured).
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ def diagnose_run(
     loads: StepLoads,
     request: DiagnosticsRequest,
 ) -> Diagnostics:
-    """The diagnostics that are asked for, on the points of a run.
+    """The requested diagnostics at the points of a run.
 
-    The mesh is that of the whole run, which may have ended before; `loads` are the given forces.
+    `mesh` is that of the whole run, also if the run ended early; `loads` are the given forces.
     """
     along, damping, stored = damping_along([scene], method, mesh, [steps]), None, None
     if along is not None:
@@ -74,11 +74,11 @@ def diagnose_run(
         dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
         linear = scene.linear_potential
         if linear is not None and scene.forcing is not None:
-            # what the constant force does is in the energy; round-off would look like a forcing
+            # the work of the constant force is in the energy; round-off would look like a forcing
             own = (steps.position - steps.position[0]) @ linear.force
             worked = 0.0 * own if scene.forcing.is_constant(linear.force) else worked - own
         if method.sampling == "nodes" and damping is not None:
-            # half of each kick is in the steps beside its point
+            # half of each kick is in the step before its point, half in the step after it
             kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])
             dissipated = _work_of_kicks(scene, steps, kicks)
         if scene.lagrangian is not None and scene.lagrangian.depends_on_time:
@@ -111,8 +111,9 @@ def diagnose_run(
 def _work_of_kicks(scene: Scene, steps: RunSteps, kicks: Array) -> Array:
     """Work against kicks at the nodes, up to the middle of the kick at every grid point.
 
-    The stored momentum is the one in the middle of a kick, so its velocity is the mean of those
-    before and after it, and half a kick from there has its mean velocity a quarter of it earlier.
+    The stored momentum is that in the middle of a kick, so its velocity is the mean of the
+    velocities before and after the kick. The first half of a kick has its mean velocity a quarter
+    of the kick before the middle.
     """
     velocity = scene.velocity
     middle = velocity(steps.position, steps.momentum, steps.time)
@@ -153,7 +154,7 @@ def loads_along(
                 is_fresh=bool(fresh[begin]),
             )
             if own is not None:
-                # where a force is zero there are none
+                # a force that is zero has no load vectors
                 total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
                 total[begin:end] = own
     return total

@@ -1,16 +1,16 @@
-r"""Damping forces and stored energy along finished runs, from what drove the memory in each step.
+r"""Damping forces and stored energy along finished runs, from the memory's inputs in each step.
 
-That are velocities at the stages of Runge-Kutta methods, the unknowns U for backward differences.
-At the stages of a Runge-Kutta step the force is that of the scheme; between them it is the
-polynomial through these values, :attr:`fvi_cli.integrator.step_tables.StepTables.stage_basis`. With
-the states :math:`s_j` of the damping and weights :math:`e_j` of the kernel
+Inputs are the velocities at stages for Runge-Kutta methods, the unknowns U for backward
+differences. At the stages of a Runge-Kutta step the force is that of the scheme; between them it is
+the polynomial through these values, :attr:`fvi_cli.integrator.step_tables.StepTables.stage_basis`.
+With the states :math:`s_j` of the damping and weights :math:`e_j` of the kernel
 
 .. math:: E^\text{stored} = \tfrac12 \sum_j e_j\, s_j \cdot D s_j,
 
 and :math:`H + E^\text{stored}` of a scene with quadratic potential, without forcing, with positive
 damping falls in every single step of every mesh: the work against the damping is the increase of
-what is stored and a sum of squares. (Caputo derivatives of order above 1 take the start velocity
-from the velocity; then this holds where it is zero.)
+the stored energy plus a sum of squares. (Caputo derivatives of order above 1 take the start
+velocity from the velocity; then this holds where it is zero.)
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 PIECE = 64
-"""Equal steps, or tables of unequal ones, that are worked out together."""
+"""Number of equal steps, or of tables of unequal steps, that are computed together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,8 +43,8 @@ class DampingAlong:
     damping: Damping
     step_sizes: Array  # (n,)
     inputs: Array  # (q, n, i, e)
-    reach: Reach | None = None  # what it reaches of a large structure
-    longest: int = PIECE  # equal steps that are worked out together, at most
+    reach: Reach | None = None  # components of a large structure that it acts on
+    longest: int = PIECE  # most equal steps that are computed together
 
     def forces(self) -> Array:
         r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
@@ -59,7 +59,7 @@ class DampingAlong:
         return whole if self.reach is None else self.reach.spread(whole)
 
     def _forces_on_blocks(self, pieces: Sequence[tuple[int, int]]) -> Iterator[Array]:
-        """The same on successive steps, equal ones block by block."""
+        """The forces on successive steps; equal steps block by block."""
         damping, (q, _, i, e) = self.damping, self.inputs.shape
         states, column = damping.start()
         k = len(damping.directions)
@@ -81,7 +81,7 @@ class DampingAlong:
             yield np.array(forces).swapaxes(1, 2).reshape(k, q, blocks * count, m, e)
 
     def _forces_on_uneven(self, memory: Exponentials) -> Iterator[Array]:
-        """The same on steps of many sizes, whose tables are made together."""
+        """The forces on steps of many sizes, whose tables are computed together."""
         damping, (q, n, m, e) = self.damping, self.inputs.shape
         states, column = damping.start()
         start = damping.start_velocity[:, None]
@@ -104,7 +104,7 @@ class DampingAlong:
                 for blocks, one, direction in every:
                     acted, moved = path, inputs
                     if direction.is_relative:
-                        # a derivative of the start velocity, for ever, is zero
+                        # the derivative of a constant, the start velocity, is zero
                         acted, moved = path + (columns - 1.0) * start, inputs - start
                     force = np.matmul(response[at], one.weights[:, None, :, None] * acted)
                     force += np.matmul(blocks[:, at], moved)
@@ -137,7 +137,7 @@ class DampingAlong:
         return np.concatenate(known, axis=1).swapaxes(1, 2)
 
     def _alike(self, pieces: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int, DampingTables]]:
-        """First step, number and tables of successive blocks that are alike."""
+        """First step, number and tables of successive blocks of equal steps."""
         made: dict[tuple[float, int], DampingTables] = {}
         for key, own in itertools.groupby(
             pieces, lambda piece: (float(self.step_sizes[piece[0]]), piece[1] - piece[0])
@@ -157,8 +157,7 @@ def damping_along(
 ) -> DampingAlong | None:
     """The damping along runs on one mesh of scenes whose terms have the same pattern.
 
-    The mesh is that of whole runs, which may have ended before, all at the same step. None: no
-    damping.
+    `mesh` is that of whole runs, also if all ended early, at the same step. None without damping.
     """
     reach = find_reach(scenes[0].active_forces) if scenes[0].is_sparse else None
     damping = damping_of(

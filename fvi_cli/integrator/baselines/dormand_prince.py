@@ -20,7 +20,7 @@ from fvi_cli.mathematics.arrays import Array
 def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory:
     """Runge-Kutta of order 8(5,3) with steps of its own and dense output at t_k = k T / N.
 
-    Damping of order 1 only; `tolerance` is relative and absolute. Every piece of the forcing is
+    For damping of order 1 only; `tolerance` is relative and absolute. Every piece of the forcing is
     integrated by itself. The number of evaluations of the right-hand side is among the remarks.
     """
     began = time.perf_counter()

@@ -1,4 +1,4 @@
-"""What baselines share: sums over everything that was, and the equation of an implicit step."""
+"""Shared by the baselines: sums over the whole past, and the equation of an implicit step."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import find_roots
 
 LOCAL = 2
-"""Weights of order 1 that differ from all that follow."""
+"""Number of weights of order 1 before all further ones are equal."""
 
 
 @dataclass(kw_only=True, eq=False)
 class _Term:
-    """One damping term: weights backwards, samples without their offsets, and a running sum."""
+    """One damping term: weights in reverse, samples without their offsets, and a running sum."""
 
     matrix: Array
     backwards: Array
@@ -33,10 +33,10 @@ class _Term:
 class Past:
     r"""The forces :math:`\sum_j D_j \sum_n w_n^{(j)} (y_{k-n} - s_{k-n}^{(j)})` of kept samples.
 
-    NumPy dot products; a running sum where the order is 1.
+    Computed by NumPy dot products, for order 1 by a running sum.
 
-    `weights` gives the first weights w from an order of damping and their number, `offset` what the
-    derivative of a term takes off the samples first, s, ``(N + 1, d)``.
+    ``weights(order, count)`` gives the first weights w of an order of damping; ``offset(term)``
+    gives s, ``(N + 1, d)``, which the derivative of a term subtracts from the samples.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Past:
                 term.total = term.total + left
 
     def force(self, k: int, newest: int) -> Array | float:
-        """The force at time k by the samples up to the newest that is kept."""
+        """The force at time k from the samples of the times 0 to `newest`."""
         force: Array | float = 0.0
         for term in self._terms:
             end = term.backwards.size - k
@@ -88,9 +88,9 @@ class Past:
 
 
 def caputo_offset(scene: Scene, times: Array) -> Callable[[FractionalDamping], Array]:
-    """What derivatives take off positions: the start q0, and Caputo's above order 1 q0 + v0 t.
+    """What derivatives subtract from positions: q0, or q0 + v0 t for Caputo above order 1.
 
-    The derivative of order 1 is that of x itself: q0 is taken off all the same, so that the first
+    The derivative of order 1 does not depend on q0, which is subtracted so that the first
     difference is 0.
     """
 
@@ -112,9 +112,9 @@ def solve_implicit(
     factor: float,
     weight: float,
 ) -> tuple[Array, int]:
-    r"""Solve :math:`A u + w \nabla V(b + c u) = r`, Newton's iteration with the exact Jacobian.
+    r"""Solve :math:`A u + w \nabla V(b + c u) = r`, by Newton's iteration with the exact Jacobian.
 
-    From a guess to u ``(d,)`` and the number of iterations: one where the equation is linear.
+    Returns u ``(d,)`` and the number of iterations, which is 1 if the equation is linear.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def solve_implicit(
         at = base + factor * unknown
         own, force = unknown @ linear.T, weight * potential.gradient(at)
         curvature = weight * potential.hessian(at)
-        # rounded positions, through the second derivatives
+        # round-off of positions, which enters through the second derivatives
         terms = np.abs(unknown) @ np.abs(linear.T) + np.abs(force) + np.abs(constant)
         shifted = np.abs(base) + np.abs(factor * unknown)
         terms = terms + np.einsum("nab,nb->na", np.abs(curvature), shifted)

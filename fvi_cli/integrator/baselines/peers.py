@@ -1,4 +1,4 @@
-"""Methods of other packages, beside ours for comparison; used only where they are installed."""
+"""Methods of other packages, to compare with ours; used only if they are installed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def peers_objection() -> str:
 
 
 def peer_objection(scene: Scene, method: Baseline) -> str:
-    """Why `method` is not made for `scene`, or not there; empty where it can be used."""
+    """Why `method` is not made for `scene`, or not installed; empty if it can be used."""
     terms = scene.active_damping
     if len(terms) != 1:
         return f"{method.name} takes scenes with one damping term, not {len(terms)}"
@@ -69,7 +69,7 @@ def integrate_peer(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     common = {
         "ds": tuple(derivatives.CaputoDerivative(order) for order in orders for _ in range(d)),
         "control": controllers.make_fixed_controller(
-            # it may stop one step early by round-off: one more is asked for and not taken
+            # round-off may end it one step early: one more step is requested and not used
             scene.final_time / n_steps,
             tstart=0.0,
             nsteps=n_steps + 1,
@@ -86,8 +86,8 @@ def integrate_peer(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         try:
-            # without its length the first step is an estimate, also under a fixed controller,
-            # and all that follow lie beside the grid
+            # without dtinit the length of the first step is estimated, even with a fixed
+            # controller, and all later points miss the grid
             events = stepping.evolve(stepper, dtinit=scene.final_time / n_steps)
             for event in itertools.islice(events, n_steps + 1):
                 states.append(np.array(event.y, dtype=float))

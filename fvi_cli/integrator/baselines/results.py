@@ -1,4 +1,4 @@
-"""What all baselines give."""
+"""Trajectories and operation counts of all baselines."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array
 def baseline_operations(name: str, scene: Scene, n_steps: int) -> int | None:
     """Multiply-adds that the sums of a baseline over its past take in so many steps.
 
-    None for the solvers of others: theirs are not ours to count.
+    None for solvers of other packages, whose operations are not counted.
     """
     if name not in _DOT_PRODUCTS:
         # SciPy's integrator has no memory
@@ -34,7 +34,7 @@ _DOT_PRODUCTS: dict[str, tuple[Callable[[int], int], Callable[[int], int]]] = {
     "gruenwald-letnikov": (lambda n: n * (n + 1) // 2, lambda n: 2 * n - 1),
     "product-integration": (lambda n: n * (n - 1) // 2, lambda n: n),
 }
-"""Terms of the sums in n steps, of fractional orders and of order 1."""
+"""Numbers of terms of the sums in n steps: for a fractional order, and for order 1."""
 
 
 def baseline_trajectory(
@@ -50,7 +50,7 @@ def baseline_trajectory(
     iterations: int = 0,
     remarks: tuple[str, ...] = (),
 ) -> Trajectory:
-    """What a baseline gives back, from its finished points, shape ``(n, d)``.
+    """The trajectory of a baseline from its finished points, shape ``(n, d)``.
 
     Set-up began at `began` and stepping at `ready`, by ``time.perf_counter``; `operations` are
     multiply-adds spent on the memory, `iterations` those of Newton.

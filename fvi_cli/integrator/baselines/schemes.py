@@ -35,7 +35,7 @@ class EqualSteps:
 
     def __init__(self, scene: Scene, n_steps: int) -> None:
         self.scene, self.n_steps, self.h = scene, n_steps, scene.final_time / n_steps
-        # as products: quotients of sums would put break points beside the grid
+        # as products: with other formulas round-off may put break points off the grid
         self.times = self.h * np.arange(n_steps + 1, dtype=float)
         self.inverse_mass = np.linalg.inv(scene.inertia.mass)
 
@@ -53,14 +53,14 @@ class EqualSteps:
 
 
 Scheme = Callable[[EqualSteps], Iterator[Point]]
-"""The points of a run by single steps of one size h, the start among them."""
+"""Gives the points of a run, the start first, by single steps of one size h."""
 
 
 def _past_of_velocities(steps: EqualSteps) -> Past:
-    r"""Of the damping :math:`h^{1-\gamma} \sum_n w_n v_{k-n}` of Euler's methods.
+    r"""The past of the damping :math:`h^{1-\gamma} \sum_n w_n v_{k-n}` of Euler's methods.
 
-    With the weights of :math:`(1 - z)^{\gamma - 1}` (Gruenwald-Letnikov on the velocity), which for
-    :math:`\gamma = 1` is the velocity itself, so that the schemes are the classical ones there.
+    The weights are those of :math:`(1 - z)^{\gamma - 1}` (Gruenwald-Letnikov on the velocity). For
+    :math:`\gamma = 1` the sum is the velocity itself, and the schemes are the classical ones.
     """
     scene, h = steps.scene, steps.h
 
@@ -78,7 +78,7 @@ def _past_of_velocities(steps: EqualSteps) -> Past:
 
 
 def explicit_euler(steps: EqualSteps) -> Iterator[Point]:
-    """Position and velocity, with everything at the beginning of a step."""
+    """Position and velocity, with all forces at the beginning of a step."""
     past, forces = _past_of_velocities(steps), steps.forcing()
     position, velocity = steps.scene.initial_position, steps.scene.initial_velocity
     yield Point(position, velocity)
@@ -91,7 +91,7 @@ def explicit_euler(steps: EqualSteps) -> Iterator[Point]:
 
 
 def implicit_euler(steps: EqualSteps) -> Iterator[Point]:
-    """Position and velocity, with everything at the end of a step."""
+    """Position and velocity, with all forces at the end of a step."""
     scene, past = steps.scene, _past_of_velocities(steps)
     inertia = scene.inertia.mass / steps.h
     matrix, forces = inertia + past.newest, steps.forcing() + past.newest_offset
@@ -119,9 +119,9 @@ def gruenwald_letnikov(steps: EqualSteps) -> Iterator[Point]:
               + \sum_j \mu_j h^{-\gamma_j} \sum_{n=0}^{k} w_n^{(j)} y_{k-n}
               + \nabla V(x_k) = f(t_k)
 
-    with the coefficients of :math:`(1 - z)^{\gamma_j}` and y what Caputo's derivative leaves of x
-    (x - q0 - v0 t above order 1). Explicit. Order 1, that of the derivative. On a linear scene it
-    is stable while h^2 k + mu (2/h)^gamma h^2 < 4.
+    with the coefficients of :math:`(1 - z)^{\gamma_j}` and y the part of x that Caputo's derivative
+    acts on (x - q0, above order 1 x - q0 - v0 t). Explicit. Order 1, that of the derivative. On a
+    linear scene it is stable while h^2 k + mu (2/h)^gamma h^2 < 4.
     """
     scene, h, forces = steps.scene, steps.h, steps.forcing()
 
@@ -129,7 +129,7 @@ def gruenwald_letnikov(steps: EqualSteps) -> Iterator[Point]:
         return np.asarray(h**-order * convolution_weights(1, order, count), dtype=float)
 
     past = Past(scene, steps.n_steps, weights, caputo_offset(scene, steps.times))
-    # the last difference x_k - x_(k-1), so that 1 / h^2 never meets a rounded position
+    # the last difference x_k - x_(k-1), so that 1 / h^2 never multiplies a rounded position
     position, difference = scene.initial_position, h * scene.initial_velocity
     yield Point(position)
     for k in range(steps.n_steps):
@@ -152,11 +152,11 @@ def product_integration(steps: EqualSteps) -> Iterator[Point]:
 
     .. math:: M (x - q_0 - v_0 t) + \sum_j \mu_j I^{2-\gamma_j} y_j + I^2 (\nabla V(x) - f) = 0
 
-    with :math:`y_j` what Caputo's derivative leaves of x. Every integrand is replaced by its
+    with :math:`y_j` as in :func:`gruenwald_letnikov`. Every integrand is replaced by its
     piecewise linear interpolant and integrated exactly against the kernel
     :math:`t^{1-\gamma}/\Gamma(2-\gamma)` (K. Diethelm, *The Analysis of Fractional Differential
     Equations*, Springer 2010, appendix C.1); the classical integrals (order 2, and 1 for damping of
-    order 1) are running sums. Implicit. Order 2. It has positions only.
+    order 1) are running sums. Implicit. Order 2. It computes positions only.
     """
     scene, h = steps.scene, steps.h
 
@@ -210,7 +210,7 @@ def trapezoidal_weights(order: float, step_size: float, n_weights: int) -> Array
     .. math:: b_0 = c, \qquad b_n = c \left((n+1)^{a+1} - 2 n^{a+1} + (n-1)^{a+1}\right),
               \qquad c = h^a / \Gamma(a + 2)
 
-    Of order a > 0, so that :math:`I^a y(t_k) = \sum_{n=0}^{k} b_n y_{k-n}` where y_0 = 0.
+    The order is a > 0, and :math:`I^a y(t_k) = \sum_{n=0}^{k} b_n y_{k-n}` where y_0 = 0.
     """
     n = np.arange(2, n_weights, dtype=float)
     # the second difference of n^(a+1) as differences from n^(a+1), which lose less

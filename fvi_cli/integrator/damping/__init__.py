@@ -1,1 +1,1 @@
-"""All that damps scenes, by the matrices along which it acts."""
+"""Damping of scenes, by the matrices along which it acts."""

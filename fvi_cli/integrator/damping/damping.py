@@ -1,12 +1,12 @@
 r"""The damping force of q members on blocks of equal steps, from states that stand for the past.
 
-A Caputo derivative of order above 1 acts on the velocity less its start :math:`v_0`. A derivative
+A Caputo derivative of order above 1 acts on the velocity minus its start :math:`v_0`. A derivative
 of a constant is zero: so with Runge-Kutta methods states that begin with :math:`v_0` need no
-subtraction, up to a constant force, which stands for the rates that are too small to forget
-anything in the time of the run; it is what the response to a constant velocity lacks, so that none
-is left to the last digit. Where some terms subtract and others do not, and with backward
-differences, the states begin with zero, and one more column for all members, the states of a start
-velocity of 1, carries :math:`v_0` for those that do.
+subtraction, up to a constant force. It stands for the rates that are too small to decay during the
+run, and cancels the response to a constant velocity to the last digit. Where some terms subtract
+:math:`v_0` and others do not, and with backward differences, the states begin with zero. Then all
+members share one more column, the states of a start velocity of 1, from which the terms that
+subtract get the part of :math:`v_0`.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array, Places
 
 LEAST_BLOCK_STEPS = 16
-"""On fewer equal steps by backward differences every sum over the past is written out."""
+"""With backward differences and fewer equal steps, every sum over the past is computed directly."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DampingTables:
-    """What B equal steps are to the damping."""
+    """Tables of the damping for B equal steps."""
 
     kernels: Kernels  # tables of the memory
-    # for every direction the force by inputs, lag sequences (q or 1, B, m, i)
+    # for every direction, from inputs to forces: lag sequences (q or 1, B, m, i)
     sequences: tuple[Array, ...]
-    # for every relative direction the force of a start velocity of 1 that its steps bring, (q or 1,
-    # B m); None for others
+    # for every relative direction the force in the steps by a start velocity of 1, (q or 1, B m);
+    # None for others
     offsets: tuple[Array | None, ...]
 
     @cached_property
     def local(self) -> tuple[Array, ...]:
-        """For every direction inputs of the block to its forces, ``(q or 1, B m, B i)``."""
+        """For every direction, from inputs of the block to its forces, ``(q or 1, B m, B i)``."""
         return tuple(toeplitz_matrix(one) for one in self.sequences)
 
     def of(self, places: Places) -> DampingTables:
-        """Those of some members."""
+        """The tables of some members."""
 
         def own(table: Array) -> Array:
             return table if len(table) == 1 else table[places]
@@ -63,11 +63,11 @@ class DampingTables:
 
 
 class Damping:
-    """All that damps the members of a batch.
+    """The damping of the members of a batch.
 
-    Velocities at the start are ``(q, e)``, along the reach where there is one. Where samples begin
-    with a step from 0 to the initial position, on the nodes under Riemann-Liouville as in the
-    paper, that is the `jump`, ``(q, e)``.
+    Start velocities are ``(q, e)``, along the reach where there is one. `jump`, ``(q, e)``, is the
+    step of the samples from 0 to the initial position, which they have at the nodes under
+    Riemann-Liouville, as in the paper.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Damping:
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
         self.is_relative = relative = any(one.is_relative for one in self.directions)
-        # whether or not the others remember: members of order 1 stand beside other orders
+        # also if the others have no memory: a batch mixes members of order 1 and of other orders
         plain = any(not one.is_relative for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
@@ -122,12 +122,12 @@ class Damping:
 
     @property
     def is_shared(self) -> bool:
-        """Whether the tables of all members are the same: they differ in matrices alone."""
+        """Whether all members have the same tables: they differ in matrices only."""
         return all(len(one.weights) == len(one.factors) == 1 for one in self.combinations)
 
     @cached_property
     def operations_per_step(self) -> int:
-        """Multiply-adds of the memory of a member in a step: force on it, and new states."""
+        """Multiply-adds of the memory of a member in a step: for the force and the new states."""
         columns = self.start_velocity.shape[2] + (1 if self.has_column else 0)
         remembering = sum(
             any(self.memory.remembers(term) for row in one.terms for term in row)
@@ -136,7 +136,7 @@ class Damping:
         return int(columns * self.memory.operations_per_step(remembering))
 
     def start(self) -> tuple[Array, Array]:
-        """States at t = 0: of the members ``(q, J, e)``, and of a start velocity of 1."""
+        """States at t = 0 of the members, ``(q, J, e)``, and of a start velocity of 1."""
         q, _, e = self.start_velocity.shape
         column = np.zeros((1, self.n_states, 1))
         states = np.zeros((q, self.n_states, e))
@@ -150,10 +150,10 @@ class Damping:
         return states, column
 
     def force_of_jump(self) -> Array:
-        """Force of the jump to the initial position that is left out, ``(q, n, m, e)``.
+        """Force of the jump to the initial position that the equations leave out, ``(q, n, m, e)``.
 
-        At the first sample all of it, as in the paper. A derivative of order 1 of a jump is zero
-        behind it: its backward differences, which come to an end, are left out at all samples.
+        At the first sample all of it is left out, as in the paper. The derivative of order 1 of a
+        jump is zero after it: its few backward differences are left out at all samples.
         """
         memory = self.memory
         if self._jump is None or not isinstance(memory, Lags):
@@ -184,7 +184,7 @@ class Damping:
     ) -> Array:
         """Force of the past on the first `count` steps of a block, ``(q, count m, e)``.
 
-        Of all directions together, or of one; for many blocks with a leading axis.
+        The sum over all directions, or one of them; many blocks have a leading axis.
         """
         chosen = slice(None) if direction is None else slice(direction, direction + 1)
         combinations = self.combinations[chosen]
@@ -204,9 +204,9 @@ class Damping:
     def own(
         self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
     ) -> Array:
-        """Force of the first `count` steps on each other, ``(q, count m, e)``, as for `past`.
+        """Force of the inputs of the first `count` steps on these steps, ``(q, count m, e)``.
 
-        Inputs are ``(q, count i, e)``.
+        Inputs are ``(q, count i, e)``; directions and many blocks as in :meth:`past`.
         """
         size = count * tables.kernels.n_samples
         chosen = range(len(self.directions)) if direction is None else [direction]
@@ -239,7 +239,7 @@ class Damping:
         return found
 
     def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
-        """States of a start velocity of 1 behind the first `count` steps, ``(1, J, 1)``."""
+        """States of a start velocity of 1 after the first `count` steps, ``(1, J, 1)``."""
         if not self.has_column:
             return column
         inputs = np.zeros((1, count * tables.kernels.n_inputs, 1))
@@ -248,7 +248,7 @@ class Damping:
         return tables.kernels.push(column, inputs, count)
 
     def columns(self, tables: DampingTables, column: Array, blocks: int) -> tuple[Array, Array]:
-        """States of a start velocity of 1 before each block, ``(blocks, J, 1)``, and behind all."""
+        """States of a start velocity of 1 before each block, ``(blocks, J, 1)``, and after all."""
         if not self.has_column:
             return np.broadcast_to(column, (blocks, *column.shape[1:])), column
         count = tables.kernels.count
@@ -261,13 +261,13 @@ class Damping:
         return path, value[None]
 
     def at_rest(self) -> Damping:
-        """The same without a start velocity."""
+        """The damping with a start velocity of zero."""
         part = copy.copy(self)
         part.start_velocity = np.zeros_like(self.start_velocity)
         return part
 
     def of(self, places: Places) -> Damping:
-        """That of some members; tables that are not shared have theirs."""
+        """The damping of some members; for their tables see :meth:`DampingTables.of`."""
         part = copy.copy(self)
         part.start_velocity = self.start_velocity[places]
         part._jump = None if self._jump is None else self._jump[places]
@@ -292,10 +292,10 @@ def damping_of(
     modes: Sequence[Decoupling] | None = None,
     reach: Reach | None = None,
 ) -> Damping | None:
-    """The damping of scenes of one kind; None where nothing damps.
+    """The damping of scenes of one kind; None if they have none.
 
-    Steps of the mesh as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`, their number
-    `n_steps` for backward differences; modes and reach as for
+    `shortest_step` and `steps` as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`;
+    `n_steps` for backward differences; `modes` and `reach` as for
     :func:`fvi_cli.integrator.damping.directions.directions_of`.
 
     Raises
@@ -328,7 +328,7 @@ def damping_of(
 
 
 def law_objection(scene: Scene, method: AnyMethod) -> str:
-    """Why the method has no steps for the relaxation laws of a scene; empty where it has."""
+    """Why the method cannot integrate the relaxation laws of a scene; empty if it can."""
     if not scene.active_laws:
         return ""
     if not isinstance(method, Baseline) and method.is_runge_kutta:
@@ -340,7 +340,7 @@ def law_objection(scene: Scene, method: AnyMethod) -> str:
 
 
 def writes_out(method: Method, n_steps: int) -> bool:
-    """Whether every sum of the memory of backward differences is written out."""
+    """Whether every sum of the memory of backward differences is computed directly."""
     if method.history == "auto":
         return n_steps < LEAST_BLOCK_STEPS
     return method.history == "direct"
@@ -349,7 +349,7 @@ def writes_out(method: Method, n_steps: int) -> bool:
 def _members(
     values: Sequence[Array], modes: Sequence[Decoupling] | None, reach: Reach | None
 ) -> Array:
-    """Values of scenes as those of members, ``(q, e)``."""
+    """Values of scenes as values of members, ``(q, e)``."""
     if reach is not None:
         return np.array([reach.along(one) for one in values])
     if modes is None:

@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array
 
 DampingForce = FractionalDamping | Law
 Pattern = tuple[tuple[tuple[int, ...], bool], ...]
-"""By direction the places of its terms among a scene's active forces, and whether it is relative.
+"""For each direction the places of its terms among a scene's active forces; whether it is relative.
 
 Relative terms subtract the start velocity: Caputo derivatives of order above 1.
 """
@@ -28,10 +28,10 @@ Relative terms subtract the start velocity: Caputo derivatives of order above 1.
 class Direction:
     """Terms that act along one matrix of every member."""
 
-    # D with the coefficient of the first term, (q, e, e); of one large structure (r, r), in the
-    # form in which it is best kept
+    # D with the coefficient of the first term, (q, e, e); for one large structure (r, r), dense
+    # or sparse
     matrix: Form
-    # what is remembered, a row for every member, or one for all
+    # terms of the memory, a row for every member, or one row for all
     terms: tuple[tuple[Term, ...], ...]
     factors: Array  # coefficients relative to that of the first term, (q or 1, n)
     is_relative: bool  # whether the start velocity is subtracted
@@ -63,8 +63,8 @@ def directions_of(
 ) -> tuple[Direction, ...]:
     """Directions of scenes of one pattern.
 
-    Modes are the coordinates in which each falls apart, whose systems are members; `reach` is what
-    the dampers of one scene reach; None: all components.
+    `modes` are the coordinates in which each scene is decoupled into systems, which are members;
+    `reach` has the components on which the dampers of one scene act; None: all components.
     """
     return tuple(
         _direction([[one.active_forces[k] for k in places] for one in scenes], modes, reach, above)
@@ -78,7 +78,7 @@ def _direction(
     reach: Reach | None,
     is_relative: bool,
 ) -> Direction:
-    """One direction of all scenes; for every scene its terms."""
+    """One direction of all scenes; `forces` has the terms of every scene."""
     each = 1
     matrix: Form
     if reach is not None or is_sparse(forces[0][0].form):

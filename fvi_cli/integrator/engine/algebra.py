@@ -10,9 +10,9 @@ from fvi_cli.effects.matrices import Form, Solve, as_csr, factors_of, times, tou
 from fvi_cli.mathematics.arrays import Array
 
 FEW = 32
-"""Components up to which a matrix that acts on no others is taken as dense on these."""
+"""A sparse matrix that acts on no more components than this is taken as dense on these."""
 LARGEST_OFF_DIAGONAL = 1e-12
-"""Entries beside the diagonal, relative to those on it, that are round-off."""
+"""Entries off the diagonal up to this, relative to the largest entry, are round-off."""
 
 
 def kronecker(a: Array, b: Array) -> Array:
@@ -22,7 +22,7 @@ def kronecker(a: Array, b: Array) -> Array:
 
 
 def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
-    """What solves equations with a sum of Kronecker products, ``(s d,)`` to the same.
+    """A function that solves equations with a sum of Kronecker products, ``(s d,)`` to the same.
 
     Parts are pairs of an ``(s, s)`` and a ``(d, d)`` matrix.
 
@@ -47,7 +47,7 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
         return modal
     from scipy.sparse import csc_array, csr_array, kron
 
-    # the components of a step next to each other: the band of the large matrices stays narrow
+    # the unknowns of one component are neighbours: the band of the large matrices stays narrow
     whole = csc_array((size, size))
     for small, large in parts:
         whole = whole + kron(cast("csr_array", large), small, format="csc")
@@ -62,10 +62,10 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
 
 
 def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
-    """The same in coordinates in which all small matrices are diagonal; None: there are none.
+    """As `solver_of`, in coordinates in which all small matrices are diagonal, or None.
 
-    They are functions of the matrix of one method, times the first of them. In its eigenvectors
-    the equations fall apart into complex ones of the size of the large matrices, half of them the
+    The small matrices are the first one times functions of the method's matrix. In its eigenvectors
+    the equations decouple into complex ones of the size of the large matrices, half of them the
     conjugates of the others.
     """
     from scipy.sparse import csc_array
@@ -111,7 +111,7 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
             left -= small @ times(found, large)
         for small, places, inner in few:
             left[:, places] -= small @ (found[:, places] @ inner)
-        # eigenvectors of many stages lose digits, which refinement gives back
+        # eigenvectors of many stages lose digits, which one refinement recovers
         return np.asarray((found + solved(left)).ravel())
 
     return solve

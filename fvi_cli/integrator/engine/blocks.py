@@ -1,4 +1,4 @@
-"""How many steps are taken at once, and shorter pieces where a block does not contract.
+"""How many steps are solved at once, and shorter pieces where a block does not contract.
 
 The number of steps of a block changes last digits: it depends on the scene, the method and the
 number of equal steps alone, never on a clock or on other members.
@@ -15,20 +15,20 @@ from fvi_cli.mathematics.arrays import Array, Places
 LEAST = 4
 """Steps of the shortest block."""
 LINEAR_REUSE, LINEAR_REUSE_IN_BATCH = 0.25, 8.0
-"""Blocks of a linear scene, for each of their steps, that pay for their tables."""
+"""Blocks per step of a block that pay for the tables of a linear scene: alone, in a batch."""
 REUSE, REUSE_IN_BATCH = 8, 32
-"""Blocks of a nonlinear scene that pay for their tables, alone and in a batch."""
+"""Blocks that pay for the tables of a nonlinear scene: alone, in a batch."""
 PATIENCE = 16
-"""Blocks until a longer one is tried again."""
+"""Number of blocks until a longer one is tried again."""
 USUAL, EXCESS = 4, 150
-"""Iterations of a block; so many beyond these pay for new second derivatives."""
+"""Usual iterations of a block; so many more, in all blocks, pay for new second derivatives."""
 QUICK = 12
-"""Iterations up to which a longer block may do as well."""
+"""If a block takes no more iterations than this, a longer one is tried."""
 STATE_OF_BLOCKS = ("longest", "wait", "excess", "stale")
 
 
 def block_for(engine: Engine, left: int) -> int:
-    """Steps at once of so many equal ones: what the tables of a block cost must come back."""
+    """Steps of a block for `left` equal steps: enough blocks must follow to pay for the tables."""
     block = engine.most
     if engine.law.is_linear:
         share = LINEAR_REUSE_IN_BATCH if engine.is_batch else LINEAR_REUSE
@@ -44,7 +44,7 @@ def block_for(engine: Engine, left: int) -> int:
 def advance(
     engine: Engine, state: State, h: float, most: int, total: int, loads: Array | None
 ) -> Steps:
-    """Solve as many of `most` equal steps, of `total` in their stretch, as are best at once."""
+    """Solve the best number of steps at once, at most `most`; `total` is that of the stretch."""
     largest = block_for(engine, total)
     count = largest
     while count > most:
@@ -87,7 +87,7 @@ def take(
 
 
 def _note(state: State, found: Steps, count: int) -> None:
-    """Remember how a block went: which length to take, and when to linearise anew."""
+    """Update from a block which length to take, and when to linearise again."""
     well = ~found.failed
     state.excess = state.excess + np.where(well, found.iterations - USUAL, 0)
     state.stale = state.stale | (state.excess > EXCESS) | found.failed
@@ -101,7 +101,7 @@ def _note(state: State, found: Steps, count: int) -> None:
 def _in_pieces(
     engine: Engine, state: State, h: float, count: int, loads: Array | None, most: int
 ) -> Steps:
-    """The same in halves; the state learns how they went and stays where it is."""
+    """As `take`, in halves; in the state only lengths and linearisations of blocks change."""
     half = count // 2 if count // 2 >= LEAST else 1
     own, parts, done = state.copy(), [], 0
     while done < count:
@@ -120,7 +120,7 @@ def _in_pieces(
 
 
 def _put(state: State, places: Places, own: State) -> None:
-    """Take what some members have learned."""
+    """Copy the lengths and linearisations of blocks of some members from `own`."""
     for name in STATE_OF_BLOCKS:
         mine = getattr(state, name).copy()
         mine[places] = getattr(own, name)

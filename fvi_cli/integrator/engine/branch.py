@@ -1,12 +1,12 @@
 r"""The solution of a step that is connected with its beginning.
 
-Far from its solution Newton's iteration may end at another one: where a motion is infinite within
-a step, at one behind the infinity. So where it leads away from its guess, the step is not taken by
-a remedy that only converges. All forces of the step are multiplied by :math:`\theta`, and
-displacements too, which for the law alone is a step of length :math:`\theta h`; the solution is
-followed from free motion at 0 to 1 by parts over which Newton's iteration contracts from its first
-change on (Deuflhard, Newton Methods for Nonlinear Problems, 2004, chapter 5). Where the motion has
-no such solution up to its end, the parts become short without end.
+Far from its solution Newton's iteration may end at another one: if a motion becomes infinite within
+a step, at one after the infinity. So where the iteration leads away from its guess, convergence
+alone is not enough. All forces and displacements of the step are multiplied by :math:`\theta`; for
+the law alone this is a step of length :math:`\theta h`. The solution is followed from free motion
+at :math:`\theta = 0` to 1 in parts over which Newton's iteration contracts from its first change on
+(Deuflhard, Newton Methods for Nonlinear Problems, 2004, chapter 5). If there is no such solution up
+to the end of the step, the parts become ever shorter.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 LONGEST_PART, SHORTEST_PART = 0.25, 2.0**-10
 CLOSE = 1e-6
-"""Part of the unknowns by which a part of the way may miss its solution."""
+"""Tolerance of the solution at the end of a part, relative to the unknowns."""
 
 
 def follow(
     law: StepLaw, damping: Damping | None, frame: Frame, state: State, known: Array
 ) -> Array | None:
-    """U of a step of one member, ``(1, s, e)``; None where the solution ends before.
+    """U of a step of one member, ``(1, s, e)``; None if the solution ends within the step.
 
     Known loads have the sign of the left side, ``(1, 1, s + 1, e)``.
     """
@@ -58,7 +58,7 @@ def follow(
 def _solve(
     law: StepLaw, damping: Damping | None, frame: Frame, state: State, known: Array, guess: Array
 ) -> Array | None:
-    """Newton's iteration with its own derivatives each time; None where it does not contract."""
+    """Newton's iteration, with new derivatives each time; None if it does not contract."""
     times = state.t + frame.h * frame.tables.points
     noise = NOISE * UNIT * np.abs(state.x) / frame.h
     unknowns, before = guess, np.full(state.x.shape, np.inf)

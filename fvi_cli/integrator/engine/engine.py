@@ -30,16 +30,16 @@ from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 LONGEST_GUESS = 1.5
-"""The polynomial of a step is continued over a step up to so many times as long."""
+"""The polynomial of a step is the guess for the next one if that is up to so many times as long."""
 NEVER_SHORTER = 1 << 30
 
 
 class Engine:
-    """Steps of scenes that differ in their numbers alone.
+    """Steps of scenes of one kind, which differ in numbers only.
 
-    Steps of the mesh as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`, their number
-    `n_steps` for backward differences. Members that are one batch with others have blocks of at
-    most `most` steps; None: as the size of matrices allows.
+    `shortest_step` and `steps` as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`;
+    `n_steps` for backward differences. `most` is the longest block of members that are batched
+    with others; None: as the size of matrices allows.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Engine:
         self.x0 = self.member_positions([one.initial_position for one in scenes])
         self.v0 = self.member_positions([one.initial_velocity for one in scenes])
         self.q, self.e = self.x0.shape
-        # members that make a scene
+        # number of members of a scene
         self.width = 1 if self.modes is None else self.modes[0].batch
         self.p0 = self.law.momentum(self.x0, self.v0, 0.0)
         self.damping = damping_of(
@@ -89,7 +89,7 @@ class Engine:
             self.most = GROUP
 
     def _leave_out_jump(self, h: float) -> None:
-        """Take the force of the jump to the initial position from that of backward differences."""
+        """Subtract the force of the jump to the initial position that the equations leave out."""
         if self.damping is None or not (force := self.damping.force_of_jump()).size:
             return
         if isinstance(self.law, StructureLaw):
@@ -122,16 +122,16 @@ class Engine:
         )
 
     def start_at(self, position: Array, momentum: Array) -> State:
-        """The same with other positions and momenta of the scenes, ``(S, d)``.
+        """The state at t = 0 with other positions and momenta of the scenes, ``(S, d)``.
 
-        What derivatives subtract is still that of the scenes.
+        Derivatives still subtract the initial values of the scenes.
         """
         state = self.start()
         state.x, state.p = self.member_positions(position), self.member_forces(momentum)
         return state
 
     def add_loads(self, scene: int, loads: Array) -> None:
-        """Take load vectors of the first steps of a scene, ``(n, s + 1, d)``, among its own."""
+        """Add load vectors of the first steps of a scene, ``(n, s + 1, d)``, to its own."""
         self.loads_of[scene].add(loads)
         self.has_loads = True
 
@@ -144,7 +144,7 @@ class Engine:
         return self._operators.of_linear(h, count)
 
     def guess(self, state: State, h: float) -> Array:
-        """U of a step by the polynomial of the last one; uniform motion without one."""
+        """A guess of U: by the polynomial of the last step, or else by uniform motion."""
         c = self.tables.control_points[1:]
         if state.unknowns is not None and h <= LONGEST_GUESS * state.h:
             ahead = _continuation(self.tables.degree, h / state.h)
@@ -160,7 +160,7 @@ class Engine:
         loads: Array | None,
         most: int | None = None,
     ) -> Steps:
-        """Solve `count` steps; the state stays.
+        """Solve `count` steps; the state is not changed.
 
         Load vectors are ``(q, count, s + 1, e)``; tables are those of `most` steps.
         """
@@ -191,9 +191,10 @@ class Engine:
     def solve_after(
         self, state: State, h: float, past: Array, loads: Array | None, guess: Array
     ) -> tuple[Array, Mask]:
-        """Inputs ``(q, i, e)`` of a step of every member, and which have no solution.
+        """Inputs ``(q, i, e)`` of a step of every member, and which members have no solution.
 
-        From the force of the past on it, ``(q, m, e)``, and for nonlinear scenes a guess of U.
+        `past` is the force of the past on the step, ``(q, m, e)``; nonlinear scenes need a `guess`
+        of U.
         """
         known = self._known(self.frame(h, 1), past, 1, loads)
         if self.law.is_linear:
@@ -207,7 +208,7 @@ class Engine:
 
     def _past(self, frame: Frame, state: State, count: int) -> Array | None:
         """Force of the past on the first steps of a frame, ``(q, count m, e)``."""
-        # dampers of order 1 have no states, and no past; tables of blocks have a place for it
+        # dampers of order 1 have no states and no past, but tables of blocks expect one
         if self.damping is None or frame.damping is None or not (self.n_states or count > 1):
             return None
         return self.damping.past(frame.damping, state.z, state.column, count)
@@ -230,7 +231,7 @@ class Engine:
         failed: Mask,
         found: Solution | None = None,
     ) -> Steps:
-        """Steps with these unknowns and, in each, this impulse of the forces of the law."""
+        """Steps with unknowns `u` and, in each step, an impulse of the forces of the law."""
         q, count = u.shape[:2]
         inputs = self._inputs(u)
         change = -np.add.reduce(known, axis=2)
@@ -257,24 +258,24 @@ class Engine:
         )
 
     def _inputs(self, u: Array) -> Array:
-        """What drives the memory in steps, ``(q, B i, e)``."""
+        """Inputs of the memory in steps, ``(q, B i, e)``."""
         if self.method.is_runge_kutta:
             u = on_steps(self.tables.to_inputs, u)
         return u.reshape(len(u), -1, self.e)
 
     def _linear(self, op: Operator, state: State, past: Array | None, loads: Array | None) -> Steps:
-        """A block of linear members, by one matrix for each, and one for load vectors."""
+        """A block of linear members, by one matrix for each member, and one for load vectors."""
         frame, (q, e), count, damping = op.frame, state.x.shape, op.frame.count, self.damping
         force = [] if past is None else [past.reshape(q, -1)]
         given = np.concatenate([state.x, state.p, *force], axis=1)
         found = np.matmul(op.outputs, given[..., None])[..., 0]
         if loads is not None:
-            # added, so that those of others change no bits of a member without
+            # added, so that loads of others change no bits of a member without loads
             found += np.matmul(op.outputs_of_loads, loads.reshape(q, -1, 1))[..., 0]
         n = count * len(self.tables.to_inputs) * e
         inputs = found[:, :n].reshape(q, -1, e)
         dx, dp = found[:, n:].reshape(q, 2, count, e).swapaxes(0, 1)
-        # steps to come ask for those of the last step alone
+        # later steps need the unknowns of the last step only
         unknowns = inputs.reshape(q, count, -1, e)[:, -1:]
         if self.method.is_runge_kutta:
             unknowns = on_steps(self.tables.to_unknowns, unknowns)
@@ -311,7 +312,7 @@ class Engine:
         return on_steps(weights, force.reshape(len(force), count, -1, e))[:, :, 0]
 
     def accept(self, state: State, steps: Steps, end: float) -> None:
-        """Go to the end of solved steps."""
+        """Move the state to the end of solved steps."""
         state.x, state.x_lost = compensated(state.x, state.x_lost, steps.dx[:, -1])
         state.p, state.p_lost = compensated(state.p, state.p_lost, steps.dp[:, -1])
         if self.damping is not None and self.damping.has_column:
@@ -324,7 +325,7 @@ class Engine:
             state.live = state.live & ~steps.failed
 
     def pushed_column(self, column: Array, h: float, count: int) -> Array:
-        """States of the start velocity behind `count` steps."""
+        """States of a start velocity of 1 after `count` steps."""
         tables = self._operators.frame_of_at_least(h, count, self.most).damping
         if self.damping is None or tables is None:
             return column
@@ -351,7 +352,7 @@ class Engine:
         return self.member_forces([zero if one is None else one for one in found])
 
     def member_positions(self, values: Sequence[Array] | Array) -> Array:
-        """Positions or velocities of scenes, ``(S, ..., d)``, as of members, ``(q, ..., e)``."""
+        """Positions or velocities of scenes ``(S, ..., d)`` as of members, ``(q, ..., e)``."""
         if self.modes is None:
             return np.array(values)
         return np.concatenate([m.positions(x) for m, x in zip(self.modes, values, strict=True)])
@@ -385,7 +386,7 @@ def _sums(values: Array) -> Array:
 
 @lru_cache(maxsize=1024)
 def _continuation(degree: int, ratio: float) -> Array:
-    """U of a step that is so many times as long as the one before from U of that, ``(s, s)``."""
+    """From U of a step to U of the next, which is `ratio` times as long, ``(s, s)``."""
     basis = lobatto_basis(degree)
     ahead = basis.values(1.0 + ratio * basis.control_points[1:])[1:].T
     return np.asarray((ahead - np.eye(degree)[-1]) / ratio)

@@ -1,8 +1,8 @@
 r"""Tables of B equal steps: everything but the second derivatives of the scene.
 
 The unknowns of a step are :math:`U_\nu` with
-:math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau) U_\nu`. Those of a step depend on all steps
-before it in the same block, so that tables are lag sequences
+:math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau) U_\nu`. Displacements in a step depend on
+all steps before it in the same block, so that tables are lag sequences
 (:mod:`fvi_cli.integrator.memory.interface`).
 """
 
@@ -23,13 +23,14 @@ from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 
 STEPS_OF_BLOCK = 64
-"""Twice as many take as long for linear scenes, and double what round-off does near order 2;
-nonlinear ones take twice as many: .72 of the time of as many for a pendulum."""
+"""Most steps of a block of linear scenes: twice as many are no quicker, and double the effect of
+round-off near order 2. Nonlinear scenes take up to twice as many: 0.72 of the time for a
+pendulum."""
 SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 256
-"""Inputs of a block at most: B i e. Iterations apply a matrix of so many rows and columns again and
-again: twice as many take twice as long where 2 MB are more than the cache holds."""
+"""Most inputs B i e of a block. Newton's iteration applies a matrix of so many rows and columns
+again and again: with 512 it has 2 MB and takes twice as long where the cache holds less."""
 SIZE_IN_BATCH = 24
-"""The same where every member has matrices of its own, which must stay in the cache."""
+"""Most inputs where every member has matrices of its own, which must stay in the cache."""
 CACHE = 2**15
 
 
@@ -39,40 +40,40 @@ class UnitTables:
 
     tables: StepTables
     displacement: Array  # from U to the quadrature points, lag sequences (B, r, s)
-    velocity: Array
-    components: int  # number e, and whether remainders have parts of momenta and velocities
-    has_rates: bool
+    velocity: Array  # the same for velocities
+    components: int  # number e
+    has_rates: bool  # whether remainders have parts of momenta and depend on velocities
 
     @cached_property
     def test(self) -> Array:
-        """Forces at the points to the equations of their own step, ``(s, r)``."""
+        """From forces at the points to the equations of their own step, ``(s, r)``."""
         return self.tables.test_weights[:-1]
 
     @cached_property
     def rate_test(self) -> Array:
-        """Momenta at the points to the equations of their own step, ``(s, r)``."""
+        """From momenta at the points to the equations of their own step, ``(s, r)``."""
         return self.tables.weights * self.tables.slopes[:-1]
 
     @cached_property
     def stiff(self) -> Array:
-        """By the stiffness, within a step, ``(s, s)``."""
+        """Factor of the stiffness in the equations of a step, ``(s, s)``."""
         return np.asarray(self.test @ self.displacement[0])
 
     @cached_property
     def mass(self) -> Array:
-        """By the mass, within a step, ``(s, s)``."""
+        """Factor of the mass in the equations of a step, ``(s, s)``."""
         return np.asarray(self.rate_test @ self.velocity[0])
 
     @cached_property
     def test_sum(self) -> Array:
-        """A force of 1 at all points in the load vectors, ``(s + 1,)``."""
+        """The load vector of a force of 1 at all points, ``(s + 1,)``."""
         return np.asarray(self.tables.test_weights.sum(axis=1))
 
     @cached_property
     def pairs(self) -> tuple[Array, Array, Array, Array]:
-        """Second derivatives at every point to the Jacobian of a step, ``(r, s s)`` each.
+        """From second derivatives at every point to the Jacobian of a step, ``(r, s s)`` each.
 
-        By v and v, v and q, q and v, q and q.
+        In this order: by v and v, v and q, q and v, q and q.
         """
         rate, test = self.rate_test, self.test
         v, x = self.velocity[0], self.displacement[0]
@@ -85,7 +86,7 @@ class UnitTables:
 
     @cached_property
     def points(self) -> tuple[Array, ...]:
-        """U to displacements, and to velocities where there are rates, ``(1, B r w, B s e)``."""
+        """From U to displacements, and velocities where there are rates, ``(1, B r w, B s e)``."""
         rows = [self.displacement, self.velocity] if self.has_rates else [self.displacement]
         found = []
         for index, one in enumerate(rows):
@@ -95,7 +96,7 @@ class UnitTables:
 
     @cached_property
     def tests(self) -> tuple[Array, ...]:
-        """Remainders to load vectors of their step, ``((s + 1) e, r w)``: of momenta, of forces."""
+        """From remainders (momenta, forces) to load vectors of a step, ``((s + 1) e, r w)``."""
         columns = [self.tables.test_weights]
         if self.has_rates:
             rate_test = self.tables.weights * self.tables.slopes
@@ -109,7 +110,7 @@ class UnitTables:
         return tuple(found)
 
     def _among(self, table: Array, index: int, axis: int) -> Array:
-        """A table of (displacement, velocity) or (momentum, force) among both of each point."""
+        """A table as part `index` of pairs: (displacement, velocity) or (momentum, force)."""
         slots = 2 if self.has_rates else 1
         parts = [table if one == index else np.zeros_like(table) for one in range(slots)]
         return np.stack(parts, axis=axis)
@@ -135,20 +136,20 @@ class Frame:
 
     def __init__(self, unit: UnitTables, damping: Damping | None, h: float, count: int) -> None:
         self.h, self.count, self.unit, self.tables = h, count, unit, unit.tables
-        # damping forces to load vectors of their step, (s + 1, m), and to its momentum, (m,); a
-        # force of 1 to load vectors, (s + 1,)
+        # from damping forces to load vectors of their step, (s + 1, m), and to its momentum, (m,);
+        # the load vector of a force of 1, (s + 1,)
         self.to_loads, self.test_sum = h * unit.tables.to_loads, h * unit.test_sum
         self.weights = np.add.reduce(self.to_loads)
-        # U to displacements, a lag sequence (B, r, s), and by the stiffness within a step
+        # from U to displacements, a lag sequence (B, r, s); factor of the stiffness in a step
         self.displacement, self.stiff = h * unit.displacement, h * h * unit.stiff
-        # tables of the memory, and for every direction U to the equations, (q or 1, s, s)
+        # tables of the memory, and for every direction from U to the equations, (q or 1, s, s)
         self.damping = None if damping is None else damping.tables(h, count)
         self.sequences = () if self.damping is None else self.damping.sequences
         test, drive = self.to_loads[:-1], unit.tables.to_inputs
         self.damp = [test @ one[:, 0] @ drive for one in self.sequences]
 
     def of(self, places: Places) -> Frame:
-        """That of some members."""
+        """The frame of some members."""
         if self.damping is None or all(len(one) == 1 for one in self.sequences):
             return self
         part = copy.copy(self)
@@ -160,7 +161,7 @@ class Frame:
         return part
 
     def shortened(self, share: float) -> Frame:
-        """The same where all forces and displacements are so many times as large."""
+        """The frame with all forces and displacements multiplied by `share`."""
         part = copy.copy(self)
         for name in ("impulses", "mean", "points", "tests", "tests_inside"):
             part.__dict__.pop(name, None)
@@ -172,17 +173,17 @@ class Frame:
 
     @cached_property
     def impulses(self) -> list[Array]:
-        """For every direction inputs to changes of momentum, ``(q or 1, B, B i)``."""
+        """For every direction, from inputs to changes of momentum, ``(q or 1, B, B i)``."""
         return [toeplitz_matrix(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
 
     @cached_property
     def mean(self) -> Array:
-        """U to the sum of weighted displacements, ``(1, s)``."""
+        """From U to the weighted sum of displacements, ``(1, s)``."""
         return np.asarray((self.h * self.tables.weights)[None] @ self.displacement[0])
 
     @cached_property
     def lags(self) -> list[Array]:
-        """For every direction inputs of the steps before, the latest last, to forces of a step.
+        """For every direction, from inputs of earlier steps, the latest last, to forces of a step.
 
         Shape ``(q or 1, m, (B - 1) i)``.
         """
@@ -194,23 +195,23 @@ class Frame:
 
     @cached_property
     def points(self) -> Array:
-        """U to what remainders depend on, ``(1, B r w, B s e)``."""
+        """From U to the points that remainders depend on, ``(1, B r w, B s e)``."""
         one = self.unit.points
         return self.h * one[0] if len(one) == 1 else self.h * one[0] + one[1]
 
     @cached_property
     def tests(self) -> Array:
-        """Remainders to load vectors of their step, ``((s + 1) e, r w)``."""
+        """From remainders to load vectors of their step, ``((s + 1) e, r w)``."""
         one = self.unit.tests
         return self.h * one[0] if len(one) == 1 else one[0] + self.h * one[1]
 
     @cached_property
     def tests_inside(self) -> Array:
-        """Remainders to the equations of their step, ``(s e, r w)``."""
+        """From remainders to the equations of their step, ``(s e, r w)``."""
         return np.ascontiguousarray(-self.tests[: -self.unit.components])
 
     def points_of(self, u: Array) -> Array:
-        """What remainders depend on by U ``(q, n, s, e)``, ``(q, n r w)``."""
+        """The points that remainders depend on, ``(q, n r w)``, from U ``(q, n, s, e)``."""
         q, count = u.shape[:2]
         if count == 1:
             return apply_to_each(self.points, u.reshape(q, -1))
@@ -227,7 +228,7 @@ class Frame:
 
 
 def longest_block(law: StepLaw, members: int, inputs: int) -> int:
-    """Steps of the longest block of members with so many inputs of a step."""
+    """Steps of the longest block of `members` with `inputs` in a step."""
     if members > 1:
         is_large = members * SIZE_IN_BATCH**2 > CACHE
         largest = SIZE_IN_BATCH if is_large else 2 * SIZE_IN_BATCH
@@ -237,13 +238,13 @@ def longest_block(law: StepLaw, members: int, inputs: int) -> int:
 
 
 def longest_in_batch(inputs: int, *, is_linear: bool) -> int:
-    """The same for a member of a batch with so many inputs of a step, whatever others are in it."""
+    """Steps of the longest block of a member of a batch, whatever others are in the batch."""
     largest = 2 * SIZE_IN_BATCH if is_linear else SIZE_IN_BATCH
     return _steps_of(inputs, largest, is_linear=is_linear)
 
 
 def _steps_of(size: int, largest: int, *, is_linear: bool) -> int:
-    """A power of 2."""
+    """Steps of the longest block, a power of 2."""
     most = STEPS_OF_BLOCK if is_linear else 2 * STEPS_OF_BLOCK
     while most > 1 and most * size > largest:
         most //= 2

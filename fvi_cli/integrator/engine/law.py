@@ -1,10 +1,10 @@
-r"""The conservative part of scenes: what the equations of a step ask of it.
+r"""The conservative part of scenes, as the equations of a step need it.
 
 With the momentum :math:`P = \partial L / \partial v` and the force
 :math:`Q = \partial L / \partial q`, every kind gives a linearisation (M, C, K), with which
 :math:`P \approx M v + C \Delta` and :math:`Q \approx Q_0 + C^T v - K \Delta` at a displacement
-:math:`\Delta` from the beginning of the steps, and the *remainder*, which is what P and Q have
-beside these. A linear scene has no remainder. Shapes: q members, n points, e components.
+:math:`\Delta` from the beginning of the steps, and the *remainder*, the difference of P and Q
+from these. A linear scene has no remainder. Shapes: q members, n points, e components.
 """
 
 import math
@@ -29,9 +29,9 @@ from fvi_cli.mathematics.convergence import find_roots
 
 
 class Linearisation(NamedTuple):
-    """Second derivatives, for all points ``(q, e, e)`` or at each of them ``(q, n, e, e)``.
+    """Second derivatives, one for all points ``(q, e, e)`` or one at each point ``(q, n, e, e)``.
 
-    M is that by v and v, C by v and q (None: zero), K minus that by q and q.
+    M is the derivative by v and v, C by v and q (None: zero), K minus that by q and q.
     """
 
     mass: Array
@@ -39,24 +39,24 @@ class Linearisation(NamedTuple):
     stiffness: Array
 
     def of(self, places: Places) -> "Linearisation":
-        """Those of some members, copied."""
+        """The second derivatives of some members, copied."""
         return Linearisation(*(None if one is None else one[places] for one in self))  # type: ignore[arg-type]
 
     def copy(self) -> "Linearisation":
-        """Arrays of its own."""
+        """A copy with arrays of its own."""
         return Linearisation(*(None if one is None else one.copy() for one in self))  # type: ignore[arg-type]
 
     def differing(self, other: "Linearisation") -> Places:
-        """Members whose second derivatives are others."""
+        """Members whose second derivatives differ."""
         found = np.zeros(len(self.mass), dtype=bool)
         for own, new in zip(self, other, strict=True):
-            # most blocks have those of the one before
+            # most blocks have the second derivatives of the block before
             if own is not None and new is not None and own.tobytes() != new.tobytes():
                 found |= (own != new).reshape(len(own), -1).any(axis=1)
         return np.flatnonzero(found)
 
     def terms_of(self, origin: Array, points: Array) -> Array:
-        r"""Sizes of what cancels in remainders at points, ``(q, n, e)`` or ``(q, n, 2 e)``.
+        r"""Sizes of terms that cancel in remainders at points, ``(q, n, e)`` or ``(q, n, 2 e)``.
 
         They are :math:`|M||v| + |C|(|x| + |\Delta|)` and :math:`|K|(|x| + |\Delta|) + |C|^T|v|`:
         positions are rounded before any formula sees them.
@@ -75,7 +75,7 @@ class Linearisation(NamedTuple):
         return np.concatenate([momenta, forces], axis=-1)
 
     def put(self, places: Places, other: "Linearisation") -> None:
-        """Take those of `other` for some members."""
+        """Copy the second derivatives of some members from `other`."""
         for own, new in zip(self, other, strict=True):
             if own is not None and new is not None:
                 own[places] = new
@@ -89,7 +89,7 @@ class StepLaw(Protocol):
     is_linear
         Whether there is never a remainder.
     has_rates
-        Whether remainders depend on the velocities, and momenta have some of their own: points
+        Whether remainders depend on the velocities, and momenta have remainders too: points
         are then ``(displacement, velocity)`` and remainders ``(of momenta, of forces)`` in the
         last axis.
     """
@@ -98,7 +98,7 @@ class StepLaw(Protocol):
     has_rates: bool
 
     def of(self, places: Places) -> "StepLaw":
-        """That of some members."""
+        """The law of some members."""
 
     def momentum(self, x: Array, v: Array, t: float) -> Array:
         """P, all ``(q, e)``."""
@@ -107,7 +107,7 @@ class StepLaw(Protocol):
         """The v with P = p, all ``(q, e)``; nan where there is none."""
 
     def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """Second derivatives at one point ``(q, e)``, for all points of blocks of steps."""
+        """Second derivatives at one point ``(q, e)``, used at all points of blocks of steps."""
 
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
         """Second derivatives at each of the points, and the remainders there."""
@@ -115,7 +115,7 @@ class StepLaw(Protocol):
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
     ) -> Array:
-        """Remainders ``(q, n, e)`` or ``(q, n, 2 e)`` of points that belong to those `before`.
+        """Remainders ``(q, n, e)`` or ``(q, n, 2 e)`` at points that remainders `before` led to.
 
         `origin` is the position at the beginning of the steps, ``(q, e)``.
         """
@@ -132,10 +132,10 @@ def force_of(stiffness: Array, displacement: Array) -> Array:
 
 @dataclass(eq=False, kw_only=True)
 class _Members:
-    """Numbers of members as arrays, or as arrays by name, members first."""
+    """Parameters of members as arrays, or as arrays by name; the first axis is the member."""
 
     def of(self, places: Places) -> Self:
-        """Those of some members."""
+        """The parameters of some members."""
         own: dict[str, object] = {}
         for name, value in vars(self).items():
             if isinstance(value, np.ndarray):
@@ -147,7 +147,7 @@ class _Members:
 
 @dataclass(eq=False, kw_only=True)
 class _ConstantMass(_Members):
-    """Constant mass and stiffness, each ``(q, e, e)``; None: all is in formulas."""
+    """Constant mass and stiffness, each ``(q, e, e)``; None: the formulas have all of it."""
 
     mass: Array
     stiffness: Array | None = None
@@ -176,7 +176,7 @@ class Linear(_ConstantMass):
         return Linearisation(self.mass, None, k)
 
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
-        """The same, and zero."""
+        """M and K, and remainders of zero."""
         return self.linearise(origin, None, 0.0), np.zeros_like(points)
 
     def remainder(
@@ -190,11 +190,11 @@ class Linear(_ConstantMass):
 class Separable(_ConstantMass):
     r""":math:`L = v^T M v / 2 - V(q)` with the same formulas or functions for all members.
 
-    The remainder is :math:`K \Delta - \nabla V(q)`. A stiffness is that of quadratic forms which V
-    has besides; None: there are none.
+    The remainder is :math:`K \Delta - \nabla V(q)`. `stiffness` has quadratic forms of V
+    that are not in the formulas; None: there are none.
     """
 
-    # a potential, for its programs; functions of the user bring their stiffness with them
+    # potential of one member, for its programs; functions of a user include their stiffness
     formulas: ExpressionPotential | SuppliedPotential
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
     is_linear = False
@@ -210,7 +210,7 @@ class Separable(_ConstantMass):
     def _derivatives(self, x: Array) -> tuple[Array, Array]:
         """Gradient and second derivatives at ``(q, n, e)``.
 
-        The latter are zero for members where these are not finite.
+        Second derivatives are zero for members where they are not finite.
         """
         e, own = x.shape[-1], self.formulas
         if isinstance(own, SuppliedPotential):
@@ -231,7 +231,7 @@ class Separable(_ConstantMass):
         return Linearisation(self.mass, None, self._derivatives(x[:, None])[1][:, 0])
 
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
-        """The same at every point, and K Delta less the gradient."""
+        """M and second derivatives of V at every point, and K Delta less the gradient."""
         first, second = self._derivatives(origin[:, None] + points)
         return Linearisation(self.mass, None, second), force_of(second, points) - first
 
@@ -252,7 +252,7 @@ class General(_Members):
 
     lagrangian: Lagrangian  # one of the members, for its programs
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
-    # matrices whose quadratic forms are taken from L, (q, e, e); None: there are none
+    # matrices whose quadratic forms are subtracted from L, (q, e, e); None: there are none
     stiffness: Array | None = None
     is_linear = False
     has_rates = True
@@ -267,7 +267,7 @@ class General(_Members):
         return self._first(x[:, None], v[:, None], np.full((1, 1), t))[:, 0, : x.shape[1]]
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
-        """By Newton's iteration, for every member by itself."""
+        """The velocity by Newton's iteration, for every member by itself."""
         e = x.shape[-1]
 
         def mismatch(v: Array) -> tuple[Array, Array, Array]:
@@ -298,14 +298,14 @@ class General(_Members):
         return Linearisation(second[:, 0], None, -0.5 * (curvature + curvature.swapaxes(-1, -2)))
 
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
-        """The second derivatives of L, and what P and Q have beside them."""
+        """The second derivatives of L, and the remainders of P and Q."""
         e = origin.shape[-1]
         first, second = self._derivatives(origin[:, None] + points[..., :e], points[..., e:], t)
         at = Linearisation(second[..., 0, :, :], second[..., 1, :, :], -second[..., 2, :, :])
         return at, self._rest_of(at, points, first)
 
     def _rest_of(self, at: Linearisation, points: Array, first: Array) -> Array:
-        """What P and Q in `first` have beside second derivatives at every point."""
+        """Remainders of P and Q, given in `first`, to second derivatives at every point."""
         mass, mixed, stiffness = at
         e = points.shape[-1] // 2
         displacement, v = points[..., :e, None], points[..., e:, None]
@@ -322,9 +322,9 @@ class General(_Members):
     ) -> Array:
         """Remainders of momenta and of forces in one array.
 
-        With second derivatives at every point this is Newton's iteration. With those for all
-        points the velocities are corrected to the momenta first, since a mass that is not constant
-        would be iterated slowly otherwise.
+        With second derivatives at every point this is Newton's iteration. With one set
+        for all points the velocities are first corrected to match the momenta: a mass that is not
+        constant would slow the iteration down otherwise.
         """
         mass, mixed, stiffness = at
         e = origin.shape[-1]
@@ -350,7 +350,7 @@ class General(_Members):
 
 
 def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
-    """Coordinates in which linear scenes fall apart."""
+    """Coordinates in which linear scenes are decoupled; None if one of them has none."""
     found = [linear_decoupling(one) for one in scenes]
     known = [one for one in found if one is not None]
     return known if len(known) == len(found) else None

@@ -1,10 +1,10 @@
 r"""Newton's iteration on a block of steps, for all members at once.
 
 With second derivatives that are fixed, the points of a block are
-``begin + fold . remainder(points)``. Single steps have second derivatives at every point, made anew
-where the iteration is slow; where it leads away, the solution is followed from the beginning of the
-step. Blocks have one linearisation for all points, and where they do not contract they are taken in
-shorter pieces.
+``begin + fold . remainder(points)``. Single steps have second derivatives at every point, which
+are computed again where the iteration is slow; where it diverges, the solution is followed from the
+beginning of the step. Blocks have one linearisation for all points; where their iteration does not
+contract, they are solved in shorter pieces.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HALF_THE_DIGITS = UNIT**0.5
 
 @dataclass(eq=False, kw_only=True)
 class Solution:
-    """Unknowns ``(q, B s e)``, points and remainders ``(q, B r, w)``, and how it went."""
+    """Unknowns ``(q, B s e)``, points and remainders ``(q, B r, w)``, and the log."""
 
     unknowns: Array
     points: Array
@@ -55,13 +55,13 @@ class Newton:
         self.width = 2 * self.e if law.has_rates else self.e
         self.times = points
         if law.has_rates:
-            # nothing else knows the time
+            # other laws do not depend on the time
             steps = np.arange(self.count)[:, None]
             self.times = state.t + op.frame.h * (steps + points).ravel()
         self._begin()
 
     def _begin(self) -> None:
-        """What unknowns and points are without remainders."""
+        """Compute the unknowns and points without remainders."""
         self.fixed = self.op.solve(self.state, self.known)
         self.fold = self.op.fold
         if self.count < self.op.frame.count:
@@ -71,11 +71,11 @@ class Newton:
         self.begin = self.op.frame.points_of(self.fixed.reshape(self.q, -1, s, self.e))
 
     def _largest(self, values: Array) -> Array:
-        """Of every component over all points, ``(q, w)``."""
+        """Largest absolute values of every component over all points, ``(q, w)``."""
         return largest(np.abs(values).reshape(self.q, self.n, self.width))
 
     def _has_ended(self, change: Array, before: Array, limit: Array) -> bool | None:
-        """Whether the iteration of all members has ended, or of none; None: look at each.
+        """True: the iteration has ended for all members. False: for none. None: check each member.
 
         The next change would be ``change^2 / before``.
         """
@@ -95,28 +95,28 @@ class Newton:
         return None
 
     def _shrunk(self, points: Array, limit: Array) -> Mask:
-        """Components that began so far away that the scale there is not that of here."""
+        """Components whose first scale, from points far away, is too large at the points now."""
         return np.asarray(2.0 * NEGLIGIBLE * self._largest(points) < limit)
 
     def _rescale(self, limit: Array, size: Array, points: Array, places: Mask) -> None:
-        """Take what is negligible, and the sizes, of some components from where they are."""
+        """Set the negligible change and the size of some components by their present points."""
         now = self._largest(points)
         limit[places] = NEGLIGIBLE * now[places]
         now[:, : self.e] = np.maximum(now[:, : self.e], np.abs(self.state.x))
         size[places] = now[places]
 
     def _falls(self, change: Array, before: Array, size: Array, least: float) -> Mask:
-        """Members whose largest relative change is at least so large, and less than before."""
+        """Members whose largest relative change is at least `least`, and less than before."""
         share = 1.0 / np.maximum(size, SMALLEST)
         now, last = ((share * one).max(axis=1) for one in (change, before))
         return np.asarray((now < last) & (now >= least))
 
     def run(self, points: Array | None, fresh: Array | None) -> Solution:
-        """Iterate until every member and every component has come to rest by itself.
+        """Iterate until every component of every member has converged.
 
-        From points ``(q, n, w)`` and their remainders, for blocks from the last remainder. Changes
-        are negligible beside displacements, since positions are compensated sums; where round-off
-        lets none fall to that, beside positions.
+        Steps begin from points ``(q, n, w)`` and their remainders `fresh`, blocks from the last
+        remainder. Changes must be negligible relative to displacements, since positions are
+        compensated sums; where round-off prevents that, relative to positions.
         """
         state, q, shape = self.state, self.q, (self.q, self.n, self.width)
         rest = np.zeros(shape)
@@ -215,7 +215,7 @@ class Newton:
         failed: Mask,
         changes: list[Array],
     ) -> Solution:
-        # blocks that do not contract are taken again in shorter pieces, which count
+        # blocks that do not contract are solved again in shorter pieces, which are counted
         counted = iterations if self.is_step else np.where(failed, 0, iterations)
         return Solution(
             unknowns=self.fixed + self.op.respond(rest, self.count),
@@ -227,9 +227,9 @@ class Newton:
         )
 
     def _floor(self, rest: Array, points: Array) -> Array:
-        """What round-off may do to every component: rounded terms, through the matrices.
+        """Bound on the round-off of every component: rounded terms, times absolute matrices.
 
-        Components that are not coupled do not feel each other: their entries are exact zeros.
+        Components that are not coupled have no effect on each other: their entries are exact zeros.
         """
         op, size = self.op, self.fixed.shape[1]
         known = np.abs(self.known).reshape(self.q, -1)
@@ -244,7 +244,7 @@ class Newton:
         return UNIT * self._largest(total + np.abs(points))
 
     def _follow(self, place: int, points: Array) -> bool:
-        """Put the points of a member where they are connected with the beginning of the step."""
+        """Move a member's points to the solution that is connected with the step's beginning."""
         one = np.array([place])
         damping = None if self.damping is None else self.damping.of(one)
         frame = self.op.frame.of(one)
@@ -254,7 +254,7 @@ class Newton:
         return found is not None
 
     def _renew(self, places: Places, points: Array) -> None:
-        """Take the second derivatives of some members where they are now."""
+        """Compute the second derivatives of some members again, at their present points."""
         if not places.size:
             return
         op = self.op

@@ -1,4 +1,4 @@
-"""How Newton's iteration went, for every member."""
+"""Log of Newton's iteration for every member."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -13,21 +13,21 @@ class Attempt(NamedTuple):
     """The iteration for one block of steps."""
 
     first: int  # number of its first step among those that are solved together
-    members: Places  # whose steps they are, and the iterations of each
-    iterations: Integers
-    changes: Sequence[Array]  # largest ones by the iterations, (members, components)
+    members: Places  # members that take these steps
+    iterations: Integers  # of each member
+    changes: Sequence[Array]  # largest changes in each iteration, (members, components)
 
     def among(self, places: Places) -> "Attempt":
-        """The same where the members have other numbers, `places` of theirs."""
+        """The attempt with other numbers of the members: member k becomes ``places[k]``."""
         return self._replace(members=places[self.members])
 
     @property
     def sizes(self) -> Array:
-        """Largest changes of each of them, ``(iterations, members)``."""
+        """Largest change of each member in each iteration, ``(iterations, members)``."""
         return np.array([one.max(axis=1) for one in self.changes])
 
     def of_member(self, place: int) -> tuple[float, ...]:
-        """Largest changes of one of them."""
+        """Largest change of one member in each iteration."""
         count = int(self.iterations[place])
         return tuple(float(one[place].max()) for one in self.changes[:count])
 
@@ -43,11 +43,11 @@ class NewtonLog:
         self._waiting: list[tuple[int, Attempt]] = []
 
     def add(self, first: int, attempts: Sequence[Attempt]) -> None:
-        """Count iterations for steps behind the first `first` ones of the run."""
+        """Add iterations of steps that come after the first `first` steps of the run."""
         self._waiting += [(first + one.first, one) for one in attempts]
 
     def count(self) -> None:
-        """Count what was added; of equally long iterations the first is kept."""
+        """Count the attempts that were added; of equally long iterations the first is kept."""
         waiting, self._waiting = self._waiting, []
         whole = [one for one in waiting if len(one[1].members) == self._total.size]
         if whole:
@@ -93,7 +93,7 @@ class NewtonLog:
         return {"counts": counts, "changes": changes}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on from what :meth:`arrays` gave."""
+        """Restore the log from :meth:`arrays`."""
         counts = arrays["counts"].astype(np.int64)
         self._total, self._largest, self._step = counts[0], counts[1], counts[2]
         every = zip(arrays["changes"], self._largest.tolist(), strict=True)

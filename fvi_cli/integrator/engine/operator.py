@@ -70,13 +70,13 @@ class Operator:
 
     @cached_property
     def by_load(self) -> Array:
-        """Load vectors to U, ``(q, B s e, B (s + 1) e)``."""
+        """From load vectors to U, ``(q, B s e, B (s + 1) e)``."""
         last = np.zeros((*self.inverse.shape[:2], self.at.stiffness.shape[-1]))
         return np.concatenate([-self.inverse, last], axis=2)
 
     @cached_property
     def start(self) -> Array:
-        """Position and momentum to U, ``(q, B s e, 2 e)``."""
+        """From position and momentum to U, ``(q, B s e, 2 e)``."""
         k = self.at.stiffness
         by_position = np.zeros((*self.inverse.shape[:2], k.shape[-1]))
         if self.is_linear:
@@ -85,7 +85,7 @@ class Operator:
         return np.concatenate([by_position, -self.inverse[:, :, : k.shape[-1]]], axis=2)
 
     def solve(self, state: State, known: Array) -> Array:
-        """U of the first n steps, remainders left out, ``(q, n s e)``.
+        """U of the first n steps without remainders, ``(q, n s e)``.
 
         `known` are loads, ``(q, n, s + 1, e)``, with their sign on the left side of the equations.
         """
@@ -183,11 +183,11 @@ class Operator:
 
     @cached_property
     def outputs(self) -> Array:
-        """Position, momentum and memory force to what a linear block leaves behind.
+        """From position, momentum and memory force to the results of a linear block.
 
-        That is the inputs of the memory in every step, and the changes dx and dp of position and
-        momentum from the beginning of the block to the end of every step. One matrix for every
-        member, ``(q, B (i + 2) e, (2 + B m) e)``.
+        The results are the inputs of the memory in every step, and the changes dx and dp of
+        position and momentum from the beginning of the block to the end of every step. One matrix
+        for every member, ``(q, B (i + 2) e, (2 + B m) e)``.
         """
         f, e = self.frame, self.at.stiffness.shape[-1]
         q, rows, _ = self._outputs_by_load.shape
@@ -199,12 +199,12 @@ class Operator:
 
     @cached_property
     def outputs_of_loads(self) -> Array:
-        """Load vectors to the same outputs, ``(q, B (i + 2) e, B (s + 1) e)``."""
+        """From load vectors to the same results, ``(q, B (i + 2) e, B (s + 1) e)``."""
         return by_columns(-self._outputs_by_load[..., 2 * self.at.stiffness.shape[-1] :])
 
     @cached_property
     def _outputs_by_load(self) -> Array:
-        """Position, momentum and load vectors to the inputs of the memory, dx and dp.
+        """From position, momentum and load vectors to the inputs of the memory, dx and dp.
 
         Loads have their sign on the left side of the equations.
         """
@@ -237,7 +237,7 @@ class Operator:
         return part
 
     def put(self, places: Places, other: Operator) -> None:
-        """Take the tables of `other` for some members."""
+        """Copy the tables of some members from `other`."""
         for name, one in self._tables().items():
             one[places] = getattr(other, name)
         self.at.put(places, other.at)
@@ -257,8 +257,8 @@ def step_matrix(
 ) -> Array:
     """The matrix of the equations of one step, ``(q, s e, s e)``.
 
-    Of length h, ``(q, 1, 1)`` where members have steps of their own. For every direction `damp`
-    takes U to the equations, ``(q or 1, s, s)``, and D is among the matrices.
+    h is the step's length, ``(q, 1, 1)`` if members have steps of their own. For every direction,
+    `damp` has the matrix from U to the equations, ``(q or 1, s, s)``, and `matrices` has D.
     """
     m, c, k = at
     if k.ndim == 4:
@@ -275,7 +275,7 @@ def step_matrix(
 
 
 def _inverse(matrices: Array) -> tuple[Array, Mask]:
-    """Inverses, nan for members whose finite matrix has none, and which these are."""
+    """Inverses, nan where there is none, and which members have a finite but singular matrix."""
     is_singular = np.zeros(len(matrices), dtype=bool)
     try:
         return np.asarray(np.linalg.inv(matrices)), is_singular
@@ -290,11 +290,11 @@ def _inverse(matrices: Array) -> tuple[Array, Mask]:
 
 
 KEPT_TABLES = 128
-"""Step sizes whose tables are kept."""
+"""Number of step sizes whose tables are kept."""
 
 
 class Operators:
-    """Frames and operators of the members of an engine: made for a step size, and kept."""
+    """Frames and operators of the members of an engine: computed for each step size, and kept."""
 
     def __init__(
         self, law: StepLaw, damping: Damping | None, method: Method, components: int
@@ -317,7 +317,7 @@ class Operators:
         return self._frames[key]
 
     def frame_of_at_least(self, h: float, count: int, most: int) -> Frame:
-        """Tables of so many steps or, where they are at hand, of a longest block."""
+        """Tables of `count` steps or, if these are there already, of `most` steps."""
         whole = self._frames.get((h, most))
         return self.frame(h, count) if whole is None or most < count else whole
 
@@ -369,7 +369,7 @@ class Operators:
         return known
 
     def of(self, places: Places) -> Operators:
-        """Those of some members; tables of step sizes are shared where members have the same."""
+        """Frames and operators of some members; frames are shared if all members have the same."""
         part = copy.copy(self)
         part.law = self.law.of(places)
         if self.damping is not None:

@@ -1,11 +1,11 @@
 r"""Many equal blocks of steps of one linear system, as a recurrence from block to block.
 
-What the steps to come depend on is one vector w: the states of the memory, the position and the
-momentum, :math:`w = (z, x, p)`. A block with load vectors g takes it to
+Later steps depend on one vector w: the states of the memory, the position and the momentum,
+:math:`w = (z, x, p)`. A block with load vectors g maps it to
 
 .. math:: w + \text{change}\, w + \text{change by loads}\, g,
 
-and its *outputs*, what is wanted of every step in it, are linear in w and g too. So the vectors
+and its *outputs*, the results of every step in it, are linear in w and g too. So the vectors
 before all blocks are computed first, and then the outputs of all blocks in one matrix product.
 
 Letters in shapes: B steps of a block, s unknowns of a step for every component, e components, J
@@ -13,8 +13,8 @@ states of the memory of every component, i inputs of the memory of a step for ev
 points of a step where the damping force is taken, K <= J e numbers of z, D = K + 2 e numbers of w,
 L = B (s + 1) e numbers of the load vectors of a block.
 
-Lags that a block leaves behind act on the next one alone, and most of them alike: z has what the
-force sees of them, orthonormal, in their place.
+The lags of a block act on the next block only, and few combinations of them have an effect on its
+force: z has these combinations, orthonormal, in place of the lags.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
 LARGEST_STATE = 300
 LEAST_BLOCKS = 24
 LARGE_STATE, STEPS_OF_LARGE = 200, 4
-"""With so many numbers in w or more, the tables pay where there is a block for each 4 of them."""
+"""If w has more than 200 numbers, the tables pay if there is a block for every 4 of them."""
 DOUBLINGS = 3
 """Blocks are joined to pairs, these to groups of 4, and these to groups of 2^3."""
 
 
 def is_recurrence_quicker(size: int, block: int, blocks: int, total: int) -> bool:
-    """Whether so many blocks of a linear system with D = `size` are best one recurrence.
+    """Whether a recurrence is quicker for `blocks` blocks of a linear system with D = `size`.
 
-    Blocks have `block` steps; `total` equal steps follow each other, of which these are a part.
+    Blocks have `block` steps; they are part of `total` successive equal steps.
     """
     return (
         size <= LARGEST_STATE
@@ -55,7 +55,7 @@ def is_recurrence_quicker(size: int, block: int, blocks: int, total: int) -> boo
 
 
 class _Map(NamedTuple):
-    """What the n numbers of w, or of load vectors, contribute to a block."""
+    """Contributions of the n numbers of w, or of load vectors, to a block."""
 
     # changes of position and momentum up to the end of every step, components first, (n, 2 e B)
     ends: Array
@@ -87,13 +87,13 @@ class Recurrence:
 
     @staticmethod
     def is_quicker(engine: Engine, block: int, blocks: int, total: int) -> bool:
-        """Whether so many blocks, of `total` equal steps, are quicker as a recurrence."""
+        """Whether `blocks` blocks, of `total` equal steps, are quicker as a recurrence."""
         is_one = isinstance(engine.law, Linear) and engine.q == 1 and not engine.is_batch
         size = (engine.n_states + 2) * engine.e
         return is_one and is_recurrence_quicker(size, block, blocks, total)
 
     def _memory_force(self) -> Array:
-        """States of the memory to the memory force in a block, ``(B m e, J e)``."""
+        """From states of the memory to the memory force in a block, ``(B m e, J e)``."""
         engine, tables = self.engine, self.frame.damping
         if engine.damping is None or tables is None:
             raise ValueError("damping: the scene has no damping")
@@ -118,9 +118,9 @@ class Recurrence:
         return found
 
     def _split(self, outputs: Array) -> _Map:
-        """Outputs of the operator, ``(B (i + 2) e, n)``: inputs, positions, momenta of all steps.
+        """Split outputs of the operator, ``(B (i + 2) e, n)``: inputs, positions, momenta of steps.
 
-        The change of the memory is that by these inputs alone.
+        The change of the memory is that by these inputs only.
         """
         engine, e, columns = self.engine, self.engine.e, outputs.shape[1]
         input_rows = len(outputs) - 2 * self.count * e
@@ -146,7 +146,7 @@ class Recurrence:
 
     @cached_property
     def _of_loads(self) -> _Map:
-        """That of load vectors of a block, with n = L; its change is transposed, ``(L, D)``."""
+        """Contributions of the load vectors of a block (n = L); `change` is transposed."""
         found = self._split(self._operator.outputs_of_loads[0])
         return found._replace(change=np.ascontiguousarray(found.change.T))
 
@@ -158,10 +158,10 @@ class Recurrence:
         load_changes: Array | None,
         doublings: int,
     ) -> tuple[Array, Array, Array]:
-        """Vectors w before every block, ``(blocks, D)``, and behind all, with its rounding error.
+        """Vectors w before every block, ``(blocks, D)``, and after all, with its rounding error.
 
-        `load_changes` are those of w by the loads of every block, ``(blocks, D)``. Groups of
-        ``2^doublings`` blocks follow each other, summed as by Kahan; inside of a group the vector
+        `load_changes` are changes of w by the loads of every block, ``(blocks, D)``. Changes over
+        groups of ``2^doublings`` blocks are added by Kahan's sum; inside a group the vector
         before its second half is computed from that before its first, and so on down to blocks.
         """
         changes = self._changes_of_groups[: doublings + 1]
@@ -192,10 +192,10 @@ class Recurrence:
     def run(
         self, state: State, blocks: int, loads: Array | None, *, with_inputs: bool = False
     ) -> tuple[Array, Array, Array | None]:
-        """Take `blocks` blocks; the state moves on.
+        """Solve `blocks` blocks, and move the state to their end.
 
         Returns x and p after each of the N = `blocks` B steps, ``(1, N, e)`` each, and the inputs
-        of the memory, ``(blocks, B i e)``, if they are wanted. `loads` are ``(1, N, s + 1, e)``.
+        of the memory, ``(blocks, B i e)``, if `with_inputs`. `loads` are ``(1, N, s + 1, e)``.
         """
         e, memory_size = self.engine.e, self._memory_size
         load_vectors = self._load_vectors(state, blocks, loads)
@@ -230,7 +230,7 @@ class Recurrence:
     def _load_vectors(self, state: State, blocks: int, loads: Array | None) -> Array | None:
         """Load vectors of all blocks, ``(blocks, L)``, with the memory force of a start velocity.
 
-        One row stands for all blocks where they have the same; None: there are none.
+        One row if all blocks have the same load vectors; None if there are none.
         """
         engine, count, damping = self.engine, self.count, self.engine.damping
         tables = self.frame.damping
@@ -251,5 +251,5 @@ class Recurrence:
 
 
 def _position_and_momentum(w: Array, e: int) -> tuple[Array, Array]:
-    """Those at the end of w, ``(1, e)`` each."""
+    """Position and momentum, the end of w, ``(1, e)`` each."""
     return w[None, -2 * e : -e], w[None, -e:]

@@ -1,4 +1,4 @@
-"""What the steps to come depend on, and what steps that are solved give."""
+"""The state on which later steps depend, and the results of solved steps."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 
 @dataclass(eq=False, kw_only=True)
 class State:
-    """Everything that the steps to come depend on; a checkpoint writes it."""
+    """Everything that later steps depend on; a checkpoint stores it."""
 
     t: float
-    x: Array  # positions and momenta, (q, e), and what Kahan's sums have lost of them
+    x: Array  # positions and momenta, (q, e), and their rounding errors by Kahan's sums
     p: Array
     x_lost: Array
     p_lost: Array
     z: Array  # states of the memory, (q, J, e)
-    column: Array  # those of a start velocity of 1, (1, J, 1)
+    column: Array  # states of a start velocity of 1, (1, J, 1)
     live: Mask  # members that have not failed
     longest: Integers  # steps of the longest block that may contract
-    wait: Integers  # blocks until a longer one is tried
+    wait: Integers  # number of blocks until a longer one is tried
     excess: Integers  # iterations beyond the usual number
-    stale: Mask  # whose second derivatives are to be made anew
-    unknowns: Array | None = None  # of the last step, for a guess: U (q, s, e),
-    h: float = 0.0  # its length,
-    rest: Array | None = None  # and its last remainder (q, w)
-    block: Linearisation | None = None  # second derivatives in use, of blocks
+    stale: Mask  # members whose second derivatives must be computed again
+    unknowns: Array | None = None  # U of the last step, for a guess, (q, s, e)
+    h: float = 0.0  # length of the last step
+    rest: Array | None = None  # last remainder of the last step, (q, w)
+    block: Linearisation | None = None  # second derivatives that blocks use
 
     def of(self, places: Places) -> State:
-        """That of some members."""
+        """The state of some members."""
         found = {}
         for one in fields(self):
             value = getattr(self, one.name)
@@ -46,11 +46,11 @@ class State:
         return State(**found)
 
     def copy(self) -> State:
-        """One that may go on while this one stays; arrays are replaced, never written."""
+        """A copy that can move on independently; arrays are replaced, never written."""
         return replace(self)
 
     def arrays(self) -> dict[str, Array]:
-        """All of it as arrays by name."""
+        """The whole state as arrays by name."""
         found: dict[str, Array] = {}
         for one in fields(self):
             value = getattr(self, one.name)
@@ -76,19 +76,19 @@ class State:
 
 @dataclass(eq=False, kw_only=True)
 class Steps:
-    """What solving B steps of length h gave."""
+    """Results of solving B steps of length h."""
 
     h: float  # length and number B
     count: int
     dx: Array  # changes from the beginning of the block, (q, B, e)
     dp: Array
-    unknowns: Array  # U, (q, B, s, e), and what drives the memory, (q, B i, e)
+    unknowns: Array  # U, (q, B, s, e), and inputs of the memory, (q, B i, e)
     inputs: Array
-    z: Array  # states of the memory behind them, (q, J, e)
-    iterations: Integers  # of Newton, and where it found no solution, (q,)
+    z: Array  # states of the memory after the steps, (q, J, e)
+    iterations: Integers  # of Newton, and which members have no solution, (q,)
     failed: Mask
     rest: Array | None = None  # remainders at the points, (q, B r, w); None for linear scenes
-    attempts: tuple[Attempt, ...] = ()  # how the iterations went that solved them
+    attempts: tuple[Attempt, ...] = ()  # logs of the iterations
 
     @property
     def has_failed(self) -> bool:
@@ -100,14 +100,14 @@ class Steps:
         return {name: one for name, one in every.items() if isinstance(one, np.ndarray)}
 
     def put(self, places: Places, other: Steps) -> None:
-        """Take those of `other` for some members."""
+        """Copy the results of some members from `other`."""
         mine, new = self._members(), other._members()
         for name in mine.keys() & new.keys():
             mine[name][places] = new[name]
         self.attempts += tuple(one.among(places) for one in other.attempts)
 
     def among(self, places: Places, members: int) -> Steps:
-        """The same among so many members, zero for others."""
+        """The results as those of `places` among so many members, zero for others."""
         found: dict[str, object] = {}
         for name, one in self._members().items():
             whole = found[name] = np.zeros((members, *one.shape[1:]), one.dtype)
@@ -117,7 +117,7 @@ class Steps:
 
     @classmethod
     def join(cls, parts: Sequence[Steps]) -> Steps:
-        """Steps one after the other."""
+        """Join the results of successive steps."""
         x, p = np.zeros(()), np.zeros(())
         dx, dp = [], []
         attempts: list[Attempt] = []
@@ -145,7 +145,7 @@ class Steps:
 
 
 def compensated(value: Array, lost: Array, change: Array) -> tuple[Array, Array]:
-    """Add by Kahan's compensated sum (1965): the value, and what round-off took too much."""
+    """Add by Kahan's compensated sum (1965): the value, and its rounding error."""
     corrected = change - lost
     total = value + corrected
     return total, (total - value) - corrected

@@ -1,4 +1,4 @@
-"""Large linear scenes: matrices of any form, and a memory of what dampers reach alone.
+"""Large linear scenes: dense or sparse matrices, and a memory only of what dampers act on.
 
 Steps are solved one after the other, by a factorisation in place of the inverse of a block. The
 force of the past is evaluated for a group of steps at once.
@@ -27,17 +27,17 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, Places
 
 GROUP = 16
-"""Steps whose past is evaluated at once."""
+"""Number of steps whose past is evaluated at once."""
 LARGEST_DENSE, LEAST_BLOCK = 1024, 4
-"""A scene is large where the inputs of the shortest block of steps are more than so many."""
+"""A scene is large if its shortest block, of 4 steps, has more inputs than 1024."""
 KEPT, KEPT_UNKNOWNS = 128, 2**20
-"""Step sizes whose factors are kept, at most, and the unknowns of their steps in all."""
+"""Most step sizes whose factors are kept, and most unknowns of all their steps."""
 
 
 def is_structure(
     scenes: Sequence[Scene], method: Method, modes: Sequence[Decoupling] | None
 ) -> bool:
-    """Whether this is one scene of large or sparse linear equations that do not fall apart."""
+    """Whether this is one scene of large or sparse linear equations that are not decoupled."""
     if len(scenes) > 1 or not scenes[0].is_linear:
         return False
     if modes is None:
@@ -47,7 +47,7 @@ def is_structure(
 
 
 class StructureLaw:
-    """Constant mass and stiffness of one scene in any form, ``(d, d)``, and what dampers reach."""
+    """Constant mass and stiffness of one scene, ``(d, d)``, and the reach of its dampers."""
 
     is_linear, has_rates = True, False
 
@@ -76,11 +76,11 @@ class StructureLaw:
         return np.zeros_like(x) if self.stiffness is None else times(x, self.stiffness)
 
     def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """Refused: matrices of other forms are no arrays over members."""
+        """Not possible: sparse matrices are not arrays over members."""
         raise TypeError("structure: its matrices are not arrays over members")
 
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
-        """Refused as well."""
+        """Not possible either."""
         return self.linearise(origin, None, 0.0), points
 
     def remainder(
@@ -90,12 +90,12 @@ class StructureLaw:
         return np.zeros_like(points)
 
     def solver(self, frame: Frame, damping: Sequence[Combination]) -> Solve:
-        """What solves the equations of a step, ``(s d,)`` to the same.
+        """A function that solves the equations of a step, ``(s d,)`` to the same.
 
         Raises
         ------
         numpy.linalg.LinAlgError
-            If they have no unique solution.
+            If the equations have no unique solution.
         """
         kept = self._solvers
         if frame.h not in kept:
@@ -112,11 +112,11 @@ class StructureLaw:
         return kept[frame.h]
 
     def along(self, values: Array) -> Array:
-        """What is remembered of velocities, ``(..., d)`` to ``(..., r)``."""
+        """The components of velocities in the memory, ``(..., d)`` to ``(..., r)``."""
         return values if self.reach is None else self.reach.along(values)
 
     def spread(self, forces: Array) -> Array:
-        """Forces on what is remembered as those on all components."""
+        """Forces on the components in the memory as forces on all components."""
         return forces if self.reach is None else self.reach.spread(forces)
 
 

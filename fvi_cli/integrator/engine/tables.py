@@ -28,17 +28,17 @@ def on_every_component(table: Array, components: int) -> Array:
 
 
 def apply(matrices: Array, vectors: Array) -> Array:
-    """Matrices ``(q or 1, n, k)`` on vectors ``(q, k)``; one product where all share one."""
+    """Matrices ``(q or 1, n, k)`` on vectors ``(q, k)``; one product if all share a matrix."""
     if len(matrices) == 1 < len(vectors):
         return np.asarray(vectors @ matrices[0].T)
     return apply_to_each(matrices, vectors)
 
 
 def apply_to_each(matrix: Array, vectors: Array) -> Array:
-    """One matrix ``(1, n, k)`` on vectors ``(q, k)``, a product of its own for each.
+    """One matrix ``(1, n, k)`` on vectors ``(q, k)``, one product for each vector.
 
-    So a member has the same bits whatever stands beside it: one product of all rounds by their
-    number.
+    So a member has the same bits whatever others are in the batch: the rounding of one product of
+    all vectors would depend on their number.
     """
     return np.asarray(np.matmul(matrix, vectors[..., None])[..., 0])
 
@@ -64,15 +64,15 @@ def by_columns(matrices: Array) -> Array:
 def on_steps(table: Array, values: Array) -> Array:
     """A small matrix ``(a, b)`` on the third axis of ``(q, B, b, e)``."""
     if values.shape[-1] == 1:
-        # for every member a product of its own, as in apply_to_each
+        # one product for each member, as in apply_to_each
         return np.asarray(np.matmul(values[..., 0], table.T)[..., None])
     return np.asarray(np.matmul(table, values))
 
 
 def on_points(table: Array, matrices: Array) -> Array:
-    """``sum_i table[i] (s, s)`` by ``matrices[:, i] (q, e, e)``, ``(q, s e, s e)``.
+    """Sum over i of Kronecker products of ``table[i]`` and ``matrices[:, i]``, ``(q, s e, s e)``.
 
-    `table` is flat in its last axis, ``(r, s s)``.
+    `matrices` are ``(q, r, e, e)``; `table`, ``(r, s s)``, has an ``(s, s)`` matrix in each row.
     """
     q, r, e, _ = matrices.shape
     s = round(table.shape[1] ** 0.5)

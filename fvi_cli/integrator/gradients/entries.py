@@ -23,7 +23,7 @@ from fvi_cli.mathematics.arrays import Array
 class GradientEntry:
     """A number, vector or symmetric matrix of a scene."""
 
-    # what it is called: mass, stiffness, initial_position, initial_velocity, damping.<index>.order
+    # its name: mass, stiffness, initial_position, initial_velocity, damping.<index>.order
     # and .coefficient, potential.<parameter>, lagrangian.<parameter>, laws.<index>.size,
     # .coefficient and the numbers of its kernel: .order and .time or .rate, or .rates and .weights
     # of a Prony series
@@ -32,7 +32,7 @@ class GradientEntry:
     family: Callable[[Array], Scene]  # the scene for another value
 
     def variations(self) -> Iterator[tuple[tuple[int, ...], Variation]]:
-        """Every number in it; of a symmetric matrix those on and above the diagonal."""
+        """Every number in it; for a symmetric matrix the numbers on and above the diagonal."""
         for index in np.ndindex(*self.value.shape):
             if len(index) < 2 or index[0] <= index[1]:
                 one = Variation(

@@ -1,13 +1,13 @@
-r"""What blocks of steps make of their beginning and of loads, in all components of a scene.
+r"""Linear maps of blocks of steps from their beginning and loads, in all components of a scene.
 
-A block takes position x and momentum p at its beginning, the forces F of the past at its stages,
-term by term and without their matrices, and load vectors g, to both behind it, to the velocities V
+A block maps position x and momentum p at its beginning, the forces F of the past at its stages
+(term by term, without their matrices) and load vectors g to x and p after it, to the velocities V
 at its stages and to the positions X at the ends of its other steps,
 
 .. math:: (x', p', V, X) = T\,(x, p, F) + G g.
 
-For equal steps of a linear scene these are made of the engine's own operator; otherwise every step
-has its own, with the second derivatives at the stages of the trajectory.
+For equal steps of a linear scene the maps come from the engine's operator; otherwise every step
+has maps of its own, with the second derivatives at the stages of the trajectory.
 """
 
 from typing import NamedTuple
@@ -29,18 +29,18 @@ Points = tuple[Array, Array, Array]
 
 
 class Maps(NamedTuple):
-    """Tables of k blocks of B steps: one for all of them in the first axis, or one for each.
+    """Tables of k blocks of B steps; the first axis has one table for all blocks, or one for each.
 
-    The memory has those of u different lengths of steps, with f terms and J states.
+    Tables of the memory are for u different lengths of steps, f terms and J states.
     """
 
     by_state: Array  # T, (1 or k, (1 + B + B m) d, (2 + f B m) d)
     by_load: Array  # G, (1 or k, (1 + B + B m) d, B (s + 1) d)
-    which: list[int]  # number of the length of every block, (k,)
-    local: Array  # forces by the velocities of the block itself, (f, u, B m, B m)
-    response: Array  # and by states that are 1 at its beginning, (u, f B m, J)
-    intake: Array  # states behind it by velocities, (u, J, B m), and by themselves
-    decay: Array  # (u, J, 1)
+    which: list[int]  # index of the step length of every block, (k,)
+    local: Array  # from velocities of a block to its forces, (f, u, B m, B m)
+    response: Array  # from states at its beginning to its forces, (u, f B m, J)
+    intake: Array  # from velocities of a block to states after it, (u, J, B m)
+    decay: Array  # factors of the states over a block, (u, J, 1)
 
 
 def maps_of_equal_steps(
@@ -134,9 +134,9 @@ def maps_of_steps(
 
 
 def _arranged(damping: Damping, by_state: Array, by_load: Array, count: int) -> tuple[Array, Array]:
-    """T and G from what velocities and changes of position and momentum are made of.
+    """T and G from rows of velocities and of changes of position and momentum.
 
-    Of the rows (V, changes at the ends of all steps) by position, momentum and the whole force.
+    Rows are (V, changes at the ends of all steps), columns position, momentum and the whole force.
     """
     d = damping.start_velocity.shape[-1]
     k, rows, _ = by_state.shape

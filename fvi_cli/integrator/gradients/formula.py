@@ -1,12 +1,12 @@
-r"""Expressions along a run, accelerations and damping forces among them, and their derivatives.
+r"""Expressions along a run, including accelerations and damping forces, and their derivatives.
 
-A value is a function of the position and velocity, of the damping force F there, the polynomial
-through its values at the stages, and of the scene itself. By an acceleration
+A value depends on position and velocity, on the damping force F there (the polynomial through
+its values at the stages), and on the scene itself. Through an acceleration
 
 .. math:: M a = f - \nabla V(x) - F, \qquad
           L_{vv} a = L_x - L_{vx} v - L_{vt} + f - F
 
-it depends on all of them: with a held fixed, the right-hand sides are differentiated.
+it depends on all of them; the right-hand sides are differentiated with a held fixed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class MotionAt:
         self._steps, self._places, self._which = steps, places, places[0]
         basis, tables = lobatto_basis(steps.tables.degree), steps.tables
         displacement = steps.step_size[self._which] * basis.values(places[1])[1:]
-        # of velocities at the stages, and of other values there
+        # factors of velocities at the stages, and of other values there
         by_unknowns = np.stack([displacement.T, basis.derivatives(places[1])[1:].T])
         self._rows = by_unknowns @ tables.to_unknowns
         self._of_stages = np.ones((self._which.size, 1))
@@ -58,7 +58,7 @@ class MotionAt:
         return self._steps.position_in(*self._places), self._steps.velocity_in(*self._places)
 
     def changes(self, tangent: Tangent) -> tuple[Array, Array]:
-        """Their changes by disturbances, each ``(p, k, d)``."""
+        """Changes of positions and velocities by disturbances, each ``(p, k, d)``."""
         stages = tangent.velocity[:, self._which]
         displacement, velocity = np.einsum("ikr,pkrd->ipkd", self._rows, stages)
         return tangent.position[:, self._which] + displacement, velocity
@@ -68,7 +68,7 @@ class MotionAt:
         return np.asarray(np.einsum("kr,pkrd->pkd", self._of_stages, force[:, self._which]))
 
     def spread(self, by_position: Array, by_velocity: Array) -> tuple[Array, Array]:
-        """From derivatives by the motion those by mesh points and by velocities at the stages."""
+        """Derivatives by mesh points and velocities at the stages, from those by the motion."""
         by_motion = np.stack([by_position, by_velocity])
         n = len(self._steps.position)
         return (
@@ -77,7 +77,7 @@ class MotionAt:
         )
 
     def spread_force(self, by_force: Array) -> Array:
-        """From derivatives by a force those by its values at the stages, ``(n, r, d)``."""
+        """Derivatives by a force at the stages, ``(n, r, d)``, from those by the force."""
         own = np.einsum("kr,kd->krd", self._of_stages, by_force)
         return self._gathered(own, self._steps.n_steps)
 
@@ -89,7 +89,7 @@ class MotionAt:
 
 
 NameResolver = Callable[[int, float], Observations]
-"""Names in an expression for a value of one of the parameters; of index -1: as they are."""
+"""From the index and a value of a parameter to the names in an expression; index -1: unchanged."""
 
 
 class Formula:
@@ -133,8 +133,8 @@ class Formula:
     def _slopes(self) -> tuple[Array, Array, Array, Mapping[int, Array]]:
         """Derivatives by the position, the velocity and the damping force F, each ``(n, d)``.
 
-        And by the forces of single terms without their matrices, by the places of these among the
-        terms and laws of the scene.
+        The mapping has the derivatives by forces of single terms without their matrices; its keys
+        are the places of the terms among the damping terms and laws of the scene.
         """
         scene, places, derived = self._run.scene, self._places, self._own.derived
         observer = Observer(self._motion, [self._own])
@@ -166,14 +166,14 @@ class Formula:
                 terms[place] = terms.get(place, 0.0) + size * share * row
         if acceleration.any():
             by[[0, 1, 3]] += _through_accelerations(self._motion, places, acceleration)
-        # there the damping is what the initial data make of it, see `rates`
+        # at the start the damping depends on the initial data only, see `rates`
         at_start = self._motion.time(*places) == 0.0
         for weights in (damping, *terms.values()):
             weights[at_start] = 0.0
         return position, velocity, -damping, terms
 
     def spread(self, by_value: Array) -> tuple[Array, Array, Array | None, Array | None]:
-        """What :meth:`LinearisedRun.adjoint` takes, from derivatives by the values ``(n,)``."""
+        """The arguments of :meth:`LinearisedRun.adjoint`, from derivatives by the values."""
         *motion, force, by_terms = self._slopes
         weights, terms = by_value[:, None], None
         if by_terms:
@@ -197,9 +197,9 @@ class Formula:
         return np.asarray(sum(np.einsum("nd,pnd->np", by, one) for by, one in pairs))
 
     def rates(self, variations: Sequence[Variation]) -> Array:
-        """Derivatives by parameters with the motion held, ``(n, p)``: what the scene itself does.
+        """Derivatives by parameters with the motion held fixed, ``(n, p)``.
 
-        The force of all damping is held as well, that of a single damper is not.
+        The force of all damping is held fixed as well, the force of a single damper is not.
         """
         found = np.zeros((self.values.size, len(variations)))
         for index, one in enumerate(variations):
@@ -207,7 +207,7 @@ class Formula:
         return found
 
     def rate(self, index: int, one: Variation) -> Array:
-        """That by one parameter, ``(n,)``; `index` is that of names in the expression."""
+        """One column of :meth:`rates`, ``(n,)``; `index` is the parameter's for `resolve_names`."""
         if self._is_of_motion:
             return np.zeros(self.values.size)
         (found,) = differentiate(one, self._run.scene, partial(self._vary, index))

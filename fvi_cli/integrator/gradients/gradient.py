@@ -24,7 +24,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 class RunFailedError(ValueError):
-    """A run that did not come to its end, which has no derivatives."""
+    """A run that stopped early, which has no derivatives."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,9 +32,9 @@ class RunGradient:
     """A number of a trajectory and its derivatives by p parameters, ``(p,)``."""
 
     value: float
-    derivatives: Array  # nan of parameters that are left out
-    left_out: Mapping[int, str]  # their indices, and why they have no derivative
-    step_solves: int  # beyond the run itself
+    derivatives: Array  # nan for parameters that are left out
+    left_out: Mapping[int, str]  # indices of parameters without a derivative, and why
+    step_solves: int  # solved steps in addition to the run
     n_steps: int
 
 
@@ -66,13 +66,13 @@ def gradient_of(
 ) -> RunGradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
-    By default the names in expressions are t and the coordinates with what derives from them, and a
-    parameter without a derivative is an error; it may be left out instead.
+    By default the names in expressions are t and the coordinates with their velocities and
+    accelerations. A parameter without a derivative is an error, or is left out if `leaves_out`.
 
     Raises
     ------
     RunFailedError
-        If the run does not come to its end.
+        If the run stops early.
     ValueError
         For times outside of the run, names that are not known, and a number without derivatives.
     """
@@ -126,8 +126,8 @@ class Sensitivities:
     by_position: Array  # derivatives of both, (n, d, p)
     by_velocity: Array
     run: LinearisedRun
-    change: Disturbance  # what the parameters do to its equations
-    tangent: Tangent  # and to the motion
+    change: Disturbance  # changes of its equations by the parameters
+    tangent: Tangent  # changes of the motion
     variations: Sequence[Variation]
 
     def of(self, formula: Formula) -> Array:
@@ -167,8 +167,9 @@ def sensitivities(
 def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
     """A run of a linear scene on a mesh, ready for tangents and adjoints.
 
-    The motion is what initial data and loads, as disturbances, make of rest: the tables of its
-    steps are made once for the run and its derivatives. Momenta at the points are not found.
+    The motion is the response of the state of rest to initial data and loads, as disturbances, so
+    that the run and its derivatives share the tables of steps. Momenta at the points are not
+    computed.
 
     Raises
     ------

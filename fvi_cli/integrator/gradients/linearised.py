@@ -2,14 +2,15 @@ r"""The discrete equations of a run, linearised along it, and solved in both dir
 
 A disturbance of the scene changes the load vectors of the steps: with the motion held fixed it
 changes P by :math:`\partial P` and Q - F by :math:`\partial Q`, and so
-:math:`g_\nu = \sum_i b_i (l_\nu' \partial P_i + h l_\nu \partial Q_i)`. From block to block
-(:mod:`fvi_cli.integrator.gradients.equations`) go position, momentum and the states z of the
+:math:`g_\nu = \sum_i b_i (l_\nu' \partial P_i + h l_\nu \partial Q_i)`. Blocks
+(:mod:`fvi_cli.integrator.gradients.equations`) pass on position, momentum and the states z of the
 memory,
 
 .. math:: (V, \Delta x, \Delta p) = P\,(x, p, R z) + G g, \qquad z' = A z + Q V.
 
-Forwards this gives what a disturbance does to the trajectory, one column for each. Backwards, all
-transposed, it gives what *all* disturbances do to one number: the mirror equation of the restricted
+Solved forwards, this gives the effect of disturbances on the trajectory, one column for each.
+Solved backwards, all matrices transposed, it gives the effect of *all* disturbances on one number:
+the mirror equation of the restricted
 Hamilton's principle (Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2403.18362), on the same mesh.
 
 Shapes: n steps, p columns, d components; k blocks of B steps, m stages of a step, f damping terms,
@@ -38,30 +39,30 @@ from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_STEP = 1500
-"""Stages times components up to which steps are linearised: matrices of that size are inverted."""
+"""Most unknowns (degree times components) of a step: matrices of that size are inverted."""
 LARGEST_BLOCK = 256
-"""Unknowns of a block of a linear scene."""
+"""Most unknowns of a block of a linear scene."""
 AT_ONCE = 2**21
-"""Entries of the matrices P of steps that are made together."""
+"""Most entries of the matrices P of steps that are computed together."""
 KEPT = 8
-"""Sequences of blocks of a linear scene whose tables are kept."""
+"""Number of sequences of blocks of a linear scene whose tables are kept."""
 EQUAL_STEPS = 8
-"""Steps of the same length, on average, from which on blocks of them are taken at once."""
+"""Steps are solved in blocks if at least this many, on average, have the same length."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Disturbance:
-    """What p changes of a scene do to the equations of a run of n steps, its motion held fixed."""
+    """Effect of p changes of a scene on the equations of a run of n steps, at fixed motion."""
 
     loads: Array  # load vectors, (p, n, s + 1, d)
     position: Array  # at the start, (p, d)
     momentum: Array
-    damping: Array  # force at the stages, (p, n, m, d), which is in the loads already
+    damping: Array  # force at the stages, (p, n, m, d), already included in the loads
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tangent:
-    """What p disturbances do to a trajectory."""
+    """Effect of p disturbances on a trajectory."""
 
     run: LinearisedRun
     position: Array  # at the points of the mesh, (p, n + 1, d)
@@ -69,13 +70,13 @@ class Tangent:
 
     @cached_property
     def plain_forces(self) -> Array:
-        """What that does to the forces of terms without their matrices, ``(f, p, n, m, d)``."""
+        """Changes of the forces of terms without their matrices, ``(f, p, n, m, d)``."""
         return self.run.plain_changes(self.velocity)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cotangent(Disturbance):
-    """What one number changes by for unit disturbances of each kind, without the axis of p."""
+    """Changes of one number by unit disturbances of each kind, without the axis of p."""
 
     def along(self, change: Disturbance) -> Array:
         """The derivatives of that number, shape ``(p,)``."""
@@ -86,8 +87,8 @@ class Cotangent(Disturbance):
 class LinearisedRun:
     """A run of a Runge-Kutta method, ready for tangents and adjoints.
 
-    Of a linear scene the mesh of the steps alone counts. `step_solves` counts systems of one step
-    that were solved, a matrix with several right-hand sides once.
+    For a linear scene only the mesh of the steps counts. `step_solves` counts systems of one step
+    that were solved; several right-hand sides of one matrix count once.
 
     Raises
     ------
@@ -104,7 +105,7 @@ class LinearisedRun:
                 "are linearised"
             )
         # matrices of all damping terms and laws, those of laws times their size, (f, d, d); a scene
-        # without any has a damper of order 1 that does nothing
+        # without damping has a damper of order 1 and coefficient 0
         found = [one.matrix for one in scene.damping]
         found += [one.size * one.matrix for one in scene.laws]
         self.coefficients = np.array(found or [np.zeros((self.d, self.d))])
@@ -139,7 +140,7 @@ class LinearisedRun:
     # --- the damping of the scene, term by term ---
 
     def _damping_of(self, terms: Sequence[Term], matrices: Array, start: Array) -> Damping:
-        """Terms that act each along a matrix of its own, on motions with these start velocities."""
+        """Damping by terms with a matrix each, for motions with the start velocities `start`."""
         sizes, is_caputo = self.steps.step_size, self.scene.derivative == "caputo"
         shortest = float(sizes.min())
         memory = Exponentials(
@@ -161,7 +162,7 @@ class LinearisedRun:
         return Damping(directions, memory, start)
 
     def _plain(self, terms: Sequence[Term], velocity: Array, start: Array) -> Array:
-        """Forces without matrices by velocities ``(p, n, m, d)``, ``(f, p, n, m, d)``."""
+        """Forces without matrices, ``(f, p, n, m, d)``, from velocities ``(p, n, m, d)``."""
         unit = np.broadcast_to(np.eye(self.d), (len(terms), self.d, self.d))
         damping = self._damping_of(terms, unit, start)
         sizes = self.steps.step_size
@@ -181,16 +182,16 @@ class LinearisedRun:
     def plain_forces(self) -> Array:
         """Forces of all terms without their matrices, then minus their derivatives by orders.
 
-        Terms with a coefficient of zero are among them; laws have no orders.
+        Terms with a coefficient of zero are included; laws have no orders.
         """
         return self.forces_of([*self._terms, *map(Slope, self._exponents)])
 
     def plain_changes(self, velocity: Array) -> Array:
-        """What changes of velocities ``(p, n, m, d)`` do to these, ``(f, p, n, m, d)``."""
+        """Changes of these, ``(f, p, n, m, d)``, by changes of velocities ``(p, n, m, d)``."""
         return self._plain(self._terms, velocity, np.zeros((len(velocity), self.d)))
 
     def changes_by_start(self, velocity: Array) -> Array:
-        """What a change of the start velocity ``(d,)`` that is subtracted does to F."""
+        """Change of F by a change ``(d,)`` of the start velocity that is subtracted."""
         rest = np.zeros_like(self.steps.velocity)
         if not (velocity.any() and self._damping.is_relative):
             return rest
@@ -217,7 +218,7 @@ class LinearisedRun:
 
     def _maps(self, blocks: BlockSequence) -> Maps:
         if (kept := self._kept.get(blocks.first)) is not None:
-            # those of linear scenes serve the motion and its changes
+            # tables of linear scenes are used for the motion and for its changes
             return kept
         sizes, common = self.steps.step_size, (self._law, self.method, self._damping)
         try:
@@ -238,11 +239,11 @@ class LinearisedRun:
     def _sweep(
         self, maps: Maps, given: Array, found: Array, end: Array, states: Array, *, back: bool
     ) -> tuple[Array, Array]:
-        """Through a sequence of blocks by T, or back by its transpose.
+        """Go through a sequence of blocks by T, or back by its transpose.
 
-        From position and momentum ``(2 d, p)`` and states ``(J, d p)`` to both behind the last
-        block. Beside them T acts on what is `given`, ``(k, .., p)``; its values are added to what
-        is `found`.
+        Takes position and momentum ``(2 d, p)`` and states ``(J, d p)``, and returns both after the
+        last block. They are added to `given`, ``(k, .., p)``, on which T acts; the values of T are
+        added to `found`.
         """
         whole, give, take = maps.by_state, maps.response, maps.intake
         if back:
@@ -251,7 +252,7 @@ class LinearisedRun:
         d, every = self.d, list(whole) if len(whole) > 1 else [whole[0]] * k
         first, behind = 2 * d, (2 + give.shape[1]) * d
         last = (2 + take.shape[2]) * d
-        # of small matrices the plainest product is the quickest
+        # np.dot is the quickest product of small matrices
         for index in reversed(range(k)) if back else range(k):
             which, on, values = maps.which[index], given[index], found[index]
             on[:first] += end
@@ -263,7 +264,7 @@ class LinearisedRun:
         return end, states
 
     def tangent(self, change: Disturbance) -> Tangent:
-        """What disturbances do to the trajectory."""
+        """Effect of disturbances on the trajectory."""
         d, (p, n, m, _) = self.d, change.damping.shape
         positions, velocities = np.empty((p, n + 1, d)), np.empty((p, n, m, d))
         positions[:, 0] = change.position
@@ -289,11 +290,11 @@ class LinearisedRun:
         force: Array | None = None,
         terms: Array | None = None,
     ) -> Cotangent:
-        """What disturbances of all kinds do to one number.
+        """Effect of disturbances of all kinds on one number.
 
-        Given are its derivatives by positions at the points of the mesh, ``(n + 1, d)``, and at the
-        stages by velocities and by the force F of all damping, ``(n, m, d)`` each, and by that of
-        each term without its matrix, ``(f, n, m, d)``.
+        The arguments are derivatives of the number: by positions at the points of the mesh,
+        ``(n + 1, d)``; at the stages by velocities and by the force F of all damping, ``(n, m, d)``
+        each; and by the force of each term without its matrix, ``(f, n, m, d)``.
         """
         d, f = self.d, len(self.coefficients)
         drawn = np.zeros((f, *velocity.shape)) if terms is None else terms
@@ -307,7 +308,7 @@ class LinearisedRun:
             own = position[one.steps].reshape(k, count * d)
             direct = velocity[one.steps].reshape(k, -1, d)
             found = np.zeros((k, maps.by_state.shape[2], 1))
-            # positions where blocks begin are those behind others
+            # the position where a block begins is that after the block before
             found[:, :d, 0] = own[:, :d]
             if drawn.any():
                 pulled = drawn[:, one.steps].reshape(f, k, -1, d)
@@ -330,11 +331,11 @@ class LinearisedRun:
 
 @dataclass(frozen=True)
 class BlockSequence:
-    """Blocks of steps, one behind the other."""
+    """Successive blocks of steps."""
 
     first: int  # number of the first step
-    number: int  # k
-    count: int  # B
+    number: int  # number k of blocks
+    count: int  # number B of steps in a block
 
     @property
     def steps(self) -> slice:
@@ -343,7 +344,7 @@ class BlockSequence:
 
 
 def damped(plain: Array, matrices: Array | Sequence[Array]) -> Array:
-    """The force of all damping, from those of terms without these matrices of theirs."""
+    """The force of all damping, from the matrices of terms and their forces without these."""
     total = np.zeros(plain.shape[1:])
     for force, matrix in zip(plain, matrices, strict=False):
         if matrix.any():
@@ -352,14 +353,14 @@ def damped(plain: Array, matrices: Array | Sequence[Array]) -> Array:
 
 
 def _exponent(term: Term) -> float:
-    """Of the integration that a power, or a derivative by its order, is; 0 for laws."""
+    """Exponent of the integral of a damping term, or of its derivative by order; 0 for laws."""
     if isinstance(term, Slope):
         return term.exponent
     return term if isinstance(term, float) else 0.0
 
 
 def _times(matrices: Array, values: Array) -> Array:
-    """Matrices ``(k or 1, a, b)`` on ``(k, b, p)``; one product where all share one."""
+    """Matrices ``(k or 1, a, b)`` on ``(k, b, p)``; one product if all share a matrix."""
     if len(matrices) > 1:
         return np.asarray(np.matmul(matrices, values))
     k, b, p = values.shape

@@ -1,9 +1,9 @@
-"""The numbers that a scene is made of, and what happens to its forces as they move.
+"""The numbers of a scene, and the derivatives of its forces with respect to them.
 
-Among them are those inside of formulas: exponents, frequencies, parameters. A parameter of a scene
-moves numbers and leaves the structure. How fast is found by differences of these numbers alone;
-what that does to a formula is differentiated as a formula, so that it is right however long the
-times are.
+Numbers inside formulas (exponents, frequencies, parameters) are included. A parameter of a scene
+changes numbers, but not the structure. The rates of the numbers are found by differences; formulas
+are then differentiated exactly with respect to their numbers, so that derivatives are right at
+times of any size.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class NumberedFormula:
 
     @property
     def shape(self) -> tuple[object, ...]:
-        """What it has in common with the same formula of other numbers."""
+        """The structure: equal for the same formula with other numbers."""
         masked = tuple(
             one[:-1] if one[0] in ("number", "**") else one for one in self.system.instructions
         )
         return masked, self.system.outputs, tuple(self._names)
 
     def rate(self, rates: Array) -> tuple[FormulaSystem, dict[str, float]]:
-        """The derivative of all outputs as its numbers move, and the values of names in it."""
+        """The derivative of all outputs for rates of the numbers, and the values of its names."""
         names, numbers = self._names, self.numbers
         given = [f"#{k}" for k in range(numbers.size - len(names))] + names
         moving = tuple(int(k) for k in np.flatnonzero(rates))
@@ -91,7 +91,7 @@ def _mechanics(scene: Scene) -> NumberedFormula | None:
 
 
 def _matrices(scene: Scene) -> list[Array]:
-    """Mass and stiffness; the mass that stands beside a Lagrangian is not one of its numbers."""
+    """Mass and stiffness; the mass that a scene has with a Lagrangian is not one of its numbers."""
     holder: Any = scene.lagrangian or scene.potential
     form = (
         holder.form
@@ -116,10 +116,10 @@ def _components(scene: Scene) -> Iterator[tuple[ForcingPiece, ForceComponent, li
 
 
 def numbers_of(scene: Scene) -> tuple[list[object], list[Array]]:
-    """What scenes have in common whose numbers differ only, and the numbers.
+    """The structure, equal for scenes that differ in numbers only, and the numbers.
 
     The numbers are those of mass and stiffness, of the formulas of a potential or Lagrangian, and
-    of every component of the force its formula and the coefficients of samples and functions.
+    for every component of the force of its formula and the coefficients of samples and functions.
     """
     mechanics = _mechanics(scene)
     structure: list[object] = [scene.lagrangian is None, mechanics and mechanics.shape]
@@ -144,7 +144,7 @@ def numbers_of(scene: Scene) -> tuple[list[object], list[Array]]:
 def rates_of_forces(
     scene: Scene, rates: Sequence[Array], position: Array, velocity: Array, time: Array | float
 ) -> tuple[Array, Array]:
-    """What momenta and forces of the mechanics change by as numbers move, both ``(..., d)``."""
+    """Derivatives of momenta and conservative forces for rates of the numbers, ``(..., d)``."""
     momentum, force = np.zeros_like(velocity), np.zeros_like(position)
     if rates[0].any():
         momentum = np.asarray(times(velocity, rates[0]))
@@ -165,7 +165,7 @@ def rates_of_forces(
 
 
 def rate_of_forcing(scene: Scene, rates: Sequence[Array]) -> Forcing | None:
-    """What the force of the time changes by as numbers move; None: it does not."""
+    """Derivative of the forcing for rates of the numbers; None if it is zero."""
     if scene.forcing is None or not any(one.any() for one in rates[3:]):
         return None
     moving = iter(rates[3:])

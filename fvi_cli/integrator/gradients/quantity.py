@@ -1,4 +1,4 @@
-"""Numbers that are made of a trajectory, at any times of it."""
+"""Numbers that are computed from a trajectory at any times."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 COMPLEX_STEP = 2.0**-100
-"""So small that its square is nothing beside 1."""
+"""So small that its square is negligible relative to 1."""
 DIFFERENCE = 1e-5
-"""Relative step of the difference that complex steps are held against."""
+"""Relative step of the difference that checks derivatives by complex steps."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantity:
-    """A number made of a motion at some times.
+    """A number computed from a motion at some times.
 
     Parameters
     ----------
     times
-        Shape ``(n,)``, in any order; what lies in a step is taken from its polynomial.
+        Shape ``(n,)``, in any order; values inside a step come from its polynomial.
     value
         From positions and velocities there, both ``(n, d)``, to the number; with `of` from the
         values of that expression, ``(n,)``.
     slopes
-        From the same to its derivatives by them, of the same shapes; None: by complex steps, for
-        which `value` must take complex arrays and be analytic (no abs, no max).
+        From the same arguments to the derivatives by them, of the same shapes; None: by complex
+        steps, for which `value` must take complex arrays and be analytic (no abs, no max).
     of
         An expression in t, coordinates, ``v<name>``, ``a<name>``, ``d<name>``, ``force_1`` and
         ``deformation_1`` of dampers, or the name of a quantity of an experiment; or a function from
@@ -58,7 +58,7 @@ class Quantity:
         object.__setattr__(self, "times", times)
 
     def expression(self, request: Observations, scene: Scene) -> Expression | None:
-        """What `of` says, in the names of a motion; None: positions and velocities.
+        """The expression that `of` gives, in the names of a motion; None: positions and velocities.
 
         Raises
         ------
@@ -88,12 +88,12 @@ class Quantity:
         return found
 
     def derivatives(self, *given: Array) -> list[Array]:
-        """By everything that it is made of, arrays of the same shapes.
+        """Derivatives by all arguments of `value`, arrays of the same shapes.
 
         Raises
         ------
         ValueError
-            If they cannot be had by complex steps.
+            If they cannot be computed by complex steps.
         """
         if self.slopes is not None:
             slopes = self.slopes(*given)
@@ -111,8 +111,8 @@ class Quantity:
         return list(found)
 
     def _check(self, point: Array, found: Array) -> None:
-        """Hold derivatives by complex steps against a difference in one direction."""
-        # unrelated to anything that a quantity may be symmetric in
+        """Check derivatives by complex steps against a difference in one direction."""
+        # a direction without any symmetry that a quantity may have
         along = np.cos(1.0 + np.arange(point.size) ** 2).reshape(point.shape)
         step = DIFFERENCE * (float(np.abs(point).max()) or 1.0)
         after, before = (float(self.value(*(point + s * step * along))) for s in (1.0, -1.0))
@@ -160,7 +160,7 @@ def _coordinate(prefix: str, component: int) -> Callable[[Sequence[str]], str]:
 
 
 def smoothed_peak(of: str, times: ArrayLike, *, sharpness: float = 50.0) -> Quantity:
-    r"""A smooth number close above the largest absolute value of an expression y.
+    r"""A smooth bound, from above, on the largest absolute value of an expression y.
 
     .. math:: \Bigl( \sum_k |y(t_k)|^p \Bigr)^{1/p}, \qquad
        \max_k |y(t_k)| \le \ldots \le n^{1/p} \max_k |y(t_k)|.

@@ -1,9 +1,9 @@
-r"""What a parameter does to the equations of a run, with the motion held fixed.
+r"""Effect of a parameter on the equations of a run, with the motion held fixed.
 
-A scene for a value of the parameter is given; how fast its numbers move is found by central
-differences of order four. Their steps are shortened until the differences of order two agree with
-them. What the moving numbers do to momenta, forces and load vectors is exact (`numbers`), and what
-this does to the motion is left to the linearised run. Forces that are no formulas, the memory of
+A function gives the scene for a value of the parameter. The rates of the scene's numbers are found
+by central differences of order four, with steps that are shortened until differences of order two
+agree. The derivatives of momenta, forces and load vectors by the numbers are exact (`numbers`); the
+linearised run gives the effect on the motion. Forces that are not formulas, the memory of
 relaxation laws and the jump of a Riemann-Liouville derivative are differentiated by their values.
 """
 
@@ -25,17 +25,17 @@ from fvi_cli.mathematics.arrays import Array
 DIFFERENCE = 1e-3
 """First difference of a parameter, relative to its size."""
 ATTEMPTS = 6
-"""Differences that are tried, each a tenth of the one before."""
+"""Number of differences that are tried, each a tenth of the one before."""
 AGREEMENT = 1e-5
-"""Relative difference of both orders at which that of order four is right to some 1e-10."""
+"""Relative difference of the results of both orders at which order four is right to some 1e-10."""
 SMOOTH = 1e-3
-"""Relative difference of both orders above which nothing was found."""
+"""Relative difference of the results of both orders above which there is no derivative."""
 ROUND_OFF = 1e-14
-"""Of values of which differences are taken, relative."""
+"""Relative round-off of the values of which differences are taken."""
 FELT = 1e-8
 """Relative round-off of a derivative above which longer differences are tried."""
 GROWTHS = 12
-"""Differences that are tried then, each ten times the one before."""
+"""Number of longer differences that are tried then, each ten times the one before."""
 
 Stencils = tuple[Mapping[int, float], Mapping[int, float]]
 """Factors of the values at multiples of a difference, of order two and of order four."""
@@ -49,32 +49,32 @@ FORWARD: Stencils = (
 )
 
 Values = Callable[[Scene, float], Sequence[Any]]
-"""Arrays that are differentiated, by the scene and the value of the parameter."""
+"""From the scene and the value of the parameter to the arrays that are differentiated."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variation:
     """One parameter of a scene."""
 
-    family: Callable[[float], Scene]  # for a value; all have the same damping terms
+    family: Callable[[float], Scene]  # the scene for a value; all have the same damping terms
     value: float  # in the scene that was integrated
     name: str = "parameter"  # in messages
 
     def refuse_form(self) -> NoReturn:
-        """Scenes close beside the value are not comparable."""
+        """Raise an error: scenes near the value are not comparable."""
         raise ValueError(f"{self.name}: the scene has another form near {self.value:g}")
 
 
 def disturbance(run: LinearisedRun, variations: Sequence[Variation]) -> Disturbance:
-    """What parameters do to the equations of a run.
+    """Effect of parameters on the equations of a run.
 
     Raises
     ------
     ValueError
-        If the scene is not there, or another one, close beside a value.
+        If the scene does not exist near a value, or has another form there.
     """
     parts = [_disturbance(run, one) for one in variations]
-    # shapes, also where there are none
+    # shapes, also without any parameter
     (n, r, d), s = run.steps.velocity.shape, run.tables.degree
     empty = [np.zeros(shape) for shape in ((0, n, s + 1, d), (0, d), (0, d), (0, n, r, d))]
     every = zip(*parts, strict=True) if parts else empty
@@ -154,8 +154,8 @@ def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
     Raises
     ------
     ValueError
-        If the scene is not there, or another one, close beside the value, or what is
-        differentiated is not smooth there.
+        If the scene does not exist near the value or has another form there, or if an array is
+        not smooth there.
     """
     step = DIFFERENCE * (abs(one.value) or 1.0)
     best: _Differences | None = None
@@ -163,7 +163,7 @@ def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
         try:
             found = _differences(one, scene, values, step, CENTRAL)
         except ValueError:
-            # an order beside 0 or 2
+            # for example an order close to 0 or 2
             if attempt == ATTEMPTS - 1 and best is None:
                 raise
         else:
@@ -188,7 +188,7 @@ def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
                 longer = _differences(one, scene, values, step, stencils)
             except ValueError:
                 continue
-            # the factors on one side are larger
+            # one-sided differences have larger factors
             if longer.noise < best.noise and longer.doubt <= max(AGREEMENT, 20.0 * longer.noise):
                 best = longer
             break
@@ -196,7 +196,7 @@ def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
 
 
 class _Differences(NamedTuple):
-    """Derivatives by differences of a step, their relative doubt and relative round-off."""
+    """Derivatives by differences, their relative error (`doubt`) and round-off (`noise`)."""
 
     step: float
     derivatives: list[Any]
@@ -218,9 +218,9 @@ def _differences(
     derivatives, doubt, noise = [], 0.0, 0.0
     for column in zip(*rows, strict=True):
         flat = np.array([own.ravel() for own in column])
-        # what does not change has the derivative 0, without round-off of the factors
+        # relative to the first value: constants have the derivative 0 without round-off
         with np.errstate(invalid="ignore"):
-            # what is infinite has none
+            # infinite values give nan
             second, fourth = np.array(factors) @ (flat - flat[0])
         derivatives.append(fourth.reshape(column[0].shape))
         if fourth.any():

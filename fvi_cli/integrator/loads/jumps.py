@@ -1,9 +1,10 @@
 """Jumps of forces that a program computes, at times that are no break points.
 
-A formula says where it may jump, samples have knots, a function says nothing. It is looked at in
-the middle of every step; where its difference over two of them stands out, the interval is halved
-as long as its ends are distinct numbers. The difference of a smooth function shrinks with the
-interval, also that of a kink, a noisy record or a fast oscillation; that over a jump does not.
+A formula shows where it may jump, samples have knots, a Python function shows neither. A function
+is evaluated in the middle of every step; where the difference of two neighbouring values stands
+out, the interval is halved as long as its ends are distinct numbers. The difference of a smooth
+function shrinks with the interval, and so does that of a kink, a noisy record or a fast
+oscillation; the difference over a jump does not.
 """
 
 from __future__ import annotations
@@ -18,24 +19,24 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 
 MOST_INTERVALS = 2**16
-"""Longer runs are looked at so often: a guess."""
+"""Most evaluations of a function in a long run: a guess."""
 FEWEST_INTERVALS = 512
-"""Shorter runs too, for a jump beside fast changes stands out in short intervals: a guess."""
+"""Fewest evaluations in a short run: among fast changes, jumps show in short intervals: a guess."""
 FIRST_JUMPS, MOST_JUMPS = 256, 8
-"""Intervals that are halved at first and at last; after each halving half of them are kept."""
+"""Intervals that are halved, at first and at last; after each halving half of them are kept."""
 LEAST_JUMP = 1e-6
-"""Of the largest force that was seen: smaller differences may be round-off."""
+"""Relative to the largest force that was met: smaller differences may be round-off."""
 HELD, LAST = 0.9, 8
-"""A jump keeps this share of its difference over so many of the last halvings: 2**-8 is left of
-that of a smooth function, 0.57 of that of ``abs(t - b)**0.1``."""
+"""A jump keeps this share of its difference over the last 8 halvings; a smooth function keeps 2**-8
+of it, ``abs(t - b)**0.1`` keeps 0.57."""
 LEAST_SPACINGS = 16.0
 """Halving ends at so many units in the last place of the final time."""
 MARGIN = 1e-12
-"""Of the final time: so close to a given break point nothing is looked for."""
+"""Relative to the final time: jumps are not searched for this close to a given break point."""
 
 
 def jump_remarks(scene: Scene, times: Array) -> tuple[str, ...]:
-    """What to write where a force from functions jumps between given break points.
+    """Remarks on a force from functions that jumps between given break points.
 
     `times` are those of the mesh.
     """
@@ -73,7 +74,7 @@ def jump_remarks(scene: Scene, times: Array) -> tuple[str, ...]:
 
 
 def _jumps(component: ForceComponent, seen: Array, final_time: float) -> list[str]:
-    """Times at which a component jumps, between two of those at which it is looked at."""
+    """Times at which a component jumps, between two times of `seen`."""
 
     def force(time: Array) -> Array:
         with np.errstate(all="ignore"):

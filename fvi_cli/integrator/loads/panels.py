@@ -17,11 +17,11 @@ FINE_POINTS = 24
 
 @cache
 def tested_rule(degree: int, *, is_graded: bool) -> tuple[Array, Array]:
-    """Points r of one of these rules on [0, 1], and weights for the tests of a step.
+    """Points ``(r,)`` of a rule on [0, 1], and weights times the basis there, ``(s + 1, r)``.
 
-    On panels that shrink towards 0, or on one, which takes smooth forces to round-off: points
-    ``(r,)``, and weights times the values of the basis there, ``(s + 1, r)``. The first panel ends
-    where t**0.1 is below 1e-16, so that powers from t**-0.9 on are integrated to round-off.
+    The panels of a graded rule shrink towards 0. Otherwise there is one panel, on which smooth
+    forces are integrated to round-off. The first panel of a graded rule ends where t**0.1 is below
+    1e-16, so that powers from t**-0.9 on are integrated to round-off.
     """
     ends = GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0) if is_graded else [1.0]
     points, weights = graded_rule(np.array([0.0, *ends]))

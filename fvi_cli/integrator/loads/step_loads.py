@@ -17,8 +17,8 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
 PANEL_RATIO = 4.0
-"""A step that ends later than at so many times its beginning is integrated in panels of this ratio,
-since forces may be powers of t."""
+"""If the end of a step is later than 4 times its beginning, it is integrated in panels whose ends
+have this ratio, since forces may be powers of t."""
 
 
 Force = Callable[[Array, float, Array], Array]
@@ -28,20 +28,20 @@ Force = Callable[[Array, float, Array], Array]
 class StepLoads:
     r"""Known forces of a scene, step by step or on many equal steps at once.
 
-    These are its forcing, and what Riemann-Liouville adds to Caputo derivatives of order
+    These are its forcing, and the part that Riemann-Liouville adds to Caputo derivatives of order
     :math:`\gamma < 1` for an initial position,
     :math:`-\mu q_0 t^{-\gamma} / \Gamma(1 - \gamma)`.
 
     ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` and ``projected``
-    integrate to round-off; what Riemann-Liouville adds is always integrated exactly, since it is
-    singular at 0.
+    integrate to round-off. The part that Riemann-Liouville adds is always integrated exactly, since
+    it is singular at 0.
     """
 
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
         self._forcing, self._tables = scene.forcing, tables
         self._rule, self._dimension = method.forcing_quadrature, scene.dimension
-        self.largest_force = 0.0  # the largest mean over a step that was met so far
-        # of backward differences: load vectors of the first steps, ``(n, s + 1, d)``
+        self.largest_force = 0.0  # the largest mean over a step so far
+        # for backward differences: load vectors of the first steps, ``(n, s + 1, d)``
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
         self._jump: list[tuple[float, Array]] = []
         # samples on the nodes begin with the jump from 0 to the initial position
@@ -69,11 +69,11 @@ class StepLoads:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is known in advance."""
+        """Whether no loads are known in advance."""
         return self._forcing is None and not self._jump and not self._added.size
 
     def add(self, loads: Array) -> None:
-        """Take what is known of the damping force of the first steps, ``(n, s + 1, d)``."""
+        """Add load vectors of the damping force in the first steps, ``(n, s + 1, d)``."""
         total = np.zeros((max(len(loads), len(self._added)), *loads.shape[1:]))
         total[: len(self._added)] += self._added
         total[: len(loads)] += loads
@@ -117,7 +117,7 @@ class StepLoads:
     def of_damping(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
-        """The part of the damping: minus what Riemann-Liouville derivatives have more."""
+        """The part of the damping: minus the part that Riemann-Liouville derivatives add."""
         if not self._jump and not self._added.size:
             return None
         total = np.zeros((n_steps, *self._added.shape[1:]))
@@ -147,7 +147,7 @@ class StepLoads:
         r"""Load vectors of the step from 0 on, shape ``(s + 1, d)``.
 
         With :math:`l(\tau) = l(0) + \tau r(\tau)` the singular part is
-        :math:`h^{1-\gamma} l(0) / \Gamma(2 - \gamma)`, a push of its own for orders near 1.
+        :math:`h^{1-\gamma} l(0) / \Gamma(2 - \gamma)`, an impulse at 0 for orders near 1.
         """
         from scipy.special import rgamma, roots_jacobi
 
@@ -182,7 +182,7 @@ class StepLoads:
 
 
 def _panels(begin: float, step_size: float) -> Array | None:
-    """Edges in [0, 1] of the panels of a step that is long against its beginning; None: one."""
+    """Edges in [0, 1] of the panels of a step that is long relative to its beginning, or None."""
     if not 0.0 < begin * (PANEL_RATIO - 1.0) < step_size:
         return None
     n_panels = math.ceil(math.log1p(step_size / begin) / math.log(PANEL_RATIO))

@@ -1,1 +1,1 @@
-"""What a solved step errs by: its spectrum, what lies between its stages, kinks, hidden walls."""
+"""Local error of a solved step: its spectrum, forces between stages, kinks, hidden walls."""

@@ -1,9 +1,10 @@
 r"""The local error of a step from its own polynomials.
 
-Two numbers, lengths both. The Legendre coefficients :math:`a_k` of the velocity fall quickly where
-the steps are short enough, and :math:`h |a_{m-1}| \min(1, |a_{m-1} / a_{m-2}|)` is about the first
-one that is left out. What the stages do not see at all shows between them: the largest difference
-there, and at both ends, of the acceleration from the polynomial through the stages, times
+Two estimates, both lengths. The Legendre coefficients :math:`a_k` of the velocity fall quickly
+where the steps are short enough, and :math:`h |a_{m-1}| \min(1, |a_{m-1} / a_{m-2}|)` is about the
+first one that is left out. Forces that the stages miss show between them: the second estimate is
+the largest difference, there and at both ends, of the acceleration from the polynomial through the
+stages, times
 :math:`0.1 h^2`.
 """
 
@@ -26,15 +27,15 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 KEPT = 128
-"""Step sizes whose factors are kept."""
+"""Number of step sizes whose factors are kept."""
 
 
 class StiffModes:
-    r"""What is left of errors and forces where a step resolves them.
+    r"""Removes modes that a step does not resolve from errors and forces.
 
     A structure of thousands of degrees of freedom has modes whose periods are far below any step.
-    A Gauss method carries them along as they are, round-off among them, and short steps would
-    resolve what the run does not need. So what is missed of a motion is looked at through
+    A Gauss method keeps these modes as they are, round-off included; steps that are short enough to
+    resolve them are not needed. So the part of a motion that is missed is multiplied by
     :math:`(M + (h/m)^2 K)^{-1} M`, which leaves slow modes as they are and is small where
     :math:`h \omega` is much more than the number m of stages (as stiff equations have it:
     Shampine, Baca, *Error estimators for stiff differential equations*, 1984).
@@ -45,11 +46,11 @@ class StiffModes:
         self._kept: OrderedDict[float, Solve] = OrderedDict()
 
     def resolved(self, displacements: Array, step_size: float) -> Array:
-        """Ways or velocities ``(n, d)`` as far as a step of this size resolves them."""
+        """The part of displacements or velocities ``(n, d)`` that a step of this size resolves."""
         return self.accelerations(times(displacements, self._mass), step_size)
 
     def accelerations(self, forces: Array, step_size: float) -> Array:
-        """Accelerations to forces ``(n, d)``, as far as a step of this size resolves them."""
+        """Accelerations by forces ``(n, d)``, the part that a step of this size resolves."""
         found = self._kept.get(step_size)
         if found is None:
             softened = (step_size / self._stages) ** 2 * self._stiffness
@@ -60,16 +61,16 @@ class StiffModes:
 
 
 def stiff_modes(scene: Scene, stages: int) -> StiffModes | None:
-    """Those of a scene with sparse matrices; None: small ones are resolved, or fail."""
+    """Stiff modes of a scene with sparse matrices; None for others: steps resolve them or fail."""
     if not (scene.is_sparse and isinstance(scene.potential, QuadraticPotential)):
         return None
     return StiffModes(scene.inertia.form, scene.potential.form, stages)
 
 
 BETWEEN_SHARE = 0.1
-"""What a difference of accelerations between the stages counts, times h^2."""
+"""Factor of h^2 times a difference of accelerations between the stages."""
 ON_KINK = 1e-11
-"""Of its largest size in the step; with less a kink lies at the end."""
+"""A kink lies at an end if its argument there is at most this, relative to its largest size."""
 
 
 class StepPath(NamedTuple):
@@ -88,10 +89,10 @@ class StepPath(NamedTuple):
 
 @lru_cache(maxsize=32)
 def _look_tables(tables: StepTables) -> tuple[Array, Array, Array, Array]:
-    """Places by turns between and at the stages, ends among the former; and maps of U and stages.
+    """Places in turn between stages (or at ends) and at stages; and maps to values there.
 
-    Of U to increments over h and velocities at all places, and of values at the stages to those
-    between them.
+    The maps are from U to increments over h and to velocities at all places, and from values at the
+    stages to values between them.
     """
     basis, stages = lobatto_basis(tables.degree), tables.points
     between = np.concatenate([[0.0], 0.5 * (stages[:-1] + stages[1:]), [1.0]])
@@ -103,9 +104,9 @@ def _look_tables(tables: StepTables) -> tuple[Array, Array, Array, Array]:
 
 
 class Between:
-    """Looks at a step between its stages; floating-point errors are the caller's.
+    """Evaluates a step between its stages; the caller handles floating-point errors.
 
-    At `places` in [0, 1]: ends, stages and the middles between them, by turns ``(2 m + 1,)``.
+    `places` in [0, 1], ``(2 m + 1,)``: ends, stages and the middles between them, in order.
     `stiff` are the modes that steps do not resolve; None: there are none.
     """
 
@@ -130,7 +131,7 @@ class Between:
         return self.forces.at(position, velocity, times, path.middle)
 
     def defect(self, path: StepPath, found: PointForces, *, fresh: bool) -> float:
-        """What is missed between the stages, a length; infinite where a force is not finite.
+        """The error by forces missed between stages, a length; infinite if a force is not finite.
 
         A fresh step begins where a force may be singular.
         """
@@ -148,7 +149,7 @@ class Between:
         return largest if math.isfinite(largest) else math.inf
 
     def _sizes(self, path: StepPath, values: Array, factor: float) -> Array:
-        """What is missed of forces or momenta between the stages, ``(n, d)`` to lengths."""
+        """Errors, as lengths, by forces or momenta ``(n, d)`` missed between the stages."""
         missed = values[::2] - self._from_stages @ values[1::2]
         moved = np.abs(self._accelerations(path, missed))
         return np.asarray(factor * (moved[:, 0] if moved.shape[1] == 1 else moved.max(axis=1)))
@@ -162,7 +163,7 @@ class Between:
         return np.abs(found.force[::2] - self._from_stages @ found.force[1::2])
 
     def mobility_of(self, path: StepPath) -> float:
-        """Largest acceleration to forces that are 1 at most."""
+        """Largest acceleration by forces that are 1 at most."""
         units = self.forces.units_at(path.middle) if self._stiff is not None else None
         if self._stiff is not None and units is not None:
             return float(np.abs(self._stiff.accelerations(units, path.size)).max())

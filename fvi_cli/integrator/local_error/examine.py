@@ -1,12 +1,12 @@
-"""What is known of a solved step before it is believed.
+"""Examination of a solved step before it is accepted.
 
-What no sample of a step sees are walls and pulses that are narrower than its points lie apart. The
-range of the force over the step, by interval arithmetic, is large wherever such a thing is. Parts
-of the step whose range is far beyond what was seen are halved, and sampled, until they are too
-short to matter or the thing itself is met.
+Samples of a step miss walls and pulses that are narrower than the distance of its points. Where
+these are, the range of the force over the step, by interval arithmetic, is large. Parts of the step
+whose range is far beyond the samples are halved, and sampled, until they are too short to matter or
+the wall or pulse is found.
 
 A step that crosses a kink (an argument of ``abs`` or ``sign`` is zero there, or both arguments of
-``min`` or ``max`` are equal) is done again so that it ends there; steps on either side see a smooth
+``min`` or ``max`` are equal) is repeated so that it ends there; steps on either side see a smooth
 force and have their full order.
 """
 
@@ -35,7 +35,7 @@ FIRST_PARTS = 8
 MOST_PARTS = 256
 MOST_HALVINGS = 48
 OF_LARGEST = 0.02
-"""Ranges up to this share of the largest force of the run so far are none."""
+"""Ranges up to this share of the largest force of the run so far do not count."""
 NEGLIGIBLE = 0.01
 """Parts whose largest effect is less than this share of what may hide are left alone."""
 
@@ -50,7 +50,7 @@ class HiddenSearch:
     def search(
         self, path: StepPath, seen: PointForces, tolerance: float
     ) -> tuple[float, float | None]:
-        """Look for forces between the samples of a step that matter beside the tolerance.
+        """Search for forces between the samples of a step that matter for the tolerance, a length.
 
         With the forces at the places of the step; the tolerance is a length. How far what was found
         moves the scene until the end, 0 where nothing was, and a time at which the force may be
@@ -101,7 +101,7 @@ class HiddenSearch:
         high: Array,
         permitted: Array,
     ) -> Array:
-        """By how much the range of the force on parts of the step goes beyond what was seen."""
+        """By how much the range of the force on parts of the step goes beyond `low` and `high`."""
         n, forces = begin.size, self._between.forces
         boxes: list[Interval] = []
         rates: list[Interval] = []
@@ -133,11 +133,11 @@ def _box(values: Array) -> Interval:
 
 
 MOST_CUTS = 12
-"""Times that a step is cut to end at a kink."""
+"""Most times that a step is cut to end at a kink."""
 
 
 class StepFinding(NamedTuple):
-    """What was found out about a step."""
+    """Result of the examination of a step."""
 
     error: float  # its local error, a length
     cut: float | None = None  # size with which it would end at a kink; None: it crosses none
@@ -162,11 +162,11 @@ class Examiner:
 
     @property
     def state(self) -> tuple[float, ...]:
-        """What the examination of steps behind an accepted one depends on."""
+        """Numbers of an accepted step on which the examination of later steps depends."""
         return (self._hidden.largest, -1 if self._starts_on is None else self._starts_on)
 
     def restore(self, largest: float, starts_on: float) -> None:
-        """Go on behind an accepted step."""
+        """Restore :attr:`state` after an accepted step."""
         self._hidden.largest = largest
         self._starts_on = None if starts_on < 0 else int(starts_on)
 
@@ -183,10 +183,10 @@ class Examiner:
     def examine(
         self, path: StepPath, tolerance: float, *, fresh: bool, shortest: float
     ) -> StepFinding:
-        """Look at a step.
+        """Examine a step.
 
-        Of steps that keep the local tolerance more is looked at; a fresh one begins where a force
-        may be singular. Steps are not cut to less than the shortest.
+        Hidden forces are searched for only if the local tolerance is kept. A fresh step begins
+        where a force may be singular. Steps are not cut to less than the shortest.
         """
         error = self.spectrum(path.unknowns, path.size)
         if not math.isfinite(error) or self._forces.are_absent_at(path.middle):
@@ -206,12 +206,12 @@ class Examiner:
         return StepFinding(error=error, ends_on=ends_on, unresolved_at=unresolved)
 
     def go_on(self, finding: StepFinding) -> None:
-        """The step is accepted."""
+        """Note that the step is accepted."""
         self._starts_on = finding.ends_on
         self._cuts = 0
 
     def give_up_cuts(self) -> None:
-        """The step is rejected for its error: a shorter one may cross no kink."""
+        """Note that the step is rejected for its error: a shorter one may cross no kink."""
         self._cuts = 0
 
     def _kink(
@@ -243,7 +243,7 @@ class Examiner:
         return place * path.size, None
 
     def _crossing_beyond(self, path: StepPath, kinks: Array) -> tuple[int, float, float] | None:
-        """A kink at or behind the end of a step that was cut too short."""
+        """A kink at or after the end of a step that was cut too short."""
         nearest: tuple[int, float, float] | None = None
         position, velocity, times = self._between.path_at(path, BEYOND)
         with np.errstate(all="ignore"):
@@ -260,18 +260,18 @@ class Examiner:
 
 
 AT_END = 1e-13
-"""Kinks as close to the end of a step as this, in steps, lie at its end."""
+"""A kink that is this close to the end of a step, in steps, lies at the end."""
 BEYOND = np.array([1.02, 1.1, 1.3])
-"""Where a step that was cut too short is continued to find its kink."""
+"""Places to which a step that was cut too short is continued to find its kink."""
 
 
 def first_crossing(
     arguments: Array, places: Array, *, starts_on: int | None
 ) -> tuple[int, float, float] | None:
-    """The first kink that is crossed: its number and the places before and behind; None: none.
+    """The first kink that is crossed: its number and the places before and after it; or None.
 
-    Arguments of the functions with kinks are ``(k, n)`` at places ``(n,)`` in [0, 1]; the sign of
-    the one on which the step begins says nothing.
+    Arguments of the functions with kinks are ``(k, n)`` at places ``(n,)`` in [0, 1]; for
+    the kink on which the step begins the sign at the beginning is ignored.
     """
     found: tuple[int, float, float] | None = None
     for number, values in enumerate(arguments):

@@ -22,34 +22,34 @@ from fvi_cli.mathematics.intervals.functions import Interval, hull
 
 LARGEST_DIFFERENCE: Final = 1e300
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
-"""What cannot rise and fall between two samples that see nothing of it."""
+"""Functions that cannot rise and fall between two samples without a trace in these."""
 GENTLE_KINDS: Final = ("number", "variable", "+", "-", "*", "negate")
 STEEP_FUNCTIONS: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "sinh", "gamma"})
 """Functions of which walls and pulses are made."""
 LARGEST_GENTLE_POWER: Final = 8.0
 LARGEST_INVERTED: Final = 200
-"""Degrees of freedom up to which the mass matrix is inverted for the sake of an estimate."""
+"""Most degrees of freedom for which the mass matrix is inverted for an estimate."""
 MOST_FORMULAS: Final = 8
-"""Formulas of a large structure that are followed one by one."""
+"""Most formulas of a large structure that are followed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointForces:
-    """What acts at n points of a step."""
+    """Forces at n points of a step."""
 
     momentum: Array | None  # P, shape (n, d); None where it is linear in the velocity
-    # conservative force and forcing, shape (n, d); of a linear scene the forcing alone
+    # conservative force and forcing, shape (n, d); for a linear scene the forcing only
     force: Array
     # arguments of the functions with kinks, in the order in which they are met, (k, n)
     kinks: Array
 
 
 class SceneForces:
-    """Forces of one scene, as its formulas say.
+    """Forces of one scene, from its formulas.
 
-    The stiffness of a linear scene hides nothing and is left out. Where it `may_hide`, a formula
-    may be large where no sample lies: functions that rise and fall steeply, quotients, high powers;
-    where it `is_steep`, it may be of the kind that walls and pulses are made of.
+    The stiffness of a linear scene hides no peaks and is left out. Where it `may_hide`, a formula
+    may be large between samples: it has functions that rise and fall steeply, quotients or high
+    powers. Where it `is_steep`, a formula has functions of which walls and pulses are made.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -67,25 +67,25 @@ class SceneForces:
         called = frozenset[str]().union(*(one.called for one in systems))
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = any(map(may_hide, systems))
-        # what a program does is unknown
+        # a Python function is unknown
         is_program = scene.forcing is not None and scene.forcing.has_functions
         self.is_steep = is_program or bool(called & STEEP_FUNCTIONS)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
     def are_absent_at(self, time: float) -> bool:
-        """Whether there is nothing to look at in a step around this time."""
+        """Whether a step around this time has no forces to examine."""
         piece = self._piece(time)
         return self.is_of_time and (piece is None or piece.is_zero)
 
     def accelerations(self, force: Array, position: Array, velocity: Array, time: float) -> Array:
-        """Accelerations to forces, with the mass matrix at one point, shape ``(n, d)``."""
+        """Accelerations by forces, with the mass matrix at one point, shape ``(n, d)``."""
         inverse = self._inverse_mass(position, velocity, time)
         if inverse is None:
             return self._inertia.velocity(force)
         return np.asarray(force * inverse[0, 0] if len(inverse) == 1 else force @ inverse)
 
     def mobility(self, position: Array, velocity: Array, time: float) -> float:
-        """Largest acceleration to forces that are 1 at most."""
+        """Largest acceleration by forces that are 1 at most."""
         inverse = self._inverse_mass(position, velocity, time)
         if inverse is None:
             return 1.0 / float(self._inertia.form.diagonal().min())
@@ -148,7 +148,7 @@ class SceneForces:
         kinks = np.empty((len(found), time.size))
         for row, one in zip(kinks, found, strict=True):
             row[:] = one
-        # one side may be infinite: the sign is what counts
+        # values may be infinite: only the sign counts
         return np.clip(kinks, -LARGEST_DIFFERENCE, LARGEST_DIFFERENCE)
 
     @cached_property
@@ -167,8 +167,8 @@ class SceneForces:
     ) -> list[tuple[int, Interval]]:
         """Ranges of the force over boxes of positions, velocities and times, by component.
 
-        Components with the same formula of the time are reported once. The boxes are not looked at
-        where the force is one of the time only, :attr:`is_of_time`.
+        Components with the same formula of the time are reported once. The boxes are not used
+        if the force depends on the time only, :attr:`is_of_time`.
         """
         piece = self._piece(middle)
         zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
@@ -186,7 +186,7 @@ class SceneForces:
             low = np.stack([one.low for one in position], axis=-1)
             high = np.stack([one.high for one in position], axis=-1)
             middles = 0.5 * (low + high)
-            # to first order: of functions of the user no range is known
+            # to first order: functions of the user have no known range
             curvature = np.abs(self._supplied.hessian(middles))
             reach = np.einsum("nab,nb->na", curvature, high - middles)
             force = -self._supplied.gradient(middles)
@@ -203,7 +203,7 @@ class SceneForces:
         return list(enumerate(total))
 
     def units_at(self, middle: float) -> Array | None:
-        """Forces of 1 wherever the same formula of the time acts, ``(k, d)``; None: too many."""
+        """Forces of 1 where each formula of the time acts, ``(k, d)``; None if too many."""
         piece = self._piece(middle)
         formulas = [] if piece is None else piece.distinct
         moving = [places for component, places in formulas if not component.is_constant]
@@ -221,7 +221,7 @@ class SceneForces:
 
 
 def _range_of(component: ForceComponent, time: Interval) -> Interval:
-    """Range of a component; samples and functions are looked at in three places."""
+    """Range of a component; samples and functions are evaluated at three places."""
     formula, seen = formula_of(component), hull(np.zeros_like(time.low))
     if not isinstance(component, Expression):
         places = np.stack([time.low, 0.5 * (time.low + time.high), time.high])
@@ -241,7 +241,7 @@ def _systems(scene: Scene) -> Iterator[FormulaSystem]:
 
 
 def may_hide(system: FormulaSystem) -> bool:
-    """Whether anything occurs in a program but sines and polynomials of low degree."""
+    """Whether a program has anything other than sines and polynomials of low degree."""
     for place in system.needed:
         kind, *rest = system.instructions[place]
         if kind == "/":

@@ -1,10 +1,10 @@
 """Pulses in formulas of the time, found before a run by the ranges of the formulas.
 
-These are forces, given displacements, and Lagrangians at one state of the motion. Every piece of a
-force is halved until nothing can hide in any part: the range of each function that occurs is at
-most a few times what 17 samples of it span, and a polynomial through 9 of them meets the others; or
-all that the formula could do there has an impulse that does not matter. Where parts have become far
-shorter than they usually are, steps have to end at their ends.
+Formulas of forces, of given displacements, and of Lagrangians at one state of the motion are
+searched. Every piece of a force is halved until no part can hide a pulse: the range of each
+function in the formula is at most a few times the span of 17 samples, and a polynomial through 9 of
+them meets the others; or the largest impulse that is possible in the part does not matter. Steps
+have to end at the ends of parts that are far shorter than usual.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ from fvi_cli.mathematics.intervals.traced import trace
 from fvi_cli.mathematics.lagrange import LagrangeBasis
 
 LOOKED_AT = (0.0, 0.37, 0.74)
-"""Times of the states in which a Lagrangian is looked at, relative to T."""
+"""Times of the states in which a Lagrangian is examined, relative to T."""
 FIRST_PARTS = 16
 MOST_PARTS = 40_000
-"""Parts of one level; with more the search is given up."""
+"""Most parts of one level; with more the search is given up."""
 SHORTEST = 2.0**-46
 """Parts are not halved below this share of their piece."""
 NARROW = 0.25
 """Steps end at the ends of parts shorter than this share of the median, by time."""
 ROUND_OFF = 1e-14
-"""Of the largest force times the length of the run; impulses below it are none."""
+"""Relative to the largest force times the length of the run; smaller impulses do not count."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pulses:
-    """What a search for pulses found."""
+    """Result of a search for pulses."""
 
     points: tuple[float, ...] = ()  # times at which steps have to end, ascending
     unresolved_at: float | None = None  # time near which something may hide; None: nowhere
 
 
 Motion = Callable[[Array], tuple[Array, Array, Array]]
-"""Times ``(...)`` to positions, velocities and momenta ``(..., d)``."""
+"""From times ``(...)`` to positions, velocities and momenta ``(..., d)``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pulsed:
-    """Something with formulas of the time, and its pulses."""
+    """A quantity with formulas of the time, and its pulses."""
 
     name: str
-    effect: Callable[[Array], Array]  # what counts by its integral, times (...) to (..., k)
+    effect: Callable[[Array], Array]  # values whose integral counts, from times (...) to (..., k)
     pulses: Pulses
 
 
@@ -73,9 +73,9 @@ def pulses_that_move(scene: Scene, length: float) -> Pulses:
 
 
 def pulsed(scene: Scene, length: float, motion: Motion | None = None) -> Iterator[Pulsed]:
-    """What has formulas of the time, each with the pulses that may move a scene by this length.
+    """Quantities with formulas of the time, with the pulses that may move a scene by this length.
 
-    A Lagrangian is looked at along a motion, by default one from the start with its velocity.
+    A Lagrangian is examined along a motion, by default uniform motion from the start.
     """
     end, (x, v) = scene.final_time, (scene.initial_position, scene.initial_velocity)
     if scene.prescribed is not None:
@@ -100,7 +100,7 @@ def pulsed(scene: Scene, length: float, motion: Motion | None = None) -> Iterato
 
 
 def _uniform(lagrangian: Lagrangian, x: Array, v: Array, end: float) -> Motion:
-    """Motion with one velocity; not from 0, and not at rest, so that something may act."""
+    """Uniform motion; not from 0, and not at rest, so that forces may act."""
     size = float(np.abs(x).max()) or float(np.abs(v).max()) * end or 1.0
     x, v = x + (x == 0) * size, v + (v == 0) * size / end
     p, _ = lagrangian.forces(x, v, 0.0)
@@ -115,7 +115,7 @@ def _uniform(lagrangian: Lagrangian, x: Array, v: Array, end: float) -> Motion:
 def _pulsed_lagrangian(
     lagrangian: Lagrangian, end: float, motion: Motion, impulse: float
 ) -> Iterator[Pulsed]:
-    """Forces, and velocities to momenta, with the pulses in the first state that has any."""
+    """Forces, and velocities by momenta, with the pulses in the first state that has any."""
 
     def force(t: Array) -> Array:
         position, velocity, _ = motion(t)
@@ -136,7 +136,7 @@ def _pulsed_lagrangian(
 
 
 def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> list[Forcing]:
-    """Forces, and what velocities to momenta are made of, in one state; empty: it has none."""
+    """Forces, and the terms of velocities by momenta, in one state; empty if there are none."""
     d = lagrangian.dimension
     names = (*lagrangian.coordinates, *lagrangian.velocities)
     state = dict(zip(names, map(float, (*position, *velocity)), strict=True))
@@ -156,10 +156,10 @@ def _formulas_at(lagrangian: Lagrangian, position: Array, velocity: Array) -> li
 
 
 def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -> Pulses:
-    """Look for pulses of a force in [0, T].
+    """Search for pulses of a force in [0, T].
 
-    Samples have points of their own, formulas beside them do not. An impulse, a force times a time,
-    that is negligible does not matter.
+    Only formulas are searched, also those that are added to samples. Impulses, force times time, up
+    to `negligible` do not matter.
     """
     points: set[float] = set()
     unresolved: list[float] = []
@@ -183,7 +183,7 @@ def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -
 
 @functools.cache
 def _nodes() -> tuple[Array, Array, Array, Array]:
-    """17 points of [0, 1]; what 9 of them say of the others, 17 of those of both halves."""
+    """17 points in [0, 1], maps from 9 of them to the others, and from 17 to both halves."""
     points = 0.5 - 0.5 * np.cos(np.pi * np.arange(17) / 16)
     coarse, fine = (LagrangeBasis(control_points=one) for one in (points[::2], points))
     return (
@@ -229,7 +229,7 @@ class _Search:
         return Pulses(points=tuple(inside.tolist()), unresolved_at=self._unresolved)
 
     def _divide(self) -> None:
-        """Halve parts until nothing can hide in them."""
+        """Halve parts until no pulse can hide in them."""
         points, coarse, _, _ = _nodes()
         length = self._length(0)
         begin: Array = self._begin + length * np.arange(FIRST_PARTS, dtype=float)
@@ -250,7 +250,7 @@ class _Search:
             halved = matters & (undersampled | is_rough)
             shortest = length <= SHORTEST * (self._end - self._begin)
             if shortest or halved.sum() > MOST_PARTS:
-                # beside a singular power no polynomial is close, but nothing can hide
+                # near a singular power no polynomial is close, but no pulse can hide
                 self._give_up(begin[halved & undersampled] if shortest else begin[halved])
                 halved = np.zeros_like(halved)
             children = np.where(halved, 2 * (np.cumsum(halved) - 1), -1)
@@ -262,13 +262,13 @@ class _Search:
             level += 1
 
     def _give_up(self, begin: Array) -> None:
-        """Something may hide here; at the beginning of the piece the force may be singular."""
+        """Note a part that may hide a pulse; at the piece's beginning the force may be singular."""
         inside = begin[begin > self._begin]
         if inside.size:
             self._unresolved = float(inside.min())
 
     def _panels(self) -> Array:
-        """Largest parts in which a polynomial meets all that was seen: begin, end, by a pulse."""
+        """Largest parts in which a polynomial meets all samples: begin, end, whether by a pulse."""
         _, _, left, right = _nodes()
         smooth = self._levels[-1].is_smooth
         kept = [smooth]
@@ -294,7 +294,7 @@ class _Search:
             done = is_smooth[place] | (one.children[place] < 0)
             begin = one.begin[place]
             panels.append(np.stack([begin, begin + length, by_pulse], axis=1)[done])
-            # towards the beginning of a piece parts are halved where a power is singular there
+            # parts at the beginning of a piece may be halved for a singular power
             by_pulse = np.repeat((by_pulse | (begin > self._begin))[~done], 2)
             first = one.children[place[~done]]
             place = np.stack([first, first + 1], axis=1).ravel()

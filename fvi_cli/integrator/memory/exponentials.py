@@ -28,12 +28,12 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
 
 STEPS_KEPT = 256
-"""Step sizes whose exponentials are kept in a process: some 20 kilobytes each."""
+"""Number of step sizes whose exponentials are kept in a process: some 20 kilobytes each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExponentialKernels(Kernels):
-    """What B equal steps are to sums of exponentials."""
+    """Tables of sums of exponentials for B equal steps."""
 
     step: StageExponentials  # exponentials over one of the steps
     response: Array  # values at the stages of the block of states that begin with 1, (B m, J)
@@ -58,7 +58,7 @@ class ExponentialKernels(Kernels):
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
-        """States behind the first `count` steps."""
+        """States after the first `count` steps."""
         change, intake = self._of_first(count)
         found = change[:, None] * states
         found += np.matmul(intake, inputs)
@@ -66,7 +66,7 @@ class ExponentialKernels(Kernels):
         return np.asarray(found)
 
     def change_of_all(self, count: int) -> Array:
-        """A diagonal matrix."""
+        """The matrix P - 1, which is diagonal."""
         return np.diag(self._of_first(count)[0])
 
     def _of_first(self, count: int) -> tuple[Array, Array]:
@@ -80,13 +80,13 @@ class Exponentials:
     """Powers of integration and relaxation laws as sums of exponentials.
 
     Every term occurs once. The power 0, a damper of order 1, acts on the velocity itself and needs
-    no states, and where no term remembers anything there is no kernel. Steps and times as for
+    no states; if no term has memory there is no kernel. Steps and times as for
     :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     """
 
-    n_lags = 0  # steps that are remembered one by one, in states of their own
-    # inputs by which the states of a start velocity of 1 are driven in every step, (i,): what
-    # relative terms subtract; None: no input; and what these states are at the start
+    n_lags = 0  # number of steps that are stored one by one, in states of their own
+    # inputs of a start velocity of 1 in every step, (i,), which relative terms subtract; None: no
+    # inputs; and the value of its states at the start
     column: Array | None = None
     column_start = 1.0
 
@@ -137,7 +137,7 @@ class Exponentials:
         return term != 0.0
 
     def operations_per_step(self, directions: int) -> int:
-        """Multiply-adds for one component in a step with so many directions that remember."""
+        """Multiply-adds for one component in a step with `directions` that have memory."""
         return (directions + 1) * self._operator.n_stages * self.n_states
 
     def kernels(self, h: float, count: int) -> ExponentialKernels:
@@ -153,7 +153,7 @@ class Exponentials:
             powers = step.powers(count)
             response = (powers[:, None] * step.stages).reshape(count * m, -1)
             before = response[: (count - 1) * m]
-            # a product of its own for every term
+            # one product for every term
             lags = np.matmul(before, self.weights[:, :, None] * step.intake)
             lags = lags.reshape(len(self.terms), count - 1, m, m)
             intake = (powers[::-1].T[:, :, None] * step.intake[:, None]).reshape(-1, count * m)
@@ -171,5 +171,5 @@ class Exponentials:
 
 @lru_cache(maxsize=STEPS_KEPT)
 def _over_one_step(operator: StageOperator, kernel: Kernel | None, h: float) -> StageExponentials:
-    """Exponentials over a step; runs of one scene, and of many alike, take the same sizes."""
+    """Exponentials over a step; runs of one scene, and of similar ones, take the same sizes."""
     return operator.exponentials(h * kernel.rates if kernel is not None else np.zeros(0))

@@ -1,10 +1,10 @@
-"""What a memory offers, whichever method made it: tables of equal steps, force and new states.
+"""The interface of a memory, for all methods: tables of equal steps, force and new states.
 
 Shapes: q members, e components, m samples of the force and i inputs of a step, J states, B steps,
 K terms. Inputs drive the memory: velocities at the stages of Runge-Kutta methods, the unknowns of
 a step for backward differences. A *lag sequence* ``(..., B, a, b)`` is the first block column of a
-lower block-triangular Toeplitz matrix ``(..., B a, B b)``; that of fewer steps is a leading slice
-of it.
+lower block-triangular Toeplitz matrix ``(..., B a, B b)``; the lag sequence of fewer steps
+is a leading slice of it.
 """
 
 from __future__ import annotations
@@ -42,28 +42,27 @@ def constant_lags(first: Array, later: Array, count: int) -> Array:
 
 
 class Weighted(Protocol):
-    """A memory, as far as terms are put together."""
+    """The part of a memory that combinations of terms need."""
 
-    terms: tuple[Term, ...]  # what is remembered, each once
-    weights: Array  # factors of states in the force of each, (K, J); (K, 0): they are no numbers
+    terms: tuple[Term, ...]  # its terms, each once
+    weights: Array  # factors of states in the force of each term, (K, J); (K, 0): matrices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
-    """A sum of terms that act along one matrix of every member; members first, or 1 for all."""
+    """A sum of terms that act along one matrix of every member."""
 
     places: Integers  # numbers of its terms in the memory, and their factors, (q or 1, n)
     factors: Array
-    matrix: Form  # D, symmetric, (q, e, e); of one large structure (e, e) in any form
-    # factors of exponentials in the force, (q or 1, J); without rows where the memory has none for
-    # every term
+    matrix: Form  # D, symmetric, (q, e, e); of one large structure (e, e), dense or sparse
+    # factors of exponentials in the force, (q or 1, J); (q or 1, 0) where the memory has none
     weights: Array
 
     @classmethod
     def made(
         cls, memory: Weighted, terms: Sequence[Sequence[Term]], factors: Array, matrix: Form
     ) -> Combination:
-        """That of terms of the memory, a row for every member or one for all."""
+        """The combination of terms of the memory, a row for every member or one for all."""
         index = {term: place for place, term in enumerate(memory.terms)}
         places = np.array([[index[term] for term in row] for row in terms])
         plain = cls(places=places, factors=factors, matrix=matrix, weights=np.zeros((1, 0)))
@@ -83,9 +82,9 @@ class Combination:
         raise TypeError("matrix: a large structure has no dense matrix")
 
     def combine(self, by_term: Array) -> Array:
-        """Combine what is given for every term, ``(K, ...)`` to ``(q or 1, ...)``.
+        """Combine values that are given for every term, ``(K, ...)`` to ``(q or 1, ...)``.
 
-        Term by term, so that a member has the same bits whatever stands beside it.
+        Term by term, so that a member has the same bits whatever others are in the batch.
         """
         if self.places.size == 1 and self.factors.item() == 1.0:
             return np.asarray(by_term[self.places[0]])
@@ -96,7 +95,7 @@ class Combination:
         return total
 
     def of(self, members: Places) -> Combination:
-        """That of some members."""
+        """The combination of some members."""
         own = {
             name: value if len(value) == 1 else value[members]
             for name in ("places", "factors", "weights")
@@ -110,18 +109,18 @@ class Combination:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kernels(ABC):
-    r"""What B equal steps are to the memory.
+    r"""Tables of the memory for B equal steps.
 
-    The force of the past and the states behind the steps are linear in states z and inputs U,
+    The force of the past and the states after the steps are linear in states z and inputs U,
 
     .. math:: F = \sum_c R_c\, z_c D_c, \qquad z' = P z + Q U.
 
-    A leading part of the steps is served by the same tables.
+    The same tables serve any leading part of the steps.
     """
 
     count: int  # number B of steps
-    local: Array  # force of every term at the samples by the inputs of their own step, (K, m, i)
-    lags: Array  # the same by those 1 to B - 1 steps before, (K, B - 1, m, i)
+    local: Array  # from inputs of a step to the force of every term in it, (K, m, i)
+    lags: Array  # the same from inputs 1 to B - 1 steps before, (K, B - 1, m, i)
 
     @property
     def n_samples(self) -> int:
@@ -151,7 +150,7 @@ class Kernels(ABC):
 
     @abstractmethod
     def push(self, states: Array, inputs: Array, count: int) -> Array:
-        """States ``(q, J, e)`` behind the first `count` steps, driven by ``(q, count i, e)``."""
+        """States ``(q, J, e)`` after the first `count` steps, with inputs ``(q, count i, e)``."""
 
     @abstractmethod
     def change_of_all(self, count: int) -> Array:

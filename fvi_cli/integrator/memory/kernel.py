@@ -8,7 +8,7 @@ and its discretisation by a Runge-Kutta method on any mesh,
 
 (Balakrishnan; Higham, *Functions of Matrices*, section 7), where
 :math:`z = (x + I^{-1})^{-1} V` solves z' = -x z + V, z(0) = 0. For -1 < theta < 0 there is the
-same integral over :math:`z - V/x`. Behind a step all V is past, and its effect on that step is
+same integral over :math:`z - V/x`. All V before a step is its past, and the effect on the step is
 :math:`\frac{\sin \pi\theta}{\pi} \int x^{-\theta} \ldots z\, dx` for both signs. For theta = 0 it
 vanishes, and its derivative by theta is that of :math:`I^\theta \log I`.
 
@@ -32,7 +32,7 @@ from fvi_cli.mathematics.arrays import Array
 
 _CACHED_KERNELS = 256
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
-"""For orders so small that 1 minus the order is 1; the rates serve all exponents up to it."""
+"""Exponent of orders so small that 1 minus the order is 1; rates serve all exponents up to it."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Slope:
 
 
 Term = float | Slope | RelaxationKernel
-"""An exponent in (-1, 1), the derivative by one, or the kernel of a relaxation law."""
+"""An exponent in (-1, 1), the derivative by an exponent, or the kernel of a relaxation law."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,9 +100,9 @@ def power_kernel(
 ) -> Kernel:
     r"""Rates and weights of terms, for all meshes of certain steps.
 
-    The stages are those of the Gauss method; Radau IIA and Lobatto IIIC need less. The number of
-    steps is ``shortest_step * sum(1 / h_n)`` where that is known to be less; None: as many as there
-    is room for. The accuracy, 1e-15 to 0.1, is that of the weights of the history, relative to
+    The stages are those of the Gauss method; Radau IIA and Lobatto IIIC need less. `steps` is
+    ``shortest_step * sum(1 / h_n)``, if that is known; None: ``final_time / shortest_step``, which
+    is not less. The accuracy, 1e-15 to 0.1, is that of the weights of the history, relative to
     their size. Kernels are shared for the powers of 2 next to the arguments.
 
     Notes
@@ -113,7 +113,7 @@ def power_kernel(
     :math:`x^{-\theta - 2}` times an analytic function of 1/x, because
     :math:`R(-z) = \pm \exp(-K/z + \ldots)`, K = 2 m (m + 1); there the substitution makes it
     fall doubly exponentially, and nodes at which x no longer differs from its limit are merged.
-    Rates that serve all exponents are up to a tenth more than those of one.
+    Rates that serve all exponents are up to a tenth more than rates for one exponent.
 
     A law whose density has a narrow peak at c, singular at a distance :math:`\delta` beside the
     real axis, has equal steps of :math:`u + \sinh^{-1}((u - c) / \delta)` in place of u, in which
@@ -136,7 +136,7 @@ def _kernel(
     terms: tuple[Term, ...], step: int, time: int, steps: int, stages: int, accuracy: float
 ) -> Kernel:
     """The kernel for powers of 2: shortest step, final time and number of steps."""
-    # between these a mesh sees more than powers of the rate
+    # logarithms of rates between which the integrand is not a power of the rate
     first = -time * math.log(2)
     last = math.log(2 * stages * (stages + 1)) + (steps - step) * math.log(2)
     found = []
@@ -170,7 +170,7 @@ def _is_law(term: Term) -> TypeGuard[RelaxationKernel]:
 
 
 def _ends(term: Term) -> tuple[tuple[float, float], ...]:
-    """Powers of a density per logarithm at both ends: of all exponents, or of a law with one."""
+    """Powers of a density per logarithm at both ends: for all exponents, or for a law."""
     if not _is_law(term):
         return ((1 - LARGEST_EXPONENT,) * 2, (math.nextafter(2.0, 0.0),) * 2)
     return () if term.ends is None else (term.ends,)

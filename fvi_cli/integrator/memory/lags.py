@@ -1,14 +1,14 @@
-r"""The memory of backward differences on equal steps: lags, and sums of exponentials behind them.
+r"""The memory of backward differences on equal steps: lags, and sums of exponentials beyond them.
 
 With the unknowns :math:`U_k` of a step (its increments over h) the sampled differences are
 :math:`h (E^T U_k + C^T U_{k-1})`, so that the force at the sampling points is a sum over lags,
 
 .. math:: F_k = \sum_{n=0}^{k} K_n U_{k-n} D, \qquad K_n = h\,(w_n E^T + w_{n-1} C^T),
 
-with the weights w on differences. Near lags are remembered one by one, and behind them the weights
-are exponentials (:func:`lag_exponentials`), each with one state
-for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. Where every sum is
-to be written out all lags are near. Order 1, whose weights end, is a term like the others.
+with the weights w on differences. Near lags are stored one by one, and beyond them the weights
+are sums of exponentials (:func:`lag_exponentials`), each with one state
+for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. If every sum
+is computed directly, all lags are near. Order 1, whose weights end, is a term like the others.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ class LagExponentials:
 def lag_exponentials(
     bdf_order: int, orders: Sequence[float], n_steps: int, *, writes_out: bool = False
 ) -> LagExponentials:
-    r"""Lags to remember one by one on N equal steps, and exponentials behind them.
+    r"""Number of lags to store one by one on N equal steps, and exponentials beyond them.
 
     The weights on differences are the coefficients of :math:`\gamma_p(z)^\gamma / (1 - z)`.
     Cauchy's integral around the cuts of that function is one over the cut from its branch point
     z = 1 and others from the zeros of :math:`\gamma_p(z) / (1 - z)`, whose part falls like
-    :math:`|z_j|^{-n}` with the lag n. So behind some lags
+    :math:`|z_j|^{-n}` with the lag n. So beyond some lags
 
     .. math:: w_n = \frac{\sin \pi\gamma}{\pi} \int_0^\infty
               \frac{|\gamma_p(e^y)|^\gamma}{e^y - 1} e^{-n y} \, dy
@@ -61,9 +61,8 @@ def lag_exponentials(
     :math:`y^{\gamma - 1}` times an analytic function, and the rates of
     :mod:`fvi_cli.integrator.memory.kernel` serve.
 
-    For orders in (0, 2), whole ones among them, whose weights end, N + 1 weights of steps of length
-    1, to 5e-14 of each; without rates where none lies behind the near ones, or every sum is written
-    out.
+    The orders are in (0, 2); order 1 is included, its weights end. N + 1 weights of steps of length
+    1 are right to 5e-14 of each. There are no rates if all lags are near.
     """
     near = NEAR_LAGS[bdf_order]
     fractional = [order for order in orders if order != 1.0]
@@ -94,10 +93,10 @@ def lag_exponentials(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LagKernels(Kernels):
-    """What B equal steps are to lags and sums behind them."""
+    """Tables of lags, and of sums beyond them, for B equal steps."""
 
     response: Array  # force on the block by unit states at its beginning, (K, B m, J)
-    n_lags: int  # number L of steps that are remembered one by one
+    n_lags: int  # number L of steps that are stored one by one
     rates: Array  # y of the sums, and exp(-n y) for n = B .. 1, (sums, B)
     decay: Array
     _combined: WeakKeyDictionary[Combination, Array] = field(
@@ -132,7 +131,7 @@ class LagKernels(Kernels):
         return self._combined[one]
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
-        """States behind the first `count` steps."""
+        """States after the first `count` steps."""
         s, (q, _, e) = self.n_inputs, states.shape
         last, own = self.n_lags * s, count * s
         found = np.empty_like(states)
@@ -162,8 +161,8 @@ class Lags:
     The states are the unknowns of the last L steps, in the order of time, and sums over all of
     them, each for the s unknowns of a step: J is ``(L + sums) s``.
 
-    Terms are exponents, 1 less the orders, each once; with `writes_out` every sum over the past is
-    written out.
+    Terms are exponents, 1 minus the orders, each once; with `writes_out` every sum over the past is
+    computed directly.
     """
 
     column_start = 0.0
@@ -194,10 +193,10 @@ class Lags:
 
     @cached_property
     def _weights(self) -> tuple[Array, Array, Array]:
-        """:math:`K_n`, ``(K, L + 1, m, s)``, these less the sums, and those of the sums.
+        """:math:`K_n`, ``(K, L + 1, m, s)``; K_n less the sums; and the factors of the sums.
 
-        The latter are the factors of the sums in the force on the next step, ``(K, sums, m, s)``.
-        Made when they are first asked for: plans need counts alone.
+        The factors are those in the force on the next step, ``(K, sums, m, s)``. All are computed
+        on first use: plans need counts only.
         """
         tail, tables = self._tail, self._tables
         units = np.array([self.h**exponent for exponent in self._exponents])
@@ -230,11 +229,11 @@ class Lags:
         return found
 
     def remembers(self, term: Term) -> bool:
-        """Whether a term has states: all, order 1 for the few lags of its formula."""
+        """Whether a term has states: all have, order 1 for the few lags of its formula."""
         return term in self.terms
 
     def operations_per_step(self, directions: int) -> int:
-        """Multiply-adds for one component in a step with so many directions."""
+        """Multiply-adds for one component in a step with `directions`."""
         samples = self._tables.sample_points.size
         return directions * samples * self.n_states + self._rates.size * self.n_inputs
 

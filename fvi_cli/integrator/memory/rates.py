@@ -16,9 +16,9 @@ _END_ERROR = 20.0
 # densities that are singular nearer to the real axis than this have nodes crowded around there
 _WIDE = 0.55 * math.pi
 _PEAK_MARGIN = 3.0
-# by so much at a time are ends moved for a peak: laws that differ a little have the same rates
+# ends are moved for a peak in steps of this size, so that similar laws have the same rates
 _ROOM = 2.0
-# nodes so far (as logarithms) beyond what a mesh sees are alike there to every accuracy
+# nodes farther than this (in logarithms) beyond the ends have the same effect to every accuracy
 _ALIKE = 120.0
 
 
@@ -26,13 +26,12 @@ _ALIKE = 120.0
 class RateRule:
     """The trapezoidal rule for some densities, with the nodes that are merged at its ends."""
 
-    # logarithms of the nodes y, and their weights for integrals over log y, of the merged ones as
-    # well
+    # logarithms of all nodes y, merged ones included, and their weights for integrals over log y
     logs: Array
     density: Array
     n_below: int  # nodes that are merged into the first one, and nodes that are kept
     n_kept: int
-    # rate l >= 0 from which on there is a density: a node stands for the rate l + y
+    # rate l >= 0 at which the density begins: a node stands for the rate l + y
     shift: float = 0.0
 
     @property
@@ -41,7 +40,7 @@ class RateRule:
         return np.asarray(self.shift + np.exp(self._parts(self.logs)[1]))
 
     def _parts(self, values: Array) -> tuple[Array, Array, Array]:
-        """What is given at all nodes: at those below, at those that are kept, and above."""
+        """Split values at all nodes: at merged nodes below, at kept nodes, and above."""
         end = self.n_below + self.n_kept
         return values[: self.n_below], values[self.n_below : end], values[end:]
 
@@ -62,7 +61,7 @@ class RateRule:
     def of_density(self, log_density: Callable[[Array], Array]) -> Array:
         """Weights ``density / rate`` of the states, the ends merged, shape ``(J,)``.
 
-        The density per logarithm is given by its logarithm at logarithms of y.
+        `log_density` is the logarithm of the density per logarithm, at logarithms of y.
         """
         below, kept, above = self._parts(self.logs)
         rates = np.log(self.rates)
@@ -92,13 +91,14 @@ def rate_rule(
 ) -> RateRule:
     """The rule for densities that are like powers at both ends.
 
-    By powers per logarithm at small and at large rates, with the logarithms between which the
-    integrand is no such power, the relative accuracy, the rate from which on there are densities,
-    and logarithms at which these bend, with the distance of their singularities from the real axis.
+    `ends` are pairs of powers per logarithm, at small and at large rates; between the logarithms
+    `first` and `last` the integrand is no such power. The accuracy is relative; densities begin at
+    the rate `shift`. `peaks` are logarithms at which densities bend, with the distance of their
+    singularities from the real axis.
     """
     nearest, farthest = first - _ALIKE, last + _ALIKE
     below = max([0.0, *(first - place + _PEAK_MARGIN for place, _ in peaks)])
-    # the rates themselves are a power of those beyond the shift from there on only
+    # only well beyond the shift l the rates l + y are powers of y
     beyond = [place for place, _ in peaks] + ([math.log(shift)] if shift else [])
     above = max([0.0, *(place + _PEAK_MARGIN - last for place in beyond)])
     first -= _ROOM * math.ceil(below / _ROOM)
@@ -120,7 +120,7 @@ def rate_rule(
     u, density = crowds.places(origin + width * np.arange(-n_below, n_middle + n_above + 1))
     left, right = np.exp(first - u), np.exp(u - last)
     logs = u - left + right
-    # peaks may lie at rates that no number can hold
+    # peaks may lie at rates that overflow
     begin = max(n_below, int(np.searchsorted(logs, nearest)))
     end_kept = min(n_below + n_middle + 1, int(np.searchsorted(logs, farthest)))
     return RateRule(

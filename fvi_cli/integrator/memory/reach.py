@@ -1,4 +1,4 @@
-"""What dampers reach: the few directions of a large structure that are remembered."""
+"""The reach of dampers: the few directions of a large structure that the memory stores."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Reach:
     r"""Linear forms :math:`y = B q`, on which every damping matrix acts as :math:`B^T C B`."""
 
     rows: Form  # B, shape (r, d)
-    # the component that each row is, where rows are components; None: they are combinations
+    # component of each row, if rows are single components; None: they are combinations
     components: NDArray[np.intp] | None
 
     @cached_property
     def _compact(self) -> tuple[NDArray[np.intp], Array]:
-        """Columns of B that hold anything, and B in these alone: few of thousands."""
+        """Columns of B that are not zero, and B in these columns only: few of thousands."""
         sparse = as_csr(self.rows).tocsc()
         columns = np.flatnonzero(np.diff(sparse.indptr))
         return columns, np.asarray(sparse[:, columns].toarray())
@@ -70,7 +70,7 @@ class Reach:
 
 
 def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
-    """The fewest forms that hold all that damping terms act on; None: there are none but all."""
+    """The fewest forms on which all damping terms act; None if these are all coordinates."""
     reached = np.any([touched(term.form) for term in terms], axis=0)
     components = np.flatnonzero(reached)
     factors = [term.factored for term in terms]

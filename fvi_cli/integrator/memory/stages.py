@@ -1,8 +1,8 @@
-r"""What a step of a Runge-Kutta method is to the memory, for one step size.
+r"""Tables of the memory for one step of a Runge-Kutta method, for one step size.
 
-All is worked out in coefficients of the polynomials that are orthonormal in the quadrature rule
-of the method. There the matrix is :math:`X_{11} = 1/2`, :math:`\mp\xi_k` beside the diagonal and
-a positive last entry or none (Hairer, Wanner, *Solving Ordinary Differential Equations II*,
+All is computed in coefficients of the polynomials that are orthonormal in the quadrature rule
+of the method. There the matrix has :math:`X_{11} = 1/2`, :math:`\mp\xi_k` next to the diagonal and
+a positive last entry or zero (Hairer, Wanner, *Solving Ordinary Differential Equations II*,
 section IV.5, "W-transformation"), so that :math:`(1 + z X)^{-1} e_1` is a continued fraction of
 positive numbers: real arithmetic, full relative accuracy in every entry for any number of stages
 and any z > 0. Eigenvectors of A lose a digit for every two stages.
@@ -37,7 +37,7 @@ _LOG_OF_ZERO = -800.0
 class StageExponentials:
     """Exponentials over one step, ``s' = x (v - s)``, for rates times its length."""
 
-    # values at the stages of states that begin with 1 and are driven by nothing, (m, J)
+    # values at the stages of states that begin with 1 and have no input, (m, J)
     stages: Array
     signs: Array  # sign and log|R(-h x_j)|, shape (J,); the logarithm of zero is -800
     log_magnitudes: Array
@@ -51,8 +51,8 @@ class StageExponentials:
     def changes(self, count: int) -> Array:
         """``R^count - 1`` in full relative accuracy, shape ``(J,)``.
 
-        In long runs of equal steps ``s += change * s + intake @ V`` forgets at the right pace,
-        where the rounding of a ratio near 1 would be repeated in each step.
+        In long runs of equal steps ``s += change * s + intake @ V`` decays at the right rate;
+        the rounding of a ratio near 1 would be repeated in each step.
         """
         logs = count * self.log_magnitudes
         found = np.expm1(logs)
@@ -74,14 +74,14 @@ class StageOperator:
 
     @cached_property
     def _entries(self) -> tuple[Array, float]:
-        """Entries xi_k below the diagonal of X, ``(m - 1,)``, and what the last one has more."""
+        """Entries xi_k below the diagonal of X, ``(m - 1,)``, and an addition to its last entry."""
         m = self.n_stages
         off = 0.5 / np.sqrt(4.0 * np.arange(1, m) ** 2 - 1.0)
         if self.name == "gauss":
             return off, 0.0
         if self.name == "radau-iia":
             return off, 1.0 / (4 * m - 2)
-        # of Lobatto IIIC: the rule is not exact for the square of the last polynomial
+        # Lobatto IIIC: the rule is not exact for the square of the last polynomial
         off[-1] *= math.sqrt((2 * m - 1) / (m - 1))
         return off, 1.0 / (2 * m - 2)
 
@@ -114,7 +114,7 @@ class StageOperator:
         return matrix
 
     def local_blocks(self, term: Term, sizes: Array) -> Array:
-        r"""A term on the stages of steps of u lengths h, shape ``(u, m, m)``.
+        r"""Matrices of a term on the stages of steps of u lengths h, shape ``(u, m, m)``.
 
         .. math:: h^\theta A^\theta, \qquad h^\theta A^\theta (\ln h + \ln A), \qquad
                   \hat k((h A)^{-1})
@@ -124,7 +124,7 @@ class StageOperator:
         name, m = self.name, self.n_stages
 
         def of_sizes(function: Callable[[float], float]) -> Array:
-            # number by number: a size has the same bits whatever stands beside it
+            # one by one: a size has the same bits whatever others there are
             return np.array([function(h) for h in sizes.tolist()])[:, None, None]
 
         def scaled(theta: float, matrix: Array) -> Array:
@@ -177,7 +177,7 @@ class StageOperator:
 
 @cache
 def stage_operator(name: str, n_stages: int) -> StageOperator:
-    """That of a method, the same one every time."""
+    """The operator of a method, the same object every time."""
     return StageOperator(name=name, rule=_RULES[name](n_stages))
 
 

@@ -1,4 +1,4 @@
-"""Steps that are found on the way: the local error decides."""
+"""Steps that are chosen during the run, by the local error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 FIRST_STEP = 1e-7
 """First step of a stretch on which the motion begins like a power of t, relative to T."""
 SMOOTH_FIRST_STEP = 1e-3
-"""The same where nothing is singular; it is rejected if it is too long."""
+"""First step where the motion is smooth, relative to T; it is rejected if it is too long."""
 SHORTEST_STEP = 1e-11
 """Steps are never shorter than this, relative to T."""
 STEPS_PER_OCTAVE = 4
@@ -20,15 +20,15 @@ SHRINKAGE = 0.3
 REJECTED_SHRINKAGE = 0.2
 SAFETY = 0.85
 AFTER_KINK = 0.1
-"""First step behind a kink of a formula, relative to the last one that was meant."""
+"""First step after a kink of a formula, relative to the last step that was intended."""
 UNSOLVED = 0.25
 ROUND_OFF = 1e-14
-"""Relative to the position; no step is rejected for less."""
+"""Relative to the position; no step is rejected for a smaller error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveSteps:
-    r"""What the steps are chosen for.
+    r"""Steps that are chosen for a tolerance.
 
     A step is accepted if its error est is at most the tolerance: what the Legendre coefficients of
     its velocity leave out, what shows between its stages
@@ -107,7 +107,8 @@ class StepController:
         self._intended = self._first
         # where the next step begins, and whether that is the start or a break point
         self.time, self.is_fresh = 0.0, True
-        # rejected steps, and steps of the shortest size that err too much, with the last of them
+        # numbers of rejected steps and of steps of the shortest size with too large an error, with
+        # the beginning of the last of these
         self.rejected = self.forced = 0
         self.forced_at: float | None = None
         self.is_stuck = False  # not even a step of the shortest size could be solved
@@ -115,7 +116,7 @@ class StepController:
 
     @property
     def state(self) -> tuple[float, ...]:
-        """What the steps behind an accepted one depend on, and what is counted."""
+        """Numbers on which the steps after an accepted one depend, and counts."""
         at = math.nan if self.forced_at is None else self.forced_at
         sizes = (self._size, self._intended, *self._before)
         counts = (self.rejected, self.forced, at)
@@ -150,7 +151,7 @@ class StepController:
         return size
 
     def cut(self, size: float) -> None:
-        """Let the next step to try have this size, so that it ends where a kink is."""
+        """Let the next step to try have this size, so that it ends at a kink."""
         self._cut = size
 
     def tolerance_for(self, scale: float) -> float:
@@ -166,11 +167,11 @@ class StepController:
     def judge(
         self, size: float, estimate: float, scale: float = 0.0, *, ends_on_kink: bool = False
     ) -> bool:
-        """Whether a step with this estimate of its error is accepted; the next size follows.
+        """Whether a step with this estimate of its error is accepted; sets the next size.
 
-        The estimate is infinite where it could not be solved; less than :data:`ROUND_OFF` of the
-        scale, that of the position, is none. Where the force has a kink at the end of the step, the
-        motion begins anew there.
+        The estimate is infinite if the step could not be solved; below :data:`ROUND_OFF` times
+        `scale`, the size of the position, it does not count. If the force has a kink at the end of
+        the step (`ends_on_kink`), a short first step follows.
         """
         self._cut = None
         solved = math.isfinite(estimate)
@@ -193,7 +194,7 @@ class StepController:
             self.is_fresh = ends_on_kink
             if at_end:
                 self.is_fresh |= self._ends.pop(0) in self._breaks
-                # a step that was cut short at a point says little of how long one may be
+                # a step that was cut short at a point says little about the size that is possible
                 self._size = max(self._size, self._intended)
             if self.is_fresh:
                 self._size, self._before = self._first, (math.inf, 0.0)

@@ -1,9 +1,9 @@
 r"""Equal steps with finer ones where the motion begins like a fractional power of t.
 
-A polynomial on [t, t + tau] meets :math:`t^\sigma` with an error of
+A polynomial on [t, t + tau] approximates :math:`t^\sigma` with an error of
 :math:`(\tau / t)^{2m} t^\sigma` in the end points of Gauss methods. With equal steps of size h that
-is :math:`h^\sigma` on the first few of them, however finely the very first is cut. So steps are
-halved on a window of the grid behind every singular point, the nearer the oftener, such that
+is :math:`h^\sigma` on the first few of them, however finely the very first is divided. So steps are
+halved on a window of the grid after every singular point, more often the nearer they are, such that
 :math:`\tau \propto t^{1 - 1/r}` with :math:`r \sigma > 2 m`: the mesh
 :math:`t_k \propto (k/n)^r` (Brunner, *Collocation Methods for Volterra Integral and Related
 Functional Differential Equations*, Cambridge 2004, section 6.2) in powers of 2, whose points
@@ -19,21 +19,21 @@ from dataclasses import replace
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, _parts
 
 WINDOW_SHARE = 4
-"""One of so many steps of a part between break points is in its window."""
+"""The window has one of this many steps of a part between break points."""
 WINDOW_LEAST = 16
-"""Steps of a window at least, where the part and that share of the run have as many: steps behind a
-window of W of them meet a singular power with an error of (4 W)^(-2m)."""
+"""Fewest steps of a window, if the part and that share of the run have as many: after a window of W
+steps, equal steps approximate a singular power with an error of (4 W)^(-2m)."""
 WINDOW_MOST = 512
-"""Steps of a window at most: behind, equal steps lose less than round-off."""
+"""Most steps of a window: after it, equal steps lose less than round-off."""
 EXCESS = 0.5
 """How far r sigma lies above 2 m; with equality the error would have a logarithm."""
 ROUND_OFF = 1e-16
 SHORTEST = 1e-96
 """No step is shorter than this part of a step of the grid: cubes of rates have to stay in range."""
 LEAST_ELLIPSE = 1.25
-"""No step towards a singular point is longer than that of this ellipse, [t / 81, t]."""
+"""Least rho of `_towards_zero`: no step towards a singular point is longer than [t / 81, t]."""
 LEAST_IN_ULPS = 256
-"""Steps behind a break point are no shorter than so many units in the last place of its time."""
+"""Shortest step after a break point, in units in the last place of its time."""
 
 
 def graded_start_mesh(
@@ -46,8 +46,8 @@ def graded_start_mesh(
 ) -> Mesh:
     """N equal steps, halved again and again towards t = 0 and towards break points.
 
-    For Gauss methods of m stages; `exponent` gives the least fractional power of the time behind
-    the start (True) or behind a break point (False) in the position, None where it is smooth.
+    For Gauss methods of m stages; `exponent` gives the least fractional power of the time after
+    the start (True) or after a break point (False) in the position, None where it is smooth.
     """
     stretches: list[Stretch] = []
     for begin, end, count, size in _parts(final_time, n_steps, breaks):
@@ -70,13 +70,13 @@ def graded_start_mesh(
 
 
 def window_of(count: int, n_steps: int) -> int:
-    """Steps of a part of so many, in a run of so many, that are graded."""
+    """Number of graded steps in a part of `count` steps of a run of `n_steps`."""
     least = min(n_steps // WINDOW_SHARE, WINDOW_LEAST)
     return max(1, min(max(count // WINDOW_SHARE, least), count, WINDOW_MOST))
 
 
 def least_step(begin: float) -> float:
-    """Shortest step at this time that round-off leaves alone; zero at the start."""
+    """Shortest step at this time that round-off permits; zero at the start."""
     return LEAST_IN_ULPS * math.ulp(begin) if begin > 0 else 0.0
 
 
@@ -123,7 +123,7 @@ def graded_window(
 def _towards_zero(order: int, power: float) -> list[float]:
     r"""Ends of the steps that cut [0, 1] towards 0, from 1 on.
 
-    A step [t / r, t] meets :math:`t^\sigma` up to about :math:`\rho^{-2m} t^\sigma`, where
+    On [t / r, t] the error for :math:`t^\sigma` is about :math:`\rho^{-2m} t^\sigma`, where
     :math:`\rho = (\sqrt r + 1) / (\sqrt r - 1)` belongs to the ellipse through 0 around the step.
     So ratios may grow towards 0; with r = 2 at t = 1 no step errs by more than that one.
     """

@@ -73,7 +73,7 @@ class Mesh:
 
     @functools.cached_property
     def n_steps(self) -> int:
-        """Number of all steps, those that are not reported among them."""
+        """Number of all steps, including steps that are not reported."""
         return sum(one.n_steps for one in self.stretches)
 
     @functools.cached_property
@@ -83,7 +83,7 @@ class Mesh:
 
     @functools.cached_property
     def equivalent_steps(self) -> float:
-        """Sum of (shortest step / step): so many steps of the shortest size forget as much."""
+        """Sum of (shortest step / step): so many of the shortest steps have the same decay."""
         shortest = self.shortest_step
         return sum(one.n_steps * shortest / one.step_size for one in self.stretches)
 
@@ -103,7 +103,7 @@ class Mesh:
 
     @property
     def sizes(self) -> Array:
-        """Of all steps, shape ``(n,)``."""
+        """Sizes of all steps, shape ``(n,)``."""
         return np.repeat(
             [one.step_size for one in self.stretches], [one.n_steps for one in self.stretches]
         )
@@ -184,7 +184,7 @@ def _parts(
 ) -> list[tuple[float, float, int, float]]:
     """Begin, end, number of steps and step size of every part between break points.
 
-    Where all break points lie on the grid of N equal steps, these are taken.
+    If all break points lie on the grid of N equal steps, its steps are taken.
     """
     h = final_time / n_steps
     places = [one / h for one in breaks]
@@ -194,7 +194,7 @@ def _parts(
     ):
         indices = [0, *(round(p) for p in places), n_steps]
         counts = [b - a for a, b in itertools.pairwise(indices)]
-        # break points may lie a little beside the grid: what counts is that steps lead to them
+        # break points may lie slightly off the grid: steps must end on them
         sizes = [
             h if abs(n * h - (b - a)) <= 1e-12 * (b - a) + 4 * math.ulp(b) else (b - a) / n
             for (a, b), n in zip(itertools.pairwise(ends), counts, strict=True)

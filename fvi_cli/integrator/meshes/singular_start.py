@@ -20,9 +20,9 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
 
 UNKNOWN_FORCE = 0.5
-"""Power with which a force is taken to begin that has no expansion in powers of t."""
+"""Power of t that is assumed for a force without an expansion in powers of t."""
 LARGEST_POWER = 12.0
-"""Powers of a force that do not matter, whatever the method."""
+"""Powers of a force from this one on do not matter, whatever the method."""
 
 
 def start_power(
@@ -30,7 +30,7 @@ def start_power(
 ) -> float | None:
     r"""Least fractional power of t in the position or its errors; None where all is smooth.
 
-    Behind a break point of the force the acceleration jumps: :math:`4 - \gamma`, and the force may
+    After a break point of the force the acceleration jumps: :math:`4 - \gamma`, and the force may
     begin with a fractional power as at the start. The rule of the action errs on a force
     :math:`t^e` like :math:`t^{e + 1}` in the momentum, an exact one only through the motion,
     :math:`t^{e + 2}`.
@@ -71,7 +71,7 @@ def start_power(
 def rate_jumps(scene: Scene) -> bool:
     """Whether a damping force is like t**(1 - order) at t = 0 with an order above 1.
 
-    So are Riemann-Liouville derivatives of a motion with an initial velocity.
+    Riemann-Liouville derivatives of a motion with an initial velocity are such forces.
     """
     return scene.derivative == "riemann-liouville" and any(
         term.order > 1 and np.any(times(scene.initial_velocity, term.form) != 0)
@@ -80,7 +80,7 @@ def rate_jumps(scene: Scene) -> bool:
 
 
 LEAST_POWER = -0.9
-"""Of a force: so much of the momentum of a steeper one is given before the first step can end."""
+"""Least power of a force: a steeper one gives much of its momentum before a first step can end."""
 
 
 def fractional_power(piece: ForcingPiece) -> float | None:
@@ -90,7 +90,7 @@ def fractional_power(piece: ForcingPiece) -> float | None:
 
 
 def powers_behind(scene: Scene, break_point: float) -> tuple[float, ...]:
-    """Fractional powers of t - b with which the force begins behind a break point b."""
+    """Fractional powers of t - b with which the force begins after a break point b."""
     if scene.forcing is None:
         return ()
     ends = [piece.until for piece in scene.forcing.pieces]

@@ -12,7 +12,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 def riemann_liouville_excess(scene: Scene, time: Array) -> Array:
-    """What Riemann-Liouville derivatives of order below 1 have more than Caputo's."""
+    """Damping by Riemann-Liouville derivatives of order below 1, less that by Caputo's."""
     total = np.zeros((time.size, scene.dimension))
     if scene.derivative == "caputo" or not np.any(scene.initial_position != 0):
         return total
@@ -45,10 +45,10 @@ def _infinite_at_start(scene: Scene) -> list[Array]:
 
 
 def with_infinite_start(scene: Scene, found: Array, time: Array) -> Array:
-    """Accelerations at these times, those at t = 0 as infinite as the damping forces there."""
+    """Accelerations at these times; at t = 0 infinite where the damping forces are infinite."""
     mass = scene.inertia
     for lead in _infinite_at_start(scene):
-        # a mass of a Lagrangian is positive, and of one coordinate that is all that counts
+        # the mass of a Lagrangian is positive, which is enough for one coordinate
         if scene.lagrangian is None or scene.dimension == 1:
             direction = mass.velocity(lead[None])[0] if scene.lagrangian is None else lead
             infinite = np.where(direction == 0, found, np.copysign(np.inf, direction))

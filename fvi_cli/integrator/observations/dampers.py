@@ -5,11 +5,11 @@ The entry k of ``damping`` and ``dampers`` acts along :math:`y = B q`, the combi
 
 .. math:: f = \mu D^\gamma y \quad\text{or}\quad f = \mu\,\bigl(G_0\,y + g\,k * \dot y\bigr)
 
-of the sign of the deformation; on the coordinates acts :math:`-B^T f`. What it remembers is the
-memory of the method, driven by :math:`\dot y` at the stages; between them it is the polynomial
-through its values there. The work is that of what is remembered,
-:math:`W(t) = \int_0^t (f - \mu G_0 y) \cdot \dot y\, ds`, so that the works of all dampers are what
-the energy loses; its integral over whole steps is the quadrature of the method.
+of the sign of the deformation; on the coordinates acts :math:`-B^T f`. The part of the force with
+memory is that of the method, from :math:`\dot y` at the stages; between them it is the polynomial
+through its values there. The work is that of the part with memory,
+:math:`W(t) = \int_0^t (f - \mu G_0 y) \cdot \dot y\, ds`, so that the works of all dampers add up
+to the loss of energy; its integral over whole steps is the quadrature of the method.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
 MOST_COMPONENTS = 1000
-"""Components of a damper that have names of their own, at most."""
+"""Most components of a damper that have names of their own."""
 
 TOGETHER = -1
 """Place of all dampers of a scene with a given motion, which share its one coordinate."""
@@ -46,7 +46,7 @@ DamperForce = FractionalDamping | Law
 
 @dataclass(frozen=True, kw_only=True)
 class DamperValue:
-    """What a name says: a component of the force or deformation of a damper, or its work."""
+    """The meaning of a name: a component of the force or deformation of a damper, or its work."""
 
     kind: Literal["force", "deformation", "work"]
     place: int  # among the dampers of the scene, from 0
@@ -54,9 +54,9 @@ class DamperValue:
 
 
 def dampers_of(scene: Scene) -> tuple[tuple[DamperForce, ...], ...]:
-    """Dampers by their numbers, of one or several terms and laws on one deformation.
+    """Dampers in the order of their numbers, each with the terms and laws on one deformation.
 
-    Terms and laws without a number are dampers of their own, behind the others.
+    Terms and laws without a number are dampers of their own, after the others.
     """
     every: tuple[DamperForce, ...] = (*scene.damping, *scene.laws)
     numbers = sorted({one.number for one in every} - {0})
@@ -65,16 +65,16 @@ def dampers_of(scene: Scene) -> tuple[tuple[DamperForce, ...], ...]:
 
 
 def deformation_of(scene: Scene, place: int, motion: Array) -> Array:
-    """What a damper acts on, from ``(..., d)`` to ``(..., c)``."""
+    """The deformation that a damper acts on, from ``(..., d)`` to ``(..., c)``."""
     return dampers_of(scene)[place][0].deformation(motion)
 
 
 def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     """Quantities of dampers by name: ``force_1``, ``deformation_1`` and ``work_1``.
 
-    In place of the number stands the name of a damper that has one; behind it, where a damper has
-    several components, their number, or the storey of each: ``force_1_2``. Where the motion is
-    given, ``force`` is that of all of them.
+    The name of a damper, if it has one, may replace its number. If a damper has several components,
+    the number or the storey of each follows: ``force_1_2``. If the motion is given, ``force`` is
+    the force of all dampers.
     """
     found: dict[str, DamperValue] = {}
     numbered = [(str(place + 1), place, one) for place, (one, *_) in enumerate(dampers_of(scene))]
@@ -96,7 +96,7 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
 
 
 def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunSteps]:
-    """A damper with its deformation in place of the coordinates, and the run of that."""
+    """A scene of one damper with its deformation as coordinates, and the run of this scene."""
     parts = dampers_of(scene)[place]
     single = [replace(one, coefficient=one.inner) for one in parts]
     count = parts[0].inner.shape[0]
@@ -121,10 +121,10 @@ def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, Run
 
 
 def spring_force(scene: Scene, place: int, deformation: Array, time: Array) -> Array:
-    """What a damper does without memory of rates, from deformations ``(n, c)``.
+    """The part of a damper's force without memory, from deformations ``(n, c)``.
 
-    That is the relaxed modulus of a law, and what Riemann-Liouville derivatives of order below 1
-    have more than Caputo's.
+    It comes from the relaxed modulus of a law, and from the difference of Riemann-Liouville and
+    Caputo derivatives of order below 1.
     """
     total = np.zeros_like(deformation)
     start = deformation_of(scene, place, scene.initial_position)
@@ -184,7 +184,7 @@ def deformation_rows(scene: Scene, place: int) -> Array:
 
 @lru_cache(maxsize=8)
 def is_separable(scene: Scene) -> bool:
-    """Whether the balance of forces gives that of each rough damper: their B are independent."""
+    """Whether the balance of forces gives the force of each rough damper: independent B."""
     rough = rough_dampers(scene)
     if scene.is_sparse or not rough:
         return False
@@ -193,7 +193,7 @@ def is_separable(scene: Scene) -> bool:
 
 
 def loses_by_dampers(scene: Scene, steps: RunSteps) -> bool:
-    """Whether the energy of a motion changes by the work of its dampers alone."""
+    """Whether the energy of a motion changes only by the work of its dampers."""
     return scene.forcing is None and scene.lagrangian is None and steps.jump is None
 
 
@@ -213,7 +213,7 @@ def running_work(shape: RunSteps, force: Array | None, rate: Array) -> Array:
 
 
 class DampersAlong:
-    """The dampers of members along their motions; what they remember is found once."""
+    """The dampers of members along their motions; forces of the memory are computed once."""
 
     def __init__(self, motion: DenseMotion) -> None:
         self._motion = motion
@@ -255,7 +255,7 @@ class DampersAlong:
         return found
 
     def _work_by_energy(self, member: int, place: int, steps: Places, tau: Array) -> Array:
-        """The work of the one rough damper, ``(n,)``: what the others leave of the lost energy."""
+        """The work of the one rough damper, ``(n,)``: the lost energy less the works of others."""
         motion, scene = self._motion, self._motion.scenes[member]
         momentum = scene.momentum(scene.initial_position, scene.initial_velocity, 0.0)
         _, energy = motion.momentum_and_energy(motion.position(steps, tau), steps, tau)
@@ -266,7 +266,7 @@ class DampersAlong:
         return np.asarray(found)
 
     def _by_balance(self, scene: Scene, place: int, steps: Places, tau: Array) -> Array:
-        """The force of a rough damper, ``(n, c)``: what the others leave of the whole damping."""
+        """The force of a rough damper, ``(n, c)``: the whole damping less the forces of others."""
         motion, rough = self._motion, rough_dampers(scene)
         rest = -motion.damping(steps, tau)
         for other in range(len(dampers_of(scene))):
@@ -283,7 +283,7 @@ class DampersAlong:
         return np.asarray(forces[:, first : first + len(deformation_rows(scene, place))])
 
     def _remembered(self, place: int) -> Array:
-        """Chebyshev coefficients of what a damper remembers, ``(K, N, c)``."""
+        """Chebyshev coefficients of a damper's force with memory, ``(K, N, c)``."""
         if ("force", place) not in self._series:
             every = self._at_stages(place)
             forces = [np.zeros_like(rate) if one is None else one for one, rate, _ in every]

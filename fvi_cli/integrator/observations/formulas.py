@@ -1,10 +1,10 @@
-"""Formulas along a motion, and when a polynomial may stand for one on a piece of a step.
+"""Formulas along a motion, and when a polynomial may replace one on a piece of a step.
 
-To integrate a formula and to find its extremes its polynomial must be resolved. To find its roots
-none may hide: a piece is halved until the range of the formula over the boxes of its variables, by
-interval arithmetic, excludes zero, or is no wider than that of its polynomial, or shrinks with the
-piece (Moore, Kearfott, Cloud, *Introduction to Interval Analysis*, SIAM 2009, section 8.1). So
-pulses and waves between all samples are met, however long the steps are.
+To integrate a formula and to find its extremes, its polynomial must be resolved. To find its roots,
+no root may be hidden: a piece is halved until the range of the formula over the boxes of its
+variables, by interval arithmetic, excludes zero, or is no wider than that of its polynomial, or
+shrinks with the piece (Moore, Kearfott, Cloud, *Introduction to Interval Analysis*, SIAM 2009,
+section 8.1). So pulses and waves between samples are found, however long the steps are.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval
 
 Variables = Callable[[Places, Array], Mapping[str, Array | float]]
-"""The variables of a formula there, by name, numbers or of the shape of the places."""
+"""From steps and places to a formula's variables by name: numbers, or in the shape of places."""
 
 DECAY = 1e-9
-"""Last coefficients of a piece that is resolved, relative to the largest."""
+"""A piece is resolved if its last coefficients are at most this, relative to the largest."""
 LEAST_HALVINGS, MOST_HALVINGS, MOST_BISECTIONS = 4, 7, 40
 TIGHT = 1.1
-"""Ranges up to so many times that of the polynomial of a piece hide nothing."""
+"""A range up to this many times that of the polynomial of a piece hides no root."""
 SHRINKAGE, SHRINKS = 0.6, 3
-"""Ranges that so often shrink to this share with half of the piece are overestimates only."""
+"""A range that shrinks to this share 3 times, with halves of the piece, is only an overestimate."""
 ROUND_OFF = 1e-14
-"""Relative to the largest value; narrower ranges are not resolved."""
+"""Relative to the largest value; pieces with narrower ranges are not halved."""
 ULPS = 4 * 2.0**-52
-"""By so much of its size every variable may be off."""
+"""Relative round-off of every variable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +91,11 @@ class FormulaAlong:
         return values, self._range(steps, boxes), self._noise(steps, middles)
 
     def round_off(self, steps: Places, tau: Array) -> Array:
-        """By so much values at places may be off, ``(n,)``."""
+        """Bound on the round-off of values at places, ``(n,)``."""
         return self._noise(steps, self.variables(steps, tau))
 
     def _noise(self, steps: Places, variables: Mapping[str, Array | float]) -> Array:
-        """What round-off of the variables makes of the values."""
+        """Round-off of the values by round-off of the variables."""
         boxes: dict[str, Interval | float] = {
             name: one if isinstance(one, float) else _around(np.asarray(one))
             for name, one in variables.items()
@@ -142,7 +142,7 @@ def _box(values: Array) -> Interval:
 
 
 class Resolved:
-    """The polynomial of every piece is resolved; where halving does not help it is round-off."""
+    """Criterion: the polynomial of a piece is resolved, or halving does not help (round-off)."""
 
     def __init__(self, along: Along) -> None:
         self._along = along
@@ -168,7 +168,7 @@ class Resolved:
 
 
 class Isolated:
-    """Every piece has the roots of its polynomial."""
+    """Criterion: a piece has the roots of its polynomial and no others."""
 
     def __init__(self, along: FormulaAlong) -> None:
         self._along = along

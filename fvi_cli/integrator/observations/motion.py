@@ -2,14 +2,14 @@ r"""The motion between the points of a mesh, to the order of the method at the p
 
 The polynomial of a step of an m-stage method has the order m + 1, its velocity m, and the damping
 force along it less; at the mesh points the Gauss method has 2 m. So a second run on the same mesh,
-by the Gauss method of 2 m stages, gives the shape of every step, and a cubic takes it to the
+by the Gauss method of 2 m stages, gives the shape of every step, and a cubic corrects it to the
 positions and velocities of the run at both ends: :math:`x(t_n) = q_n`, :math:`x'(t_n) = v_n`
-exactly, and between them nothing is lost. In stiff motions a velocity may be off by more than that
-of the step's own polynomial is: it is not used. With damping of an order above 1 the momenta are
-not used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
+exactly, without loss of order between them. In stiff motions a velocity may be less accurate than
+that of the step's own polynomial: then it is not used. With damping of an order above 1 the momenta
+are not used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
 :math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
 first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
-a straight line then takes the shape to the positions. The slopes are those of the increments of
+a straight line then corrects the shape to the positions. The slopes are those of the increments of
 the steps: in the shortest ones the difference of two positions is round-off. The damping force at
 any time is the polynomial through its stage values in that second run, and the acceleration
 follows from the equation of motion,
@@ -17,9 +17,9 @@ follows from the equation of motion,
 .. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
    L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
 
-never from differences. The one exception are Riemann-Liouville derivatives of an order above 1 with
-:math:`v_0 \neq 0`, whose stage values keep the error of the first step as the momenta do: there
-the acceleration is the derivative of the velocity polynomial, and the force follows from the
+never from differences. The only exceptions are Riemann-Liouville derivatives of an order above 1
+with :math:`v_0 \neq 0`, whose stage values keep the error of the first step as the momenta do:
+there the acceleration is the derivative of the velocity polynomial, and the force follows from the
 equation of motion.
 """
 
@@ -59,23 +59,24 @@ from fvi_cli.mathematics.series.chebyshev import (
 class DenseMotion:
     r"""Motions of q members at any time of their runs.
 
-    Steps have one numbering: those of a member follow each other, and behind them those of the
-    next one begin. A place is a step and a number from 0 to 1.
+    All steps are numbered in one row: first those of the first member, then those of the next. A
+    place is a step and a number from 0 to 1.
     """
 
     scenes: tuple[Scene, ...]
     steps: tuple[RunSteps, ...]
-    # steps on the same meshes that give the motion between their points; those of a run itself
-    # where nothing better is known
+    # steps on the same meshes that give the motion between their points; the steps of a run itself
+    # if there are no better ones
     shapes: tuple[RunSteps, ...]
-    # damping forces of every member at the stages of its shape, (k, n, r, d), to be added up; of
-    # the damper in a place what it remembers, on its deformation; None without damping
+    # damping forces of every member at the stages of its shape, (k, n, r, d), to be added up; for
+    # the place of a damper its force with memory, on its deformation; None without damping
     find_forces: Callable[[int | None], Sequence[Array | None]]
     remarks: tuple[str, ...] = ()  # of each; empty: none
-    # whether the velocities at t = 0 are those of the scenes; those of derivatives are polynomials
+    # whether velocities at t = 0 are those of the scenes; for derivatives of runs they are
+    # polynomials
     are_starts_given: bool = False
-    # the only steps that are asked for positions and momenta, ascending, which have numbers of
-    # their own from then on; None: all
+    # the only steps of which positions and momenta are needed, ascending; they have new numbers.
+    # None: all
     chosen: Places | None = None
     known: Located = field(default_factory=dict)  # the last times of :meth:`located`
 
@@ -83,7 +84,7 @@ class DenseMotion:
 
     @cached_property
     def firsts(self) -> Places:
-        """Number of the first step of every member, and that behind the last, ``(q + 1,)``."""
+        """Number of the first step of every member, and of all steps, ``(q + 1,)``."""
         return np.append(0, np.cumsum([one.n_steps for one in self.steps]))
 
     @cached_property
@@ -103,7 +104,7 @@ class DenseMotion:
         return [self.chosen[slice(*pair)] - first for pair, first in pairs]
 
     def _of_steps(self, values: Iterable[Array]) -> list[Array]:
-        """What every member has, ``(n, ...)``, of its chosen steps."""
+        """The values of every member, ``(n, ...)``, at its chosen steps."""
         return [one[own] for one, own in zip(values, self._own, strict=True)]
 
     @cached_property
@@ -177,7 +178,7 @@ class DenseMotion:
         return _corrected(increments, to_increments, gaps), _corrected(rates, to_rates, gaps)
 
     def _gaps(self) -> Array:
-        """What shapes lack of mean velocities, and of velocities at both ends, ``(3, N, d)``.
+        """Corrections of the shapes' mean velocities and velocities at both ends, ``(3, N, d)``.
 
         Mean velocities are those of the increments, since in short steps the difference of two
         positions is round-off.
@@ -261,7 +262,7 @@ class DenseMotion:
     def acceleration(self, steps: Places, tau: Array) -> Array:
         """Accelerations from the equation of motion, shape ``(n, d)``.
 
-        At a break point of the forcing it is that before it.
+        At a break point of the forcing it is the acceleration before it.
         """
         time, position = self.time(steps, tau), self.position(steps, tau)
         velocity, force = self.velocity(steps, tau), self.damping(steps, tau)
@@ -292,7 +293,7 @@ class DenseMotion:
         return slope.reshape(len(slope), *rate.shape[1:])
 
     def _force_by_balance(self, scene: Scene, steps: Places, tau: Array) -> Array:
-        """Damping force that the equation of motion asks for, shape ``(n, d)``."""
+        """Damping force that the equation of motion requires, shape ``(n, d)``."""
         time = self.time(steps, tau)
         position, velocity = self.position(steps, tau), self.velocity(steps, tau)
         known = np.zeros_like(position) if scene.forcing is None else scene.forcing(time)
@@ -326,7 +327,7 @@ def stage_series(steps: Sequence[RunSteps], values: Sequence[Array]) -> Array:
 
 
 def _corrected(series: Array, matrix: Array, gaps: Array) -> Array:
-    """Series with what `matrix` makes of gaps added to them."""
+    """Series plus `matrix` times the gaps."""
     found = np.zeros((max(len(series), len(matrix)), *series.shape[1:]))
     found[: len(series)] = series
     for column, gap in zip(matrix.T, gaps, strict=True):
@@ -335,7 +336,7 @@ def _corrected(series: Array, matrix: Array, gaps: Array) -> Array:
 
 
 def join_series(series: Sequence[Array]) -> Array:
-    """Series of members ``(K, n, d)`` one after the other, short ones with zeros."""
+    """Series of members ``(K, n, d)`` one after the other, short ones padded with zeros."""
     if len(series) == 1:
         return series[0]
     ends = np.append(0, np.cumsum([one.shape[1] for one in series]))
@@ -364,15 +365,15 @@ def _corrections() -> tuple[Array, Array]:
 
 
 def are_nearer(momenta: Array, polynomials: Array) -> NDArray[np.bool_]:
-    """Whether velocities by momenta are off by less than those by polynomials, at both ends.
+    """Whether corrections by momenta are no larger than those by polynomials, at both ends.
 
-    Momenta have twice the order; but in stiff motions they keep what stages have long forgotten.
+    Momenta have twice the order; but in stiff motions they keep errors that decay at the stages.
     """
     return np.asarray((np.abs(momenta) <= np.abs(polynomials)).all(axis=0))
 
 
 def largest_near(velocity: Array, at: Places) -> Array:
-    """Largest velocities at the stages of some steps and of those beside them, ``(n, d)``."""
+    """Largest velocities at the stages of some steps and of their neighbours, ``(n, d)``."""
     # stage by stage: NumPy reduces short axes one by one
     size = reduce(np.maximum, np.abs(velocity).swapaxes(0, 1))
     size = np.concatenate([size[:1], size, size[-1:]])
@@ -382,7 +383,7 @@ def largest_near(velocity: Array, at: Places) -> Array:
 def accelerations(
     scene: Scene, position: Array, velocity: Array, force: Array, time: Array
 ) -> Array:
-    """Accelerations under forces beside those of the Lagrangian, all of shape ``(n, d)``."""
+    """Accelerations under further forces than those of the Lagrangian, all of shape ``(n, d)``."""
     with np.errstate(all="ignore"):
         lagrangian = scene.lagrangian
         if lagrangian is not None:

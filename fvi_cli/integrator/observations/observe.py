@@ -37,10 +37,10 @@ def integrate_requested(
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
-    """Integrate scenes by one method, each in its steps, and observe what is requested of it.
+    """Integrate scenes by one method, each in its steps, and compute the requested outputs.
 
-    Numbers of steps are the same for all, and so is what is requested; where it is nothing, both
-    of a pair are the run itself. Scenes with impacts, diagnostics or a mesh of their own are
+    Numbers of steps are the same for all scenes, and so are the kinds of outputs; without outputs
+    both of a pair are the run itself. Scenes with impacts, diagnostics or a mesh of their own are
     integrated individually, each with a part of the checkpoint; others in batches
     (:func:`fvi_cli.integrator.members.integrate_members`). `with_steps` keeps the steps of runs
     that are not observed; a run with impacts takes neither `every` nor `diagnostics`.
@@ -107,13 +107,13 @@ def observe_members(
     impacts: Mapping[str, Array] = MappingProxyType({}),
     checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
-    """Requested outputs of finished runs, with their steps, by one method, all at once.
+    """Requested outputs of finished runs by one method, all at once.
 
-    For each the run on its mesh, up to where an event ended it; and at the times that are asked
-    for, with what was observed. It has the bits that it has by itself. The formulas, and the
-    directions of events, are those of the first member; values of the names in them are those of
-    each. The times of impacts of the first, by name, are reported like events. The second run, for
-    the motion between its points, has a part of the checkpoint.
+    Each run gives a pair: the run on its mesh, up to an event that ended it, and the run at the
+    requested times with its outputs, bit for bit as by itself. Formulas and the directions of
+    events are those of the first member; values of the names in them are each member's own.
+    `impacts` are the times of impacts of the first member by name, and are reported like events.
+    The second run, for the motion between its points, has a part of the checkpoint.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def observe_members(
         if not steps[index].n_steps:
             found[index] = run, replace(run, observed=Observed(mesh=steps[index].time))
             continue
-        # the force of a given motion is that of all dampers, of which each may have others
+        # with a given motion the force is that of all dampers, whose number may differ
         count = 0 if scene.prescribed is None else len(dampers_of(scene))
         groups.setdefault(count, []).append(index)
     for count, members in groups.items():
@@ -145,7 +145,7 @@ def observe_members(
             method,
             [steps[k] for k in members],
             keeper_of_run(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
-            # the motion is looked at where it meets a surface, too
+            # the motion is evaluated where it meets a surface, too
             None if impacts else _chosen(requests, steps, members),
         )
         observer = Observer(motion, [requests[k] for k in members])

@@ -39,7 +39,7 @@ class Observer:
         self._of_damper = DampersAlong(motion)
 
     def along(self, expression: Expression) -> FormulaAlong:
-        """The value of an expression at places; only what occurs in it is evaluated."""
+        """The value of an expression at places; only names that occur in it are evaluated."""
         known = [(one, one.parameters.keys() & expression.names) for one in self.requests]
         constants = [{name: one.parameters[name] for name in used} for one, used in known]
         if all(one == constants[0] for one in constants):
@@ -50,9 +50,9 @@ class Observer:
     def variables(
         self, expression: Expression, steps: Places, tau: Array
     ) -> dict[str, Array | float]:
-        """The variables of an expression at places, but for the parameters.
+        """The variables of an expression at places, except the parameters.
 
-        They are in ``(n,)`` steps at ``(n,)``, or in ``(n, 1)`` at ``(n, k)``.
+        Steps and places are ``(n,)`` both, or ``(n, 1)`` and ``(n, k)``.
         """
         motion, names, values = self.motion, expression.names, dict[str, Array | float]()
         flat = np.broadcast_to(steps, tau.shape).ravel(), tau.ravel()
@@ -132,7 +132,7 @@ class Observer:
         ]
 
     def _find(self, name: str, event: Event, members: Sequence[_Member]) -> None:
-        """Put the occurrences of an event to those of every member, with what may be missing."""
+        """Add the occurrences of an event to every member, with a remark if some may be missing."""
         motion = self.motion
         counts = [one.n_steps for one in motion.steps]
         step, place, lost = event_places(self.along(event.when), counts, event.direction)
@@ -218,7 +218,7 @@ class Observer:
 
 @dataclass(eq=False)
 class _Member:
-    """What is found of a run, as far as it goes on."""
+    """Outputs of a run, up to its end."""
 
     run: Trajectory
     end: float

@@ -1,4 +1,4 @@
-"""A function along a motion, in pieces on each of which a polynomial stands for it.
+"""A function along a motion, in pieces on each of which a polynomial replaces it.
 
 On every piece (a step, or a part of one) the function is interpolated in Chebyshev points. A
 criterion, see :mod:`~fvi_cli.integrator.observations.formulas`, says which pieces are halved. The
@@ -6,8 +6,8 @@ extremes of the polynomials are eigenvalues; between two neighbours among them a
 pieces the function is monotone, so that a change of sign encloses exactly one root, and two roots
 in a step are two changes (Boyd, *Solving Transcendental Equations*, SIAM 2014, sections 2 and 3).
 
-Steps of all members have one numbering: those of a member follow each other, and behind them those
-of the next one begin. No decision on a member depends on others.
+All steps are numbered in one row: first those of the first member, then those of the next. No
+decision on a member depends on others.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ Along = Callable[[Places, Array], Array]
 POINTS = 17
 """Chebyshev points of a piece."""
 AT_A_TIME = 2048
-"""Steps of a member that make a part, and steps of all members that are computed together."""
+"""Most steps in a part of a member, and most steps of all members that are computed together."""
 MOST_PIECES = 2**17
-"""Pieces of one length of a part; where there would be more, features may be missed."""
+"""Most pieces of one length of a part; if more are needed, features may be missed."""
 
 _NODES = second_kind_points(POINTS)
 _TO_COEFFICIENTS = to_coefficients(_NODES).T.copy()
@@ -50,7 +50,7 @@ class StepPart(NamedTuple):
     """Successive steps of one member."""
 
     first: int
-    last: int  # behind the last one
+    last: int  # number after the last step
     end: float = 1.0  # place in the last step at which the part ends
 
 
@@ -73,7 +73,7 @@ class Pieces:
 
     @property
     def reach(self) -> Array:
-        """By so much at most the polynomials differ from `middle`, ``(n,)``."""
+        """Bound on the difference of the polynomials from `middle`, ``(n,)``."""
         return np.asarray(np.abs(self.coefficients[:, 1:]).sum(axis=1))
 
     @property
@@ -101,11 +101,11 @@ class Criterion(Protocol):
     def __call__(
         self, depth: int, step: Places, tau: Array, part: Places, carried: Array
     ) -> tuple[Array, Array, Mask, Array]:
-        """Values, coefficients, the pieces that are to be halved, and what their halves get.
+        """Values, coefficients, the pieces to be halved, and two numbers to pass on to halves.
 
         After `depth` halvings the pieces have the steps ``(n,)``, Chebyshev points ``(n, POINTS)``
-        and numbers of their parts ``(n,)``; they carry what the piece of which they are halves
-        gave, ``(n, 2)``, at first :data:`NO_CARRY`.
+        and numbers of their parts ``(n,)``; `carried`, ``(n, 2)``, has the numbers from the pieces
+        of which they are halves, at first :data:`NO_CARRY`.
         """
 
 
@@ -155,7 +155,7 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
                 return
             at = int(np.flatnonzero(rough)[0])
             lost.append(float(step[at] + begin[at]))
-            # of these only the ends count
+            # of these pieces only the ends are used
             coefficients[rough] = np.eye(POINTS)[0]
             rough[:] = False
         kept = ~rough
@@ -175,7 +175,7 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
 
 
 def by_owner(owner: Places, steps: Places, count: int) -> list[tuple[int, Places | slice]]:
-    """For each of `count` members that own some of the steps, which of them."""
+    """The members, of `count`, that own some of the steps, and which steps they own."""
     if count == 1:
         return [(0, slice(None))]
     members, inverse = np.unique(owner[steps.ravel()], return_inverse=True)

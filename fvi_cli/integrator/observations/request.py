@@ -1,4 +1,4 @@
-"""Requested outputs of a motion: a value of its own, made before anything is computed."""
+"""Requested outputs of a motion, as a value that is given before anything is computed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Direction = Literal["any", "rising", "falling"]
 
 DIRECTIONS: tuple[str, ...] = get_args(Direction)
 PREFIXES = ("", "v", "a", "d")
-"""Before the name of a coordinate: position, velocity, acceleration, damping force on it."""
+"""Prefixes of a coordinate's name: for position, velocity, acceleration, damping force."""
 
 
 def coordinate_names(dimension: int) -> tuple[str, ...]:
@@ -41,13 +41,13 @@ def names_of(scene: Scene) -> tuple[str, ...]:
 def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) -> tuple[str, ...]:
     """The variables of an expression: t, parameters, and every coordinate with every prefix.
 
-    A coordinate or parameter goes before what is derived from another coordinate.
+    A coordinate or parameter has priority over a name derived from another coordinate.
     """
     found = dict.fromkeys(("t", *coordinates, *parameters))
     for prefix in PREFIXES[1:]:
         for name in coordinates:
             derived = prefix + name
-            # a Python keyword is "as", of a coordinate s
+            # such as the Python keyword "as", for a coordinate s
             is_taken = derived in FUNCTION_NAMES or derived == "pi" or keyword.iskeyword(derived)
             if not is_taken:
                 found.setdefault(derived)
@@ -116,11 +116,11 @@ class Observations:
     impacts: Mapping[str, Impact] | None = None  # surfaces by name, which change the motion itself
     # values of further names in their expressions
     parameters: Mapping[str, float] = field(default_factory=dict)
-    # formulas of names that more expressions may hold, in the other names
+    # further names that expressions may contain, as formulas in the other names
     ready: Mapping[str, Expression] = field(default_factory=dict)
     # functions of the time by their names in expressions; None: zero
     inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
-    # the times in short, as a configuration gives them; None: as they are
+    # the times in the short form of a configuration; None: as a list
     output: Mapping[str, object] | None = None
 
     def __post_init__(self) -> None:
@@ -136,9 +136,9 @@ class Observations:
 
     @property
     def derived(self) -> dict[str, tuple[str, int]]:
-        """By name what a motion gives: its prefix, and the number of the coordinate.
+        """Names that a motion gives, with their prefix and the number of the coordinate.
 
-        What is named itself goes before what is derived from another name.
+        The name of a coordinate has priority over a name derived from another one.
         """
         found = {}
         for prefix in reversed(PREFIXES):
@@ -148,11 +148,11 @@ class Observations:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is asked for."""
+        """Whether no outputs are requested."""
         return self.times is None and not (self.quantities or self.events or self.impacts)
 
     def specification(self) -> dict[str, object]:
-        """What determines the numbers, as JSON values; empty without a request."""
+        """The parts that determine numbers, as JSON values; empty without a request."""
         found: dict[str, object] = {}
         if self.times is not None:
             found["output"] = self.times.tolist() if self.output is None else dict(self.output)
@@ -172,7 +172,7 @@ class Observations:
 
 
 def surface_objection(when: Expression, coordinates: Sequence[str]) -> str:
-    """What is wrong with the expression of a surface; nothing: it is one."""
+    """What is wrong with the expression of a surface; empty if it is right."""
     derived = {p + c for p in PREFIXES[1:] for c in coordinates} - set(coordinates)
     wrong = sorted(when.names & derived)
     if wrong:
@@ -255,7 +255,7 @@ def check_observable(method: AnyMethod) -> None:
     Raises
     ------
     ValueError
-        With what to take.
+        With a method to take instead.
     """
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(

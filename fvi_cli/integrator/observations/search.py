@@ -1,4 +1,4 @@
-"""What a function along a motion goes through between all points: roots and extremes."""
+"""Roots and extremes of a function along a motion, between all points."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def event_places(
 ) -> tuple[Places, Array, dict[int, float]]:
     """Step and place in it of every change of sign, in the order of steps.
 
-    Members have so many steps each; directions are ``any``, ``rising`` and ``falling``. For members
-    where changes may be missing there is the step, with the place in it as a fraction, from which
-    on. Between neighbours among ends and extremes there is one root at most, so none is lost where
-    a step has two. Where the value is zero at an end, or changes from one step to the next, the
-    root is there.
+    `members` are the numbers of steps of the members; directions are ``any``, ``rising`` and
+    ``falling``. The mapping has the members for which changes may be missing, with the step from
+    which on, and the place in it as a fraction. Between neighbours among ends and extremes there is
+    at most one root, so that both roots of a step with two are found. If the value is zero at an
+    end, or changes its sign from one step to the next, the root is there.
     """
     firsts = np.append(0, np.cumsum(members))
     owner = np.repeat(np.arange(len(members)), members)
@@ -77,17 +77,17 @@ def _zero_at_starts(
 class Fall(NamedTuple):
     """Where a function along one step first falls through zero by more than round-off.
 
-    Both places but that of `below` are 0 where no value before is above round-off.
+    `root` and `top` are 0 if no value before is above round-off.
     """
 
     root: float
-    top: float  # of the last value above round-off before the root
-    below: float  # of the first value below it, behind the root
-    value: float  # there
+    top: float  # place of the last value above round-off before the root
+    below: float  # place of the first value below minus round-off, after the root
+    value: float  # at `below`
 
 
 def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
-    """Where a function along one step first falls below minus its round-off; None: nowhere."""
+    """Where a function along one step first falls below minus its round-off, or None."""
     (found,) = pieces_of(parts_of(0, 1), Isolated(along))
     step, place, value = found.stations(along, found.middle - found.reach < -round_off)
     low = np.flatnonzero(value < -round_off)
@@ -115,7 +115,7 @@ def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list
         if count and motion.end[first + count - 1] > end:
             until = float((end - begins[count - 1]) / size[first + count - 1])
         parts += parts_of(first, count, until)
-    # of minus the function and of the function: least values and their times
+    # least values, and their times, of minus the function and of the function
     least, at = np.full((2, q), math.inf), np.zeros((2, q))
     square, length = np.zeros((2, q))
     for found in pieces_of(parts, Resolved(along)):
@@ -137,7 +137,7 @@ def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list
     with np.errstate(all="ignore"):
         starts = np.asarray(along(motion.firsts[:-1], np.zeros(q)), dtype=float)
     for k in np.flatnonzero(np.isinf(starts)).tolist():
-        # no station is there, and how much of the square lies beside it is not known
+        # there is no station at the start, and the integral of the square near it is not known
         side = int(starts[k] < 0)
         least[side, k], at[side, k], square[k] = -math.inf, 0.0, math.nan
     return [
@@ -147,7 +147,7 @@ def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list
 
 
 def _improve(least: Array, at: Array, values: Array, owner: Places, time: Array) -> None:
-    """Take smaller values, the first of each member, and their times."""
+    """Replace least values of members, and their times, by smaller values."""
     # by member, then by value; equal values keep their order in time
     order = np.lexsort((values, owner))
     first = order[np.append(True, np.diff(owner[order]) > 0)] if order.size else order

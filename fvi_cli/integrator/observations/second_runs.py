@@ -23,7 +23,7 @@ from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.mathematics.arrays import Array, Places
 
 MOST_STAGES = 12
-"""Stages of the second run at most."""
+"""Most stages of the second run."""
 
 
 def dense_motion(
@@ -35,7 +35,7 @@ def dense_motion(
 ) -> DenseMotion:
     """The dense motions of finished runs, by second runs on their meshes.
 
-    Where only some steps of each are looked at, these alone are solved again.
+    If only some steps of each are needed, `chosen`, only these are solved again.
     """
     methods, shapes, remarks = [method] * len(steps), list(steps), [""] * len(steps)
     runs, stages = list(steps), min(2 * method.degree, MOST_STAGES)
@@ -75,7 +75,7 @@ def dense_motion(
 
 
 def _numbered(chosen: Sequence[Places], steps: Sequence[RunSteps]) -> Places:
-    """Chosen steps of every run in the numbering of all."""
+    """Chosen steps of every run in the numbering of all runs."""
     firsts = np.cumsum([0, *(one.n_steps for one in steps[:-1])])
     return np.concatenate([one + first for one, first in zip(chosen, firsts, strict=True)])
 
@@ -112,10 +112,10 @@ def forces_along(
     shapes: Sequence[RunSteps],
     damper: int | None = None,
 ) -> list[Array | None]:
-    """Damping forces at the stages of runs, those of one mesh and pattern of terms together.
+    """Damping forces at the stages of runs; runs of one mesh and pattern are computed together.
 
-    Each ``(k, n, r, d)`` by direction, or of the damper in a place ``(1, n, r, c)`` on its
-    deformation; None without damping.
+    Each is ``(k, n, r, d)`` by direction or, for one damper, ``(1, n, r, c)`` on its deformation;
+    None without damping.
     """
     if damper is not None:
         single = [single_damper(s, damper, one) for s, one in zip(scenes, shapes, strict=True)]
@@ -124,7 +124,7 @@ def forces_along(
     groups: dict[Hashable, list[int]] = {}
     for index, (scene, method, one) in enumerate(zip(scenes, methods, shapes, strict=True)):
         if scene.active_forces and one.n_steps:
-            # laws shape the rates of all, and a sparse matrix stands by itself
+            # laws change the rates of all, and sparse matrices are not batched
             runs_individually = bool(scene.active_laws) or scene.is_sparse
             key = (method, one.time.tobytes(), pattern_of(scene), scene.final_time)
             groups.setdefault(index if runs_individually else key, []).append(index)
@@ -150,7 +150,7 @@ def _second_runs(
     steps: Sequence[RunSteps],
     checkpoints: RunKeeper | None,
 ) -> list[tuple[RunSteps | None, str]]:
-    """For every run that by another method on the same mesh, or why there is none."""
+    """For every run a run by another method on the same mesh, or why there is none."""
     shorter = [
         scene
         if scene.final_time == one.time[-1]

@@ -1,10 +1,9 @@
 r"""Some steps of finished runs, solved again by a method of more stages.
 
 A step of a run begins at its position and momentum there, which have the order 2 m of the points.
-What the memory adds is driven by the velocities of the run itself: through those at the m stages
-and at both ends of a step there is a polynomial of degree m + 1, whose error the memory sees only
-through a kernel that is smooth where it is past. So each step is solved by itself, however many
-there are, and others are not.
+The inputs of the memory are velocities of the run itself: a polynomial of degree m + 1 through
+those at the m stages and at both ends of a step. Its error enters only through the kernel, which is
+smooth in the past. So each chosen step is solved by itself, and the others are not solved.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ def solved_steps(
 ) -> list[RunSteps | None]:
     """Runs on one mesh of scenes of one kind with their chosen steps solved by another method.
 
-    None where a step has no solution, and of stiff runs.
+    None for runs in which a step has no solution, and for stiff runs.
     """
     found: list[RunSteps | None] = []
     for first in range(0, len(scenes), PIECE):
@@ -73,7 +72,7 @@ def _solved(
     numbers = np.concatenate(chosen)
     start, damping = engine.start(), engine.damping
     states, begin = start.z, 0
-    # what is past is known beforehand
+    # the force of the past is computed beforehand
     start.z = start.z[:, :0]
     for stretch in mesh.stretches:
         h, end = stretch.step_size, begin + stretch.n_steps
@@ -103,10 +102,10 @@ def _solved(
 def _at_stages(
     velocity: Array, at_points: Array, own: StepTables, method: Method
 ) -> tuple[Array, Mask]:
-    """Velocities where another method has its stages, ``(q, n, r, d)``.
+    """Velocities at the stages of another method, ``(q, n, r, d)``, and which runs are stiff.
 
-    From those at the stages ``(q, n, m, d)`` and at the points ``(q, n + 1, d)`` of runs; and the
-    stiff runs, in which points keep what stages have long forgotten.
+    Takes velocities at the stages ``(q, n, m, d)`` and at the points ``(q, n + 1, d)`` of runs. In
+    stiff runs the points keep errors that decay at the stages.
     """
     q, n, m, d = velocity.shape
     stages = velocity.swapaxes(2, 3).reshape(-1, m)
@@ -123,7 +122,7 @@ def _at_stages(
 
 
 class _Path:
-    """The memory along equal steps that are driven by ``(q, n, i, e)``."""
+    """The memory along equal steps with inputs ``(q, n, i, e)``."""
 
     def __init__(self, damping: Damping, tables: DampingTables, inputs: Array) -> None:
         self.damping, self.tables, self.inputs = damping, tables, inputs
@@ -131,7 +130,7 @@ class _Path:
     def follow(
         self, states: Array, begin: int, end: int, owner: Places, steps: Places, past: Array
     ) -> Array:
-        """States at the end; puts forces of the past on steps of members, ``(p, m, e)``."""
+        """States at the end; puts forces of the past on steps into `past`, ``(p, m, e)``."""
         damping, tables, (q, _, i, e) = self.damping, self.tables, self.inputs.shape
         block, column = tables.kernels.count, np.zeros((1, damping.n_states, 1))
         earlier = [one.copy() for one in tables.sequences]
@@ -170,7 +169,7 @@ class _Path:
         return kernels
 
     def _added(self, driven: Array) -> Array:
-        """What inputs of blocks ``(q, b, B i, e)`` add to the states, ``(b, q, J, e)``."""
+        """Contributions of inputs of blocks ``(q, b, B i, e)`` to the states, ``(b, q, J, e)``."""
         q, blocks, size, e = driven.shape
         rows = driven.swapaxes(2, 3).reshape(-1, size)
         found = in_rows(rows, self._kernels.intake.T).reshape(q, blocks, e, -1)

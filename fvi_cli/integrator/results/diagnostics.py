@@ -13,7 +13,7 @@ from fvi_cli.mathematics.arrays import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnostics:
-    r"""Diagnostics on the grid of a trajectory of n points; None where they were not asked for.
+    r"""Diagnostics on the grid of a trajectory of n points; None if they were not requested.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Diagnostics:
     map_names: tuple[str, ...] = ()
 
     def at(self, kept: NDArray[np.intp]) -> Diagnostics:
-        """The same on some points of the grid."""
+        """The diagnostics on some points of the grid."""
         found: dict[str, Any] = {
             name: one[kept] for name, one in vars(self).items() if isinstance(one, np.ndarray)
         }
@@ -51,7 +51,7 @@ class Diagnostics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NewtonRecord:
-    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping."""
+    """Record of Newton's iteration: numbers of iterations, residual norms of the longest one."""
 
     iterations: int = 0  # total number of iterations
     largest: int = 0  # largest number of iterations in one step

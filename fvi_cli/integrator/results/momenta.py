@@ -14,15 +14,15 @@ AT_A_TIME = 2048
 
 
 def velocities_near(ends: Array, sizes: Array, stages: Array, points: Array, at: Array) -> Array:
-    r"""Velocities at times from the stages of steps beside them, by one polynomial each.
+    r"""Velocities at times from the stages of steps near them, by one polynomial each.
 
-    Behind a jump of the velocity, or of its rate as by a Riemann-Liouville derivative of order
+    After a jump of the velocity, or of its rate as by a Riemann-Liouville derivative of order
     above 1 with an initial velocity, the momentum of a Gauss method at mesh points keeps an error
     like :math:`\tau^{2 - \gamma}` of the first step :math:`\tau`, since its stability function
     has the size 1 at infinity; the velocities at the stages do not have it.
 
-    From k steps for every time, ``(n, k)``, and velocities at their stages, ``(n, k, r, d)``, to
-    ``(n, d)``.
+    Takes k steps for every time, ``(n, k)``, and velocities at their stages, ``(n, k, r, d)``;
+    returns ``(n, d)``.
     """
     n, count = sizes.shape
     places = (ends - at[:, None] - sizes)[..., None] + sizes[..., None] * points
@@ -69,7 +69,7 @@ def smooth_momenta(
                 steps.time[one + 1],
             )
     if n > 1:
-        # behind the start the polynomial of the second step may leave the velocities beside it
+        # after the first step the polynomial may leave the range of the velocities next to it
         before, behind = steps.velocity[0, -1], steps.velocity[1, 0]
         sizes = steps.step_size[:2] * (1.0 - steps.tables.points[-1], steps.tables.points[0])
         chord = (before * sizes[1] + behind * sizes[0]) / sizes.sum()

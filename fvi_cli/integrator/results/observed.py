@@ -1,4 +1,4 @@
-"""What was observed along a run: quantities, their extremes, and events."""
+"""Outputs along a run: quantities, their extremes, and events."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Extent:
     least: float
     greatest: float
     rms: float  # root of the mean square over the run
-    error: float = math.nan  # estimated, of the peak; nan where no second run says it
+    error: float = math.nan  # estimated error of the peak; nan without a second run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -32,8 +32,8 @@ class RunSteps:
     momentum: Array
     step_size: Array  # shape (n,); equal steps have equal bits
     velocity: Array  # at the stages, shape (n, r, d)
-    # what impacts add to the momentum at the points, shape (n + 1, d), held in `momentum` already;
-    # None: nothing
+    # changes of the momentum by impacts at the points, shape (n + 1, d), already included in
+    # `momentum`; None: no impacts
     jump: Array | None = None
 
     @property
@@ -91,7 +91,7 @@ class RunSteps:
         return np.asarray(np.einsum("sk,ksd->kd", slopes, self.unknowns[steps]))
 
     def located(self, time: ArrayLike, *, at_ends: bool = False) -> tuple[Places, Array]:
-        """Step of every time, and its place in [0, 1] there, in one row.
+        """Step of every time, and its place in [0, 1] there, as flat arrays.
 
         A point of the mesh is the beginning of a step, or with `at_ends` the end of one.
 

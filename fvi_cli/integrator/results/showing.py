@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array
 
 DIGITS = 15
-"""Significant digits of times: what is beyond is round-off of k h."""
+"""Significant digits of times: further digits are round-off of k h."""
 WIDTH, HEIGHT, POINTS = 480, 120, 600
 MOST_ROWS = 8
 MOST_CURVES = 6
@@ -19,7 +19,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def clean_times(time: Array) -> Array:
-    """Times without the dust of round-off: 0.3 in place of 0.30000000000000004."""
+    """Times without round-off: 0.3 in place of 0.30000000000000004."""
     return np.array([float(f"{t:.{DIGITS}g}") for t in time.tolist()])
 
 

@@ -19,15 +19,15 @@ OF_ANOTHER_RUN = "it belongs to another run, or to another version of the solver
 Arrays = Mapping[str, NDArray[Any]]
 
 RunKey = tuple[str, int, float, str]
-"""Method, number of reported steps, their size or the tolerance of theirs, and `fingerprint`."""
+"""Method, number of reported steps, their size or tolerance, and `fingerprint`."""
 
 _HEAD = ("label", "seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
 
 
 def fingerprint(*values: object) -> str:
-    """SHA-256 of what determines the numbers of a run: its scene, method, and mesh or tolerance.
+    """SHA-256 of all that determines the numbers of a run: scene, method, and mesh or tolerance.
 
-    Arrays count by their bytes, what is described by its fields, functions by their names only.
+    Arrays count by their bytes, dataclasses by their fields, functions by their names only.
     """
     digest = hashlib.sha256()
     for part in _parts(values):
@@ -36,7 +36,7 @@ def fingerprint(*values: object) -> str:
 
 
 def _parts(value: object) -> Iterator[bytes]:
-    """What distinguishes a value from others."""
+    """Bytes that distinguish a value from others."""
     yield type(value).__name__.encode()
     if isinstance(value, Mesh):
         yield np.array(
@@ -68,19 +68,19 @@ def _parts(value: object) -> Iterator[bytes]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checkpoint:
-    """Everything that the steps to come depend on, and the run that they belong to."""
+    """Everything that later steps depend on, and the run that they belong to."""
 
     run: RunKey
     done: int  # finished steps and reported points of the whole run
     reported: int
-    arrays: Arrays  # the state by name, as the parts of the loop have it
-    # all that the trajectory will say of these steps, by name, and their time; of a run in parts
+    arrays: Arrays  # the state by name, from the parts of the loop
+    # all results of these steps for the trajectory, by name, and their time; in a run in parts
     # each part has its own
     kept: Arrays = field(default_factory=dict)
     seconds: float = 0.0
 
     def write(self, stream: IO[bytes], label: str) -> None:
-        """As an ``.npz`` file, with whose run it is and a SHA-256 of everything in it.
+        """Write an ``.npz`` file with the label of its run and a SHA-256 of all that is in it.
 
         Raises
         ------
@@ -97,12 +97,12 @@ class Checkpoint:
 
     @classmethod
     def read(cls, stream: IO[bytes], label: str) -> Checkpoint:
-        """What :meth:`write` wrote, verified.
+        """Read and verify a file of :meth:`write`.
 
         Raises
         ------
         ValueError
-            If it is damaged or another run's.
+            If it is damaged, or of another run.
         """
         try:
             with np.load(stream, allow_pickle=False) as found:
@@ -128,14 +128,14 @@ class Checkpoint:
         )
 
     def to_bytes(self) -> bytes:
-        """As an ``.npz`` file."""
+        """The checkpoint as an ``.npz`` file."""
         buffer = io.BytesIO()
         self.write(buffer, "")
         return buffer.getvalue()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Checkpoint:
-        """From what `to_bytes` gave.
+        """The checkpoint in the bytes of :meth:`to_bytes`.
 
         Raises
         ------
@@ -152,26 +152,26 @@ class RunKeeper(Protocol):
     """Where one run keeps its checkpoint."""
 
     def load(self) -> Checkpoint | None:
-        """What was kept; None if nothing was, or nothing that can be believed."""
+        """The checkpoint that was kept; None if there is no valid one."""
 
     def reject(self, reason: str) -> None:
-        """Say why what was kept is of no use."""
+        """Report why the checkpoint that was kept is not used."""
 
     def is_due(self) -> bool:
         """Whether it is time to keep a checkpoint."""
 
     def is_kept_whole(self, seconds: float) -> bool:
-        """Whether a run that took so long is kept when it has ended, since others follow."""
+        """Whether a run that took `seconds` is kept after its end, since others follow."""
 
     def save(self, checkpoint: Checkpoint) -> None:
         """Keep a checkpoint in place of the one before."""
 
     def of_run(self, name: str) -> RunKeeper:
-        """Where one of the runs that this search or batch makes keeps its own."""
+        """The keeper of one of the runs of this search or batch."""
 
 
 def keeper_of_run(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
-    """Where one of several runs keeps its checkpoint; None: nowhere."""
+    """The keeper of one of several runs; None if no checkpoints are kept."""
     return None if checkpoints is None else checkpoints.of_run(name)
 
 

@@ -1,4 +1,4 @@
-"""The loop over the steps of a run, whatever scenes they are of and wherever they come from."""
+"""The loop over the steps of a run, for all kinds of scenes and all sources of steps."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ CHUNK = 16384
 """Steps whose loads are computed together, at most."""
 
 LARGEST_CHUNK = 2**17
-"""Numbers in the positions of these steps, at most."""
+"""Most numbers in the positions of these steps."""
 
 
 def chunk_steps(dimension: int) -> int:
-    """Steps of a chunk of scenes with so many degrees of freedom in all.
+    """Steps of a chunk for scenes with `dimension` degrees of freedom in all.
 
-    A power of 2, as blocks are: so they are the same whatever the number of scenes is.
+    A power of 2, as blocks are, so that blocks do not depend on the number of scenes.
     """
     most = CHUNK
     while most > 16 and most * dimension > LARGEST_CHUNK:
@@ -40,12 +40,12 @@ def run(
     after: Callable[[], object] | None = None,
     until: int | None = None,
 ) -> State:
-    """Ask for steps, solve as many as are best done at once, and let them be judged.
+    """Get proposals of steps, solve them, and let the source judge them.
 
-    From a state, the start of the scenes by default, which moves on, to that at the end, or where
-    at least `until` steps are done or the last scene stopped. `after` is called behind accepted
-    steps of a proposal: there a run may stop and go on. The recorder keeps what is wanted of the
-    steps; its `live` says which scenes go on.
+    The state, by default the start of the scenes, moves to the end, or to where at least `until`
+    steps are done or the last scene has stopped, and is returned. `after` is called after accepted
+    steps of a proposal: there a run may stop and resume. The recorder keeps points and steps; its
+    `live` says which scenes continue.
     """
     state = engine.start() if state is None else state
     recorder = Recorder(engine) if recorder is None else recorder
@@ -83,7 +83,7 @@ def _steps(
     count: int,
     recurrences: dict[tuple[float, int], Recurrence],
 ) -> None:
-    """So many of the proposed steps, or those up to one that is rejected."""
+    """Do `count` of the proposed steps, or those before one that is rejected."""
     if proposal.is_fresh:
         state.unknowns = state.rest = None
     state.t, h = proposal.begin, proposal.h
@@ -120,7 +120,7 @@ def _steps(
             done += n
             continue
         if overflows:
-            # products with numbers of later steps that overflow hide where a run leaves its bound
+            # overflow in later steps of a block would hide where a run leaves its bound
             steps = engine.solve(state, h, 1, None if own is None else own[:, :1])
         else:
             steps = advance(engine, state, h, ahead, proposal.total, own)

@@ -1,4 +1,4 @@
-"""How the steps of a mesh will be done; none is done."""
+"""How the steps of a mesh will be solved, found without solving them."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from fvi_cli.integrator.run.scenes_run import memory_operations
 
 @dataclass(frozen=True, kw_only=True)
 class MeshPlan:
-    """How the steps of a mesh will be done, and what their memory takes."""
+    """How the steps of a mesh will be solved, and what their memory takes."""
 
-    n_steps: int  # steps of the mesh, and those of them that are done one by one
+    n_steps: int  # steps of the mesh, and steps that are solved one by one
     single: int
     n_sizes: int  # number of step sizes
     block: int  # most steps of a block; 0: there are none
     systems: int  # independent systems of a scene, and components of each
     coupled: int
-    has_modes: bool  # whether these are modes of the scene, no components of its coordinates
+    has_modes: bool  # whether the systems are modes of the scene, not its coordinates
     n_states: int  # states that stand for the past
     operations: int | None  # multiply-adds of the memory for a scene; None: not known
-    # steps of the past that are remembered one by one in states of their own; all others are
+    # past steps that are stored one by one in states of their own; all others are stored as
     # exponentials
     n_lags: int = 0
 

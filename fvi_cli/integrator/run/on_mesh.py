@@ -32,7 +32,7 @@ AnySteps = int | Mesh | AdaptiveSteps
 
 
 def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
-    """The mesh of N reported steps that a method takes: equal, or finer behind singular points."""
+    """The mesh of N reported steps that a method uses: equal, or finer after singular points."""
     if isinstance(n_steps, Mesh):
         return n_steps
     if method.start == "graded":
@@ -54,10 +54,10 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
 def engine_for(
     scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSteps, *, most: int | None = None
 ) -> Engine:
-    """The engine of scenes for the steps of a mesh, or for those that are found on the way.
+    """The engine of scenes for the steps of a mesh, or for adaptive steps.
 
-    Blocks have at most so many steps, in a batch; None: as the size of their matrices allows. For
-    adaptive steps it is the same whatever their tolerance is.
+    `most` is the longest block of steps in a batch; None: as the size of its matrices allows. For
+    adaptive steps the engine does not depend on their tolerance.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def prepare(
     most: int | None = None,
     engine: Engine | None = None,
 ) -> ScenesRun:
-    """Everything that is ready before the steps, corrections of the start among it.
+    """Prepare a run up to its first step, including corrections of the start.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def prepare(
 
 
 def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
-    """Take the force of the starting weights of one scene among the known ones."""
+    """Add the force of the starting weights of one scene to its loads; returns remarks."""
     from fvi_cli.integrator.starts.starting_weights import corrected_start
 
     (scene,), method, tables = engine.scenes, engine.method, engine.tables
@@ -149,10 +149,9 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
 def path_from(
     scene: Scene, method: Method, n_steps: int, position: Array, momentum: Array
 ) -> Array:
-    """Positions on the grid from any state on, however far they go.
+    """Positions on the grid from any state, without a bound on them, ``(n + 1, d)``.
 
-    The initial data of the scene say what derivatives subtract. ``(n + 1, d)``, up to the first
-    that is not finite.
+    They end at the first that is not finite. Derivatives subtract the initial data of the scene.
 
     Raises
     ------
@@ -189,9 +188,10 @@ def integrate_scenes(
 ) -> list[Trajectory]:
     """Integrate scenes of one kind over [0, T], all at once; one by adaptive steps.
 
-    Every n-th reported point is kept, the first and the last, and with steps the polynomials of
-    all. Diagnostics do not touch the trajectory. The run goes on from its checkpoint, and keeps one
-    now and then. `most` as for :func:`engine_for`; adaptive runs share the tables of an engine.
+    Every n-th reported point is kept, the first and the last; `with_steps` keeps the polynomials of
+    all steps. Diagnostics do not change the trajectory. The run resumes from its checkpoint, and
+    keeps one now and then. `most` as for :func:`engine_for`; adaptive runs may share the tables of
+    `engine`.
 
     Raises
     ------
@@ -205,8 +205,7 @@ def integrate_scenes(
     keeps = with_steps or not diagnostics.is_empty
     if isinstance(steps, Mesh):
         _check_mesh(steps, first)
-        # without room for its points a run says so here: libraries that are refused some later may
-        # end the process
+        # a run without memory for its points fails here: later, a library may end the process
         np.empty((steps.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
         keeps |= keeps_for_momenta(first, method, steps.n_steps)
         n_reported = steps.n_reported

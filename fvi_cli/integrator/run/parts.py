@@ -38,10 +38,10 @@ def integrate_part(
 ) -> Part:
     """Integrate from a checkpoint to the next place to stop.
 
-    The trajectories of successive parts, one after the other, are that of the whole run to the
-    last bit; but with a Riemann-Liouville derivative of an order above 1 and a start velocity,
-    momenta and energies are those of the steps, which keep the error of the first one. A run that
-    diverges may stop a step earlier in parts: its bound has the largest force that was met so far.
+    The joined trajectories of successive parts are that of the whole run to the last bit. Only with
+    a Riemann-Liouville derivative of an order above 1 and a start velocity do momenta and energies
+    differ: they are those of the steps, which keep the error of the first one. A run that diverges
+    may stop a step earlier in parts: its bound uses the largest force so far.
 
     Arguments as for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run;
     the method also by its name, and no baseline. It begins at the checkpoint, which knows the

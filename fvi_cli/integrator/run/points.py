@@ -1,4 +1,4 @@
-"""Where the steps of a run come from, and those that wait to be kept, as points of scenes."""
+"""Sources of the steps of a run, and solved steps as points of the scenes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ class Proposal(NamedTuple):
 
     begin: float  # where the first of them begins, and their length
     h: float
-    n_steps: int  # so many, of which any number may be done
-    total: int  # of the whole stretch, by which the length of blocks is chosen
+    n_steps: int  # number of steps, of which any number may be done
+    total: int  # steps of the whole stretch, from which the length of blocks is chosen
     is_fresh: bool  # whether the motion may be singular at `begin`: the start, or a break point
-    origin: float  # of the stretch, of which `first` steps are done: k ends at origin + h (first+k)
-    first: int = 0
+    origin: float  # begin of the stretch: step k of these ends at origin + h (first + k)
+    first: int = 0  # steps of the stretch that are done
     reported_every: int = 1  # points at this distance from `origin` are reported; 0: none
 
 
@@ -39,10 +39,10 @@ class Source(Protocol):
         """The time at the end of solved steps that begin at `state`; None rejects them."""
 
     def arrays(self) -> dict[str, Array]:
-        """Where it is, for a checkpoint."""
+        """The state, for a checkpoint."""
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on from what :meth:`arrays` gave."""
+        """Restore the state from :meth:`arrays`."""
 
 
 class MeshSource:
@@ -55,7 +55,7 @@ class MeshSource:
         self._stretch = self._done = 0
 
     def propose(self) -> Proposal | None:
-        """What is left of a stretch."""
+        """The remaining steps of a stretch."""
         if self._stretch == len(self._mesh.stretches):
             return None
         one = self._mesh.stretches[self._stretch]
@@ -71,11 +71,11 @@ class MeshSource:
         )
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The time at their end."""
+        """The time at the end of the steps."""
         return self.accept(steps.count)
 
     def accept(self, count: int) -> float:
-        """The time at the end of the next steps, which is given where a stretch ends."""
+        """Accept the next steps; the time at their end, which is exact where a stretch ends."""
         one = self._mesh.stretches[self._stretch]
         self._done += count
         if self._done < one.n_steps:
@@ -88,7 +88,7 @@ class MeshSource:
         return {"place": np.array([self._stretch, self._done], dtype=float)}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on there."""
+        """Restore both."""
         self._stretch, self._done = (int(one) for one in arrays["place"])
 
 
@@ -123,7 +123,7 @@ class Solved(NamedTuple):
     end: float
     position: Array  # at their ends, (q, n, e)
     momentum: Array
-    inputs: Array | None  # what drives the memory, (q, n, i, e), where polynomials are kept
+    inputs: Array | None  # inputs of the memory, (q, n, i, e), where polynomials are kept
     unknowns: Array | None = None  # U, (q, n, s, e), where scenes are not linear
 
     @property

@@ -1,7 +1,7 @@
-"""Runs whose motion is given: steps through a displacement, on which dampers act as on others.
+"""Runs whose motion is given: steps through a displacement, on which dampers act as usual.
 
 Velocities at the stages are those of the displacement; steps are cut at its knots, and graded
-behind the start and behind kinks, where the memory of a rate that jumps begins like a fractional
+after the start and after kinks, where the memory of a rate that jumps begins like a fractional
 power of the time.
 """
 
@@ -33,14 +33,14 @@ from fvi_cli.integrator.trajectory import Trajectory, thinned
 from fvi_cli.mathematics.arrays import Array
 
 START_POWER = 0.5
-"""Grading behind a kink: so that every step is a fixed part of its distance, measured in
+"""Power for the grading after a kink: every step is a fixed share of its distance; measured in
 tests/integrator/run/test_prescribed_run.py."""
 BEHIND_KINKS = 1e-6
-"""Tolerances relative to the range of the displacement below which steps are graded: equal ones of
-eight stages err by up to 3e-5 of the force a step behind a kink, measured there too. Fits hold
-coarse runs against fine ones."""
+"""Steps are graded for tolerances below this, relative to the range of the displacement: with equal
+steps of eight stages the force one step after a kink has errors of up to 3e-5, measured there too.
+Fits compare coarse runs with fine ones."""
 FEWEST, MOST = 64, 2**14
-"""Steps of a displacement whose polynomials are to be resolved."""
+"""Fewest and most steps with which the polynomials of a displacement are resolved."""
 
 
 def integrate_prescribed(
@@ -119,7 +119,7 @@ def _graded(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
 
 
 def _alike(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
-    """Graded by powers of 2 behind kinks at any times: steps share their sizes, and so tables."""
+    """A mesh graded by powers of 2 after kinks at any times: steps share sizes, and so tables."""
     ends = (0.0, *motion.break_points, motion.final_time)
     counts = steps_of_parts(ends, n_steps)
     stretches: list[Stretch] = []
@@ -164,7 +164,7 @@ def _unresolved(steps: RunSteps) -> float:
 def prescribed_steps(motion: PrescribedMotion, method: Method, mesh: Mesh) -> RunSteps:
     """Steps through a displacement, by its rates at the stages."""
     tables, time, sizes = step_tables(method), mesh.times, mesh.sizes
-    # by the step in which they lie: rounding of a time must not meet the piece beside it
+    # kept inside their steps: rounding must not move a time into the next piece
     stages = np.clip(
         time[:-1, None] + sizes[:, None] * tables.points,
         np.nextafter(time[:-1], np.inf)[:, None],

@@ -1,4 +1,4 @@
-"""What is kept of the scenes of an engine while their steps go on."""
+"""Points and steps of the scenes of an engine that are kept during a run."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from fvi_cli.integrator.run.points import (
 from fvi_cli.mathematics.arrays import Array
 
 WAITING = 256
-"""Steps whose points are brought into the coordinates of their scenes and checked together."""
+"""Steps whose points are converted to the coordinates of their scenes and checked together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +43,18 @@ class _Ending:
 
 
 class Recorder:
-    """Reported points of all scenes, thinned, and where wanted all steps as polynomials.
+    """Reported points of all scenes, thinned, and on request all steps as polynomials.
 
     Every n-th of `n_reported` points is kept, the first and the last; with steps, all points of the
-    mesh and the polynomials. `check` stops runs that cannot be right, beside numbers that are not
-    finite.
+    mesh and the polynomials. `check` stops runs that cannot be right, in addition to runs with
+    numbers that are not finite.
 
     Attributes
     ----------
     done, reported
         Steps and reported points so far, without the start.
     live
-        Scenes that go on, shape ``(scenes,)``.
+        Which scenes continue, shape ``(scenes,)``.
     failures
         Why others stopped, by the number of the scene.
     """
@@ -86,13 +86,13 @@ class Recorder:
     # while steps go on
 
     def begin(self, time: float, position: Array, momentum: Array) -> None:
-        """The start of the run, both ``(scenes, d)``."""
+        """Record the start of the run, both ``(scenes, d)``."""
         at = np.array([time])
         self._keep(at, at, position[:, None], momentum[:, None], None, np.ones(1, dtype=bool))
         self._last = (time, position, momentum)
 
     def note(self, state: State, steps: Steps) -> None:
-        """How the iteration for the next steps went; the state is that before them."""
+        """Record the iteration of the next steps, and failures; the state is that before them."""
         first = self.reached
         self.newton.add(first, steps.attempts)
         if not steps.has_failed:
@@ -111,7 +111,7 @@ class Recorder:
             self._stops[scene] = (self._count + before, failure)
 
     def add(self, solved: Solved) -> None:
-        """The next steps."""
+        """Add the next steps."""
         if self._n_reported is not None:
             report_progress(self.reported + self._inside_chunk, self._n_reported)
             self._inside_chunk += solved.n_reported
@@ -119,13 +119,13 @@ class Recorder:
         self._count += solved.n_steps
 
     def stop(self, failure: Failure) -> None:
-        """No scene has a next step."""
+        """Stop all scenes: there is no next step."""
         for scene in np.flatnonzero(self.live).tolist():
             self._stops.setdefault(scene, (self._count, failure))
 
     @property
     def reached(self) -> int:
-        """Steps so far, those among them that wait to be checked."""
+        """Steps so far, including those that wait to be checked."""
         return self.done + self._count
 
     @property
@@ -134,7 +134,7 @@ class Recorder:
         return self._count >= WAITING or bool(self._stops)
 
     def flush(self, state: State) -> None:
-        """Check and keep what was added; members of scenes that stop here rest from now on."""
+        """Check and keep the added steps; members of scenes that stop here are solved no more."""
         self.newton.count()
         stops, self._stops = self._stops, {}
         if self._waiting:
@@ -146,7 +146,7 @@ class Recorder:
             state.live = state.live & np.repeat(self.live, self._engine.width)
 
     def _take(self, stops: Stops) -> None:
-        """Keep the points of the steps that wait, of every scene up to where it stops."""
+        """Keep the points of waiting steps, of every scene up to where it stops."""
         points, reported = points_of(self._engine, self._waiting, self.done, self._last[1])
         # a sum is finite only if all terms are
         if not np.isfinite(points.position.sum() + points.momentum.sum()):
@@ -178,7 +178,7 @@ class Recorder:
         self._waiting, self._count, self._inside_chunk = [], 0, 0
 
     def _stop_at_infinity(self, points: Points, stops: Stops) -> None:
-        """Stop scenes behind their first step to numbers that are not finite."""
+        """Stop scenes after their first step to numbers that are not finite."""
         every = np.concatenate([points.position, points.momentum], axis=2)
         finite = np.asarray(np.isfinite(every).all(axis=2))
         for scene in np.flatnonzero(self.live & ~finite.all(axis=1)).tolist():
@@ -190,7 +190,7 @@ class Recorder:
     def _end(
         self, scene: int, failure: Failure, count: int, rows: int, last: tuple[float, Array, Array]
     ) -> None:
-        """A scene stops behind `count` more steps."""
+        """Stop a scene after `count` more steps."""
         time, position, momentum = last
         self.failures[scene], self.live[scene] = failure, False
         self._endings[scene] = _Ending(
@@ -218,7 +218,7 @@ class Recorder:
     # when they have ended
 
     def finish(self) -> None:
-        """All steps are done."""
+        """Note that all steps are done."""
         time, position, momentum = self._last
         rows = self._n_rows
         for scene in np.flatnonzero(self.live).tolist():
@@ -231,7 +231,7 @@ class Recorder:
             )
 
     def points(self, scene: int) -> tuple[Array, Array, Array]:
-        """Times, positions and momenta that are kept of a scene, its last point among them."""
+        """Times, positions and momenta that are kept of a scene, including its last point."""
         end, kept = self._endings.get(scene), self._join_points()
         time, position, momentum = (
             self._join("t"),
@@ -294,7 +294,7 @@ class Recorder:
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Go on from what :meth:`arrays` gave; KeyError where something of it is missing."""
+        """Restore the state from :meth:`arrays`; KeyError if one of them is missing."""
         # no polynomials where they are not kept
         names = [name for name in self._rows if name != "v" or self.with_steps]
         rows = {name: [arrays[name]] for name in names}
@@ -317,13 +317,13 @@ class Recorder:
             self.failures[scene], self._endings[scene] = failure, end
 
     def go_on(self, state: State, done: int, reported: int) -> None:
-        """Begin behind so many steps and reported points of the run, without a start."""
+        """Begin after `done` steps and `reported` points of the run, without recording a start."""
         position, momentum = self._engine.to_scene(state.x[:, None], state.p[:, None])
         self._last = (state.t, position[:, 0], momentum[:, 0])
         self.done, self.reported, self._begun = done, reported, done
 
     def _join(self, name: str) -> Array:
-        """Pieces as one array, which takes their place, so that no value is stored twice."""
+        """Join pieces to one array, which replaces them, so that no value is stored twice."""
         pieces = self._rows[name]
         if len(pieces) > 1:
             pieces[:] = [np.concatenate(pieces, axis=0 if name in "th" else 1)]

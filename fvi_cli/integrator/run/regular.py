@@ -1,4 +1,4 @@
-"""How far a motion is regular: where it has a mass matrix, an energy, and momenta to the order."""
+"""How far a motion is regular: in its mass matrix and energy, and in the order of its momenta."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 
 AHEAD = np.linspace(0.0, 2.0, 9)
-"""Steps ahead of one that failed, where its mass matrix is looked at."""
+"""Distances ahead of a failed step, in steps, at which the mass matrix is examined."""
 NEARLY_SINGULAR = 0.1
-"""Part that is left of the least eigenvalue of a mass matrix that is named (guessed)."""
+"""A mass matrix is mentioned if its least eigenvalue falls to this share (guessed)."""
 MOST_FOR_MOMENTA = 2**27
-"""Numbers that are kept of the steps for the sake of the momenta, at most."""
+"""Most numbers of the steps that are kept to compute the momenta."""
 
 
 def has_rough_momenta(scene: Scene, method: Method) -> bool:
@@ -29,7 +29,7 @@ def has_rough_momenta(scene: Scene, method: Method) -> bool:
 
 
 def keeps_for_momenta(scene: Scene, method: Method, n_steps: int) -> bool:
-    """Whether all steps are kept since momenta follow from their velocities."""
+    """Whether all steps are kept because momenta are computed from their velocities."""
     size = n_steps * scene.dimension * (method.degree + 2)
     return has_rough_momenta(scene, method) and size <= MOST_FOR_MOMENTA
 
@@ -37,7 +37,7 @@ def keeps_for_momenta(scene: Scene, method: Method, n_steps: int) -> bool:
 def rough_remarks(
     scene: Scene, request: DiagnosticsRequest, *, are_stored_smooth: bool
 ) -> tuple[str, ...]:
-    """What is known to the first step's error only, where the momenta of a method are rough."""
+    """Remark on values that have the error of the first step, if the momenta are rough."""
     what = [] if are_stored_smooth else ["momenta and energies"]
     what += ["dissipated work and energies of the balance"] if request.energy_balance else []
     what += ["momentum maps"] if request.symmetries else []
@@ -46,7 +46,7 @@ def rough_remarks(
 
 
 def rough_remark(scene: Scene, what: str, more: str = "") -> str:
-    """Say what keeps the error of the first step."""
+    """Remark on the values, `what`, that keep the error of the first step."""
     order = max(term.order for term in scene.active_damping)
     return (
         f"{what} an error like h**{2 - order:.4g} of the first step h (a Riemann-Liouville "
@@ -59,7 +59,7 @@ def regular_until(
 ) -> tuple[int, Failure | None]:
     """How many points of the grid have a positive definite mass matrix and an energy.
 
-    The number of points, and what comes then. The end of the path may be not finite.
+    Returns their number, and the failure after them or None. The path's end may be not finite.
     """
     with np.errstate(all="ignore"):
         mass = lagrangian.derivatives(position, velocity, grid).mass
@@ -73,7 +73,7 @@ def regular_until(
     step, time = max(first - 1, 0), float(grid[first])
     place = f"step {step}, t = {time:.6g}: "
     if smallest[first] > 0:
-        # derivatives may well be numbers where L is none, beyond the end of a logarithm
+        # derivatives may be finite where L is not, as beyond the end of a logarithm
         near = ", ".join(f"{value:.4g}" for value in position[first])
         words = f"{place}the Lagrangian is not finite near q = [{near}]"
         return first, Failure(words, "irregular", step, time)
@@ -87,7 +87,7 @@ def regular_until(
 def with_singular_mass(
     failure: Failure, lagrangian: Lagrangian, path: Array, time: Array, step: float
 ) -> Failure:
-    """The same failure of a step behind `path`, with what is known of the mass matrix ahead."""
+    """The failure of a step after `path`, with a hint if the mass ahead is nearly singular."""
     here, velocity = path[-1], 0.0 * path[-1]
     if len(path) > 1:
         velocity = (path[-1] - path[-2]) / (time[-1] - time[-2])

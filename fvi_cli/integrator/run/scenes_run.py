@@ -1,4 +1,4 @@
-"""Scenes as far as their steps are done, and the trajectories that are reported of them."""
+"""Runs of scenes up to the present step, and the trajectories that they give."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from fvi_cli.integrator.trajectory import Trajectory, status_of
 
 @dataclass(eq=False)
 class ScenesRun:
-    """Scenes as far as their steps are done."""
+    """A run of scenes up to the present step."""
 
-    engine: Engine  # what solves the steps, where they come from, and what keeps them
+    engine: Engine  # solves the steps, which come from the source and are kept by the recorder
     source: Source
     recorder: Recorder
-    mesh: Mesh | None = None  # where they are; None: they are found on the way
+    mesh: Mesh | None = None  # the mesh of the steps; None: adaptive steps
     remarks: tuple[str, ...] = ()  # what is reported of every run
 
     def __post_init__(self) -> None:
@@ -58,10 +58,10 @@ class ScenesRun:
         run_key: tuple[str, int, float],
         determined_by: tuple[object, ...],
     ) -> float:
-        """Do the steps, from a checkpoint on where there is one, which is renewed on the way.
+        """Do the steps, from a checkpoint if there is one; returns the seconds that they took.
 
-        The run is that of a method, a number of steps and their size or tolerance, and of all that
-        determines its numbers beside these. The seconds, those before a checkpoint among them.
+        `run_key` has the method, the number of steps and their size or tolerance, `determined_by`
+        all else that determines the numbers. Seconds before the checkpoint are included.
         """
         began, earlier = clock.perf_counter(), 0.0
         if checkpoints is None:
@@ -70,7 +70,7 @@ class ScenesRun:
 
         @functools.cache
         def key() -> RunKey:
-            # a run that is soon done is neither taken up nor kept
+            # computed when needed: a short run is neither resumed nor kept
             return (*run_key, fingerprint(*determined_by))
 
         found = checkpoints.load()
@@ -103,7 +103,7 @@ class ScenesRun:
         return seconds()
 
     def checkpoint(self, key: RunKey) -> Checkpoint:
-        """Where the run is now."""
+        """A checkpoint of the present state."""
         arrays, recorder = self.arrays(), self.recorder
         return Checkpoint(run=key, done=recorder.reached, reported=recorder.reported, arrays=arrays)
 
@@ -117,14 +117,14 @@ class ScenesRun:
         self.recorder.begin(0.0, position, momentum)
 
     def arrays(self) -> Arrays:
-        """Everything that the steps to come depend on."""
+        """Everything that later steps depend on."""
         self.recorder.flush(self.state)
         source = {f"source {name}": one for name, one in self.source.arrays().items()}
         forces = np.array([one.largest_force for one in self.engine.loads_of])
         return {**self.state.arrays(), **source, "largest forces": forces}
 
     def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Go on from there; all stays as it is where something is missing or does not fit."""
+        """Restore a checkpoint; the state is kept if something is missing or does not fit."""
         begun = self.arrays()
         try:
             self.go_on(arrays)
@@ -134,7 +134,7 @@ class ScenesRun:
             raise
 
     def go_on(self, arrays: Arrays) -> None:
-        """Take the state of :meth:`arrays`, whatever was kept before."""
+        """Take over the state of :meth:`arrays`, without the points that are kept."""
         state = State.from_arrays({n: one for n, one in arrays.items() if " " not in n})
         if any(getattr(state, n).shape != getattr(self.state, n).shape for n in "xpz"):
             raise ValueError("state: it has other shapes")
@@ -155,10 +155,10 @@ def trajectory_of(
     bounced: RunSteps | None = None,
     n_steps: int | None = None,
 ) -> Trajectory:
-    """What is reported of a scene whose steps are done.
+    """The trajectory of a scene whose steps are done.
 
-    Seconds are those until the steps began, and for these. Of a run with impacts the steps are
-    given, with their momenta, and the number of those that were not cut.
+    `seconds` are those before the steps, and those of the steps. For a run with impacts the steps
+    are given, `bounced`, with their momenta, and the number of steps that were not cut.
     """
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
     if n_steps is None:
@@ -184,7 +184,7 @@ def trajectory_of(
         kept, irregular = regular_until(scene.lagrangian, position, velocity, energy, time)
         if irregular:
             if kept == 0:
-                # no velocity was found from the momentum of the start, where it is given
+                # no velocity was found from the momentum at the start; there the velocity is given
                 kept, start = 1, (scene.initial_position, scene.initial_velocity)
                 energy[0] = scene.lagrangian.energy(*start, 0.0)
             time, position, momentum, energy = (

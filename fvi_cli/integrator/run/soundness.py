@@ -1,4 +1,4 @@
-"""When runs stop because what they do cannot be right."""
+"""When runs stop because their motion cannot be right."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from fvi_cli.integrator.run.points import Points, Stops
 from fvi_cli.mathematics.arrays import Array
 
 CHORDS_OF_A_BOX = 16
-"""Where a potential may be infinite in the box of a whole path, smaller boxes are looked at."""
+"""Chords in each smaller box, examined if V may be infinite in the box of a whole path."""
 
 
 def _boxes(columns: Sequence[Array], chords: int) -> tuple[Array, Array]:
-    """Corners of boxes around so many successive chords of paths, ``(q, n)`` to ``(q, k, d)``."""
+    """Corners of boxes around `chords` successive chords of paths, ``(q, n)`` to ``(q, k, d)``."""
     size = columns[0].shape[1]
     first = np.arange(0, max(size - 1, 1), chords)
     last = np.minimum(first + chords, size - 1)
@@ -32,12 +32,12 @@ def _boxes(columns: Sequence[Array], chords: int) -> tuple[Array, Array]:
 
 
 class Soundness:
-    """Stops scenes that leave the domain of their potential or all that they can reach.
+    """Stops scenes that leave the domain of their potential or the bound of their motion.
 
-    Both are looked at closely only where a quick look at all scenes finds it possible.
+    Both are examined closely only if a quick test of all scenes finds it possible.
 
-    The loads of each have the largest value that was met on the way. Where surfaces that move push
-    them, what they can reach is not known: they are not bounded.
+    `loads` have the largest force of each scene so far. Scenes that are pushed by moving surfaces
+    have no bound.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Soundness:
 
     @cached_property
     def _least(self) -> Array:
-        """What no run that stays inside is taken for diverged, ``(2, scenes)``."""
+        """:func:`least_bound` of all scenes: below, no run has diverged, ``(2, scenes)``."""
         return np.array([least_bound(one) for one in self._scenes]).T
 
     def _check_domain(self, points: Points, live: Sequence[int], stops: Stops) -> None:

@@ -20,7 +20,7 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
 from fvi_cli.mathematics.transforms.zeros import LogFunction
 
 ENTRIES_AT_ONCE = 2_000_000
-"""Of the matrices whose determinants are taken together."""
+"""Most entries of the matrices whose determinants are computed together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class StepDeterminants:
     """Step determinants of systems of one size with the same orders of damping."""
 
     patterns: Patterns
-    forms: Array  # that belong to the patterns, (number of systems, patterns, d, d)
+    forms: Array  # matrices that belong to the patterns, (number of systems, patterns, d, d)
     degree: int
 
     @property
@@ -40,7 +40,7 @@ class StepDeterminants:
         return replace(self, forms=self.forms[which])
 
     def of(self, number: int) -> LogFunction:
-        """The logarithm of one of them as a function of z."""
+        """The logarithm of one determinant as a function of z."""
         which = np.full(1, number)
         return lambda z: self.logarithms(self.tabulate(z), np.arange(z.size), which)
 
@@ -66,7 +66,7 @@ class StepDeterminants:
 
 def log_determinants(matrices: ComplexArray) -> ComplexArray:
     """Logarithms of determinants, shape ``(..., n, n)`` to ``(...,)``."""
-    # rows of one size, lest the size of one of them drown the others
+    # rows are scaled to one size, so that a large row does not hide the others
     sizes = np.abs(matrices).max(axis=-1)
     sizes = np.where(sizes == 0, 1.0, sizes)
     with np.errstate(divide="ignore"):
@@ -78,10 +78,10 @@ def log_determinants(matrices: ComplexArray) -> ComplexArray:
 def step_determinants(
     systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float | Array
 ) -> StepDeterminants:
-    r"""Of systems with one step size, or of one system with many.
+    r"""Step determinants of systems with one step size, or of one system with many.
 
-    The forms are M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, by the size of M; the damping
-    of all systems has the same orders.
+    The forms are M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, relative to the size of M; the
+    damping of all systems has the same orders.
     """
     first = systems[0]
     orders = tuple(order for order, _ in first.damping)
@@ -102,7 +102,7 @@ def step_determinants(
 
 
 def _degree(method: AnyMethod, orders: tuple[float, ...]) -> int:
-    """About how many zeros a determinant has: its unknowns, and what powers of a symbol turn."""
+    """About how many zeros a determinant has: its unknowns, and the turns of a symbol's powers."""
     if isinstance(method, Baseline):
         return 2
     turns = 0.0 if method.is_runge_kutta else method.bdf_order * max(orders, default=0.0)
@@ -112,7 +112,7 @@ def _degree(method: AnyMethod, orders: tuple[float, ...]) -> int:
 def plane_determinants(
     method: AnyMethod, order: float, stiffness: Array, damping: Array
 ) -> StepDeterminants:
-    r"""Of points of the plane of :math:`h^2 k / m` and :math:`h^{2 - \gamma} \mu / m`, ``(n,)``."""
+    r"""Determinants at n points :math:`(h^2 k / m, h^{2 - \gamma} \mu / m)` of a plane."""
     forms = np.stack([np.ones_like(stiffness), stiffness, damping], axis=1)
     return StepDeterminants(
         patterns=step_patterns(method, (order,)),

@@ -34,33 +34,33 @@ from fvi_cli.mathematics.transforms.zeros import count_zeros
 LARGEST_N_STEPS = 1 << 30
 
 NEGLIGIBLE = 1e-3
-"""Forces of a step this small beside inertia make no mode grow."""
+"""Forces of a step that are this small relative to inertia make no mode grow."""
 
 EVERY_UP_TO = 200
-"""Numbers of steps up to which each is looked at."""
+"""Every number of steps up to this is examined."""
 
 SPACING = 0.005
-"""Relative distance of the steps that are looked at beyond: windows that are wider are seen."""
+"""Relative distance of the step sizes that are examined beyond: wider windows are found."""
 
 FEW = 8
-"""Independent systems of a scene up to which that is so."""
+"""Most independent systems of a scene for which this distance is used."""
 
 WIDE_SPACING = 0.05
-"""The same of more systems, and of scenes that are fed."""
+"""Relative distance for more systems, and for scenes with a source of energy."""
 
 BLOCK = 2.0
-"""Ratio of the numbers of steps that are looked at together."""
+"""Ratio of the numbers of steps that are examined together."""
 
 
 def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> int | None:
     """Number of steps, `fewest` or more, from which on the run is stable with any more of them.
 
-    Looked at are all numbers of steps up to 200, and beyond such that their steps are half a per
-    cent apart, until nothing but inertia matters in a step: windows of instability that are
-    narrower may be missed. Of scenes that are fed, and of more than 8 independent systems, it is up
-    to 50, and 5 per cent. Modes that outgrow a growing scene by less than a quarter are looked for
-    at halved steps only. The last change of the verdict is closed in by bisection to a thousandth.
-    A nonlinear scene is linearised at its start. None where the finest step is unstable.
+    All numbers of steps up to 200 are examined, and beyond numbers whose steps are half a per cent
+    apart, until only inertia matters in a step: narrower windows of instability may be missed. For
+    scenes with a source of energy, and for more than 8 independent systems, the limits are 50 and 5
+    per cent. Modes that outgrow a growing scene by less than a quarter are searched for at halved
+    steps only. The last change of the verdict is located by bisection to a thousandth. A nonlinear
+    scene is linearised at its start. None if the finest step is unstable.
     """
     linear = linearised_at_start(scene)
     systems = independent_systems(linear)
@@ -84,7 +84,7 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
     growth = _permitted_growth(systems, scene.final_time, numbers)
     candidates = _suspects(systems, method, scene.final_time, numbers, growth)
     if is_fed:
-        # also what outgrows the exact scene by less than a mode of it may be resolved
+        # also modes that outgrow the exact scene by no more than a poorly resolved mode may
         doubled = np.searchsorted(numbers, fewest * 2.0 ** np.arange(32))
         doubled = np.unique(numbers[doubled.clip(max=numbers.size - 1)])
         candidates = heapq.merge(candidates, doubled[::-1].tolist(), reverse=True)
@@ -106,7 +106,7 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
 
 
 def numbers_of_steps(fewest: int, most: int, *, is_wide: bool = False) -> Integers:
-    """Those that are looked at, increasing."""
+    """Numbers of steps that are examined, increasing."""
     spacing, every = (WIDE_SPACING, EVERY_UP_TO // 4) if is_wide else (SPACING, EVERY_UP_TO)
     each = np.arange(fewest, min(most, every) + 1)
     if most <= every:
@@ -117,7 +117,7 @@ def numbers_of_steps(fewest: int, most: int, *, is_wide: bool = False) -> Intege
 
 
 def _most_steps(systems: Sequence[MatrixPencil], final_time: float, fewest: int) -> int:
-    """Doubled from `fewest` until nothing but inertia matters in a step."""
+    """Number of steps, doubled from `fewest` until only inertia matters in a step."""
     sizes = [pair for system in systems for pair in system.sizes]
     most = fewest
     while most < LARGEST_N_STEPS:
@@ -131,12 +131,12 @@ def _most_steps(systems: Sequence[MatrixPencil], final_time: float, fewest: int)
 def _permitted_growth(
     systems: Sequence[MatrixPencil], final_time: float, numbers: Integers
 ) -> Array:
-    """Logarithm of the growth over the run that is the exact scene's, resolved or tolerated."""
+    """Logarithm of the growth over the run that the exact scene and the tolerances permit."""
     rates = np.zeros(numbers.size)
     for system in systems:
         found = growing_frequencies(system, final_time, final_time / int(numbers[-1]))
         if found is None:
-            # as in the prediction, modes that cannot be separated are not held against the method
+            # as in the prediction, modes that cannot be separated do not count against the method
             return np.full(numbers.size, np.inf)
         for s in found.tolist():
             is_seen = abs(s.imag) * final_time / numbers < math.pi
@@ -170,7 +170,7 @@ def _suspects(
 def _grow_faster(
     systems: Sequence[MatrixPencil], method: AnyMethod, step_sizes: Array, growth: float
 ) -> NDArray[np.bool_]:
-    """At which step sizes a mode grows by more than this in a step, or may, a logarithm."""
+    """At which step sizes a mode grows, or may grow, by more than `growth`, a logarithm."""
     grows = np.zeros(step_sizes.size, dtype=bool)
     for system in systems:
         left = np.flatnonzero(~grows)
@@ -197,7 +197,7 @@ def stable_method(scene: Scene, method: AnyMethod, n_steps: int) -> Method | Non
 
 
 def refusal(scene: Scene, method: AnyMethod, n_steps: int, prediction: StabilityPrediction) -> str:
-    """Why a run is not worth its time, and what would be."""
+    """Why a run is refused, and what to do instead."""
     parts = [f"predicted unstable: {prediction.reason}"]
     steps = least_stable_n_steps(scene, method)
     if steps is None:

@@ -1,4 +1,4 @@
-"""The linear scene that a nonlinear one is close to one of its states."""
+"""The linear scene that approximates a nonlinear one near one of its states."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 MOST_POINTS = 64
-"""Points of a path whose stiffness is looked at."""
+"""Most points of a path at which the stiffness is examined."""
 
 MOST_LINEARISATIONS = 5
 """Linearisations along a path: the softest, the stiffest, and some between them."""
 
 
 def linearised_at_start(scene: Scene) -> Scene:
-    """The linear scene that a nonlinear one is close to its start.
+    """The linear scene that approximates a nonlinear one near its start.
 
     Raises
     ------
@@ -31,10 +31,10 @@ def linearised_at_start(scene: Scene) -> Scene:
 
 
 def linearised_at(scene: Scene, position: Array, velocity: Array, time: float) -> Scene:
-    """The linear scene that a nonlinear one is close to a state ``(d,)``.
+    """The linear scene that approximates a nonlinear one near a state ``(d,)``.
 
-    Of a Lagrangian its second derivatives there, without the gyroscopic part; a linear scene is
-    returned as it is.
+    For a Lagrangian it has the second derivatives there, without the gyroscopic part. A linear
+    scene is returned as it is.
 
     Raises
     ------
@@ -53,9 +53,9 @@ def linearised_at(scene: Scene, position: Array, velocity: Array, time: float) -
 
 
 def linearised_along(scene: Scene, trajectory: Trajectory) -> list[tuple[float, Scene]]:
-    """Times on the path of a nonlinear scene with the linear scenes there.
+    """Times on the path of a nonlinear scene, with the linear scenes there.
 
-    Where the stiffness relative to the mass is smallest and largest, and in between; points
+    There the stiffness relative to the mass is smallest, largest, and in between; points
     where the scene cannot be linearised are left out.
     """
     with np.errstate(all="ignore"):

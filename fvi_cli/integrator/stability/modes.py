@@ -25,10 +25,10 @@ from fvi_cli.mathematics.transforms.zeros import (
 )
 
 LARGEST_FREQUENCY = 1e3
-"""Times the step size: faster growth of the exact scene is beyond every method and number."""
+"""Largest frequency times step size: faster growth is beyond every method and every number."""
 
 LEAST_GROWTH = 0.05
-"""Logarithm of the growth over the whole time that is none."""
+"""Logarithm of the growth over the whole time; less growth does not count."""
 
 NO_FREQUENCIES: ComplexArray = np.empty(0, dtype=np.complex128)
 
@@ -40,8 +40,8 @@ def growing_frequencies(
 
     By :math:`s = c (1 + \zeta) / (1 - \zeta)` the right half-plane is a disc, in which the
     determinant of :math:`s^2 M + \sum_j s^{\gamma_j} D_j + K`, divided by :math:`(s + c)^{2 d}`,
-    is analytic; it is det M at 1. Growth by less than a twentieth over `final_time` is none. None
-    where the zeros cannot be separated.
+    is analytic; it is det M at 1. Growth by less than a twentieth over `final_time` does
+    not count. None if the zeros cannot be separated.
     """
     if system.is_dissipative:
         return NO_FREQUENCIES
@@ -73,7 +73,7 @@ def growing_frequencies(
 
 
 def _scale(system: MatrixPencil, step_size: float) -> float:
-    """The c at which no zero is larger, or no step of h can follow."""
+    """A c such that no zero is larger, or no step h can follow a larger one."""
     fastest, sizes = LARGEST_FREQUENCY / step_size, system.sizes
     # where s^2 outweighs all other terms
     scale = largest_root(*map(np.array, zip(*sizes, strict=True))) if sizes else math.inf
@@ -83,19 +83,19 @@ def _scale(system: MatrixPencil, step_size: float) -> float:
 def largest_rate(system: MatrixPencil, frequencies: ComplexArray | None, step_size: float) -> float:
     """Largest Re s of the :func:`growing_frequencies` of a system; 0 where none grows."""
     if frequencies is None:
-        # modes that cannot be separated are not held against the method
+        # modes that cannot be separated do not count against the method
         return _scale(system, step_size)
     return float(frequencies.real.max(initial=0.0))
 
 
 FASTEST = 700.0
-"""Growth per step, as a logarithm, beyond every number."""
+"""Growth per step, as a logarithm, that exceeds every number."""
 
 FEW = 8
-"""Modes up to which the worst is found among all."""
+"""Most modes that are all located, to find the worst."""
 
 ACCURACY = 1e-9
-"""Relative, of the growth of modes that cannot be separated."""
+"""Relative accuracy of the growth of modes that cannot be separated."""
 
 # a little different where a zero lies on the circle itself
 _SHARES = (10.0, 10.7, 9.1)
@@ -103,7 +103,7 @@ _SHARES = (10.0, 10.7, 9.1)
 
 @dataclass(frozen=True)
 class GrowingModes:
-    """What grows by a tenth or more over the run."""
+    """Modes that grow by a tenth or more over the run."""
 
     count: int  # with multiplicity
     growth: float  # log(1/|z|) of the worst; 0 where none grows

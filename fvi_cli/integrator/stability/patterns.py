@@ -1,4 +1,4 @@
-r"""The equations of one step as numbers that do not depend on the scene.
+r"""The equations of one step in matrices that do not depend on the scene.
 
 With :math:`x_k, p_k, \delta_k \sim z^{-k}` the step equations in momentum form become a linear
 system for position, momentum and increments,
@@ -15,7 +15,7 @@ differences, and likewise with :math:`\Delta(z)^{\gamma_j - 1}` for Runge-Kutta 
 determinant is analytic in :math:`|z| < 1`, and a zero z there is a mode that grows by
 :math:`1 / |z|` in a step.
 
-It is that of s equations for :math:`\delta^1, \dots, \delta^{s-1}` and y, with
+It equals the determinant of s equations for :math:`\delta^1, \dots, \delta^{s-1}` and y, with
 :math:`\delta^s = (1 - z)\, y` and :math:`x = z y`, in which p is eliminated from the second and
 the last equation with :math:`\nu = 0` by their sum. They are
 
@@ -40,13 +40,13 @@ from fvi_cli.mathematics.bdf import symbol_at
 
 Patterns = Callable[[ComplexArray], ComplexArray]
 Forces = Callable[[ComplexArray], list[ComplexArray]]
-"""Forces of the increments at points z, ``(k, m, s)`` for each order."""
+"""From points z, ``(k,)``, to the forces by increments, ``(k, m, s)`` for each order."""
 
 MASS, STIFFNESS, DAMPING = 0, 1, 2
 """Places of the patterns; those of the damping orders begin at the last one."""
 
 LARGEST_CONDITION = 1e6
-"""Eigenvectors worse conditioned than this belong to eigenvalues that meet."""
+"""Eigenvectors worse conditioned than this belong to eigenvalues that nearly coincide."""
 
 
 _BASELINES: dict[str, Callable[[ComplexArray], tuple[ComplexArray, ComplexArray]]] = {
@@ -54,7 +54,7 @@ _BASELINES: dict[str, Callable[[ComplexArray], tuple[ComplexArray, ComplexArray]
     "implicit-euler": lambda z: (np.ones_like(z), np.ones_like(z)),
     "gruenwald-letnikov": lambda z: (z, z),
 }
-"""Those whose equations are ``(1 - z)^2 M + a h^2 K + b (1 - z)^order h^(2 - order) mu``: a, b."""
+"""Baselines with equations ``(1 - z)^2 M + a h^2 K + b (1 - z)^order h^(2 - order) mu``: a, b."""
 
 
 def has_patterns(method: AnyMethod) -> bool:
@@ -91,7 +91,7 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     else:
         forces = _sampled_forces(method, tables, orders)
     s = tables.degree
-    # of the equations with nu = 0 to s - 1 and of G, by the increments and x
+    # coefficients of the increments and x in the equations with nu = 0 to s - 1 and in G
     constant = np.zeros((DAMPING, s + 1, s + 1))
     constant[MASS, :s, :s] = tables.mass_matrix
     constant[STIFFNESS, :s, :s] = -tables.test_weights[:-1] @ tables.basis[1:].T
@@ -114,9 +114,9 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
 
 
 def _sampled_forces(method: Method, tables: StepTables, orders: tuple[float, ...]) -> Forces:
-    """Of backward differences: from increments to values at the sample points, and to forces."""
+    """Forces of backward differences: from increments to values at samples, and to forces."""
     at_points = tables.sample_basis[1:].T
-    # where the step began is what the steps before have left behind
+    # the beginning of a step is the end of the step before
     carried = np.eye(tables.degree)[-1] - at_points
 
     def forces(z: ComplexArray) -> list[ComplexArray]:
@@ -130,7 +130,7 @@ def _sampled_forces(method: Method, tables: StepTables, orders: tuple[float, ...
 
 
 def _staged_forces(stages: StageOperator, tables: StepTables, orders: tuple[float, ...]) -> Forces:
-    """Of Runge-Kutta methods: from increments to coefficients of the stages, and to forces."""
+    """Forces of Runge-Kutta methods: from increments to stage coefficients, and to forces."""
     samples = (stages.to_coefficients @ tables.slopes[1:].T).astype(np.complex128)
 
     def forces(z: ComplexArray) -> list[ComplexArray]:
@@ -147,8 +147,8 @@ def _symbol_powers(
 ) -> list[ComplexArray]:
     r"""Powers of the symbol :math:`\Delta(z)` between coefficients, each ``(n, m, m)``.
 
-    There :math:`\Delta(z)^{-1} = X + z / (1 - z) e_1 e_1^T`: near z = 1 one large entry beside a
-    matrix of moderate ones, whose small eigenvalues are not drowned in it.
+    There :math:`\Delta(z)^{-1} = X + z / (1 - z) e_1 e_1^T`: near z = 1 one large entry is added
+    to a matrix of moderate ones, whose small eigenvalues are not lost.
     """
     matrices: ComplexArray = np.tile(stages.matrix.astype(np.complex128), (z.size, 1, 1))
     matrices[:, 0, 0] += z / (1.0 - z)

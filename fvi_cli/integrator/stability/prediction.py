@@ -12,8 +12,8 @@ where s runs over the zeros of :math:`\det(s^2 M + \sum_j s^{\gamma_j} D_j + K)`
 .. math::
    |\tilde s - s| \le \tfrac14 |s|, \qquad \mathrm{Re}\, \tilde s \le \tfrac54 \mathrm{Re}\, s .
 
-So a scene of negative damping, whose growth is the truth, is not called unstable, not even where
-the growth is so long, or so poorly resolved, that a small error of its rate makes a large factor.
+So a scene of negative damping, which really grows, is not called unstable, not even if the growth
+is so long, or so poorly resolved, that a small error of its rate makes a large factor.
 """
 
 from __future__ import annotations
@@ -48,21 +48,21 @@ TOLERATED_GROWTH = 1e3
 """Factor by which a run may exceed the growth of the exact scene."""
 
 NOTICED_GROWTH = 10.0
-"""The same of what is warned about: a digit."""
+"""Factor that gives a warning: a digit."""
 
 RESOLVED = 0.25
-"""Relative error up to which a mode that grows passes for one of the exact scene."""
+"""Relative error up to which a mode that grows counts as a mode of the exact scene."""
 
 LARGEST_DIMENSION = 24
-"""Coupled components of one system that are looked at."""
+"""Most coupled components of one system that is examined."""
 
 LARGEST_NUMBER_OF_SYSTEMS = 20_000
-"""Independent systems of one scene that are looked at."""
+"""Most independent systems of one scene that is examined."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityPrediction:
-    """What the modes of the step equations say about a run."""
+    """Prediction for a run from the modes of the step equations."""
 
     verdict: Verdict  # unknown where nothing is proved
     growth_per_step: float = 0.0  # log(1/|z|) of the worst mode; 0 where none grows
@@ -72,7 +72,7 @@ class StabilityPrediction:
     linearised_verdict: Verdict = "unknown"  # of a nonlinear scene, linearised at the start
 
     def is_noticed(self, n_steps: int) -> bool:
-        """Whether a mode that the exact scene has not grows, by less than makes a run unstable."""
+        """Whether a mode grows that the exact scene lacks, too slowly for an unstable run."""
         grows = self.growth_per_step * n_steps >= math.log(NOTICED_GROWTH)
         return grows and self.verdict == "stable" and self.exact_growth == 0.0
 
@@ -84,10 +84,10 @@ NO_GAIN = StabilityPrediction(
 
 
 def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> StabilityPrediction:
-    """Tell whether a run of `scene` by `method` in `n_steps` steps would blow up, and why.
+    """Predict whether a run of `scene` by `method` in `n_steps` steps would blow up, and why.
 
-    A method may be given by its name. Of a nonlinear scene there are the numbers of the scene
-    linearised at its start, and no verdict.
+    A method may be given by its name. For a nonlinear scene the numbers are those of the
+    scene linearised at its start, without a verdict.
 
     Raises
     ------
@@ -202,8 +202,8 @@ def stability_along(
 ) -> tuple[float, StabilityPrediction] | None:
     """Time and prediction of the worst of some linearisations along a finished run.
 
-    None for a linear scene, and where nothing could be linearised. The verdict is that of the
-    scene linearised there: a warning, for a mode needs time to grow, and the path moves on.
+    None for a linear scene, and if no point could be linearised. The verdict is that of the scene
+    linearised there, and only a warning: a mode needs time to grow, and the motion moves on.
     """
     found = [
         (time, predict_stability(near, method, n_steps))
@@ -231,7 +231,7 @@ def _zeros_beyond(
 def _has_spurious_mode(
     zeros: ComplexArray | None, frequencies: ComplexArray | None, step_size: float, limit: float
 ) -> bool:
-    """Whether a mode that grows faster than `limit` per step is none of the exact scene."""
+    """Whether a mode that grows faster than `limit` per step is no mode of the exact scene."""
     if zeros is not None:
         zeros = zeros[np.abs(zeros) < math.exp(-limit)]
         if not zeros.size:

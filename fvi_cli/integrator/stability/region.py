@@ -28,7 +28,7 @@ class StabilityMap:
     order: float
     stiffness: Array  # values of h^2 k / m
     damping: Array  # and of mu h^(2 - gamma) / m
-    # number of the growths that the worst mode exceeds, 0 where the method is stable, -1 where
+    # number of GROWTH_LEVELS that the worst mode exceeds, 0 where the method is stable, -1 where
     # that is not decided, (damping, stiffness)
     level: Integers
 
@@ -41,7 +41,7 @@ class StabilityMap:
 def stability_map(
     method: AnyMethod, order: float, stiffness: Array, damping: Array
 ) -> StabilityMap:
-    """Growth of the worst mode over the plane, of any method with a determinant.
+    """Growth of the worst mode over the plane, for any method with a determinant.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The independent linear systems of a scene, and whether anything feeds them."""
+"""The independent linear systems of a scene, and whether they have a source of energy."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class MatrixPencil:
 
     @property
     def sizes(self) -> tuple[tuple[float, float], ...]:
-        """Orders with the norms of their matrices relative to the mass, those that are not 0."""
+        """Orders with the norms of their matrices relative to the mass, without norms of 0."""
         root = np.linalg.inv(np.linalg.cholesky(self.mass))
         pairs = ((0.0, self.stiffness), *self.damping)
         norms = ((order, float(np.linalg.norm(root @ form @ root.T, 2))) for order, form in pairs)
@@ -54,9 +54,9 @@ def matrix_pencil(scene: Scene) -> MatrixPencil:
 
 
 def independent_systems(scene: Scene) -> tuple[MatrixPencil, ...]:
-    """The linear systems into which the scene falls apart, each of them once; itself otherwise.
+    """The independent linear systems of a scene, equal ones once; or itself, if it is coupled.
 
-    All have the same orders of damping; several have one component each.
+    All have the same orders of damping. If there are several, each has one component.
     """
     whole = matrix_pencil(scene)
     parts = decouple_forms(whole.mass, whole.stiffness, [form for _, form in whole.damping])
@@ -74,5 +74,5 @@ def independent_systems(scene: Scene) -> tuple[MatrixPencil, ...]:
 
 
 def _digits(forms: Iterable[Array]) -> tuple[str, ...]:
-    """What equal systems have in common, but for round-off."""
+    """A key, the same for systems that are equal up to round-off."""
     return tuple(f"{form[0, 0]:.12e}" for form in forms)

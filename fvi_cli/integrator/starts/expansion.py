@@ -73,8 +73,8 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
               - \frac{d}{dt} \bigl[\partial_v L(q, q', t) - M q'\bigr]
 
     with M the mass matrix at the start: for energies that separate, the last term vanishes and the
-    one before is the force of the potential. Known and linear forces make a term from those below
-    it; other forces are expanded again as often as the motion is known further.
+    one before is the force of the potential. Known and linear forces give a term from the terms
+    below it; other forces are expanded again whenever the motion is known further.
 
     Raises
     ------
@@ -100,11 +100,11 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
 
 
 class _Motion:
-    r"""What known and linear forces make of a motion, from the lowest power up.
+    r"""The motion by known and linear forces, from the lowest power up.
 
     .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + K q = f
 
-    Every term of the motion drives terms of higher powers only, so that each is complete when
+    Every term of the motion causes terms of higher powers only, so that each is complete when
     its turn comes.
     """
 
@@ -119,14 +119,14 @@ class _Motion:
         self._waiting = np.stack((scene.initial_position, scene.initial_velocity))
 
     def drive(self, force: Components, since: float = -math.inf) -> None:
-        """Add what the terms of a force from the power `since` on cause."""
+        """Add the terms of the motion that a force causes by its powers from `since` on."""
         if force:
             exponents, rows = _stacked(force)
             later = exponents >= since - SAME_EXPONENT
             self._push(exponents[later], rows[later])
 
     def completed(self, cutoff: float) -> Expansion:
-        """The terms below `cutoff`, after each has driven others."""
+        """The terms below `cutoff`, with all terms that they cause."""
         # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
         with np.errstate(over="ignore", invalid="ignore"):
             while (first := self._waiting_exponents.min(initial=math.inf)) < cutoff - SAME_EXPONENT:
@@ -136,7 +136,7 @@ class _Motion:
         return Expansion(exponents=self._exponents, coefficients=self._coefficients)
 
     def _complete(self, cutoff: float) -> None:
-        """Settle the waiting terms below `cutoff`, which drive none of each other."""
+        """Complete the waiting terms below `cutoff`, which do not cause each other."""
         now = self._waiting_exponents < cutoff - SAME_EXPONENT
         exponents, rows = merged_terms(self._waiting_exponents[now], self._waiting[now], cutoff)
         self._waiting_exponents, self._waiting = self._waiting_exponents[~now], self._waiting[~now]
@@ -185,7 +185,7 @@ def _nonlinear_force(scene: Scene) -> Callable[[list[PowerSeries]], Components] 
 def _linear_force(
     force: Array, curvature: Array, start: Array, position: list[PowerSeries]
 ) -> Components:
-    """Force less curvature times displacement; its square, which is not known, cuts it off."""
+    """Force less curvature times displacement, cut off at the unknown square of displacement."""
     displacement = [series - float(at) for series, at in zip(position, start, strict=True)]
     known = 2.0 * min(series.leading_exponent for series in displacement)
     return [
@@ -202,9 +202,9 @@ def _force_of_lagrangian(
 ) -> Components:
     r"""The force :math:`\partial_q L - \frac{d}{dt} [\partial_v L - M q']`.
 
-    The term in brackets has no derivative by the velocity at the start: what is not known of the
-    velocity, from t**s on, meets a factor that begins like the velocity's first power and enters
-    so much later.
+    The term in brackets has no derivative by the velocity at the start: the unknown part of the
+    velocity, from t**s on, is multiplied by a factor that begins like the velocity's first power,
+    and enters later by this power.
     """
     velocity = [series.derivative() for series in position]
     unknown = velocity[0].cutoff

@@ -32,11 +32,12 @@ if TYPE_CHECKING:
 
 CONDITION_WARNING = 1e8
 MOST_POWERS = 16
-"""More of them are too ill-conditioned wherever they lie, and take seconds to find out."""
+"""Most powers that are tried: more are always too ill-conditioned, and take seconds."""
 MOST_ITERATIONS = 20
 CONDITION_LIMIT = 1e12
-"""Beyond, weights are left out: from 2e13 on errors of 5 to 1e8 were measured (a pendulum, orders
-0.3 to 1.95, BDF2 to 6 on 100 and 400 steps), up to 3e11 none above that without weights."""
+"""Weights of a larger condition are left out: from 2e13 on errors of 5 to 1e8 were measured (a
+pendulum, orders 0.3 to 1.95, BDF2 to 6 on 100 and 400 steps); up to 3e11 no error was above that
+without weights."""
 
 
 def starting_weights(
@@ -49,9 +50,10 @@ def starting_weights(
 ) -> tuple[Array, float]:
     r"""Weights on the first samples that make the quadrature exact on powers.
 
-    For powers :math:`\sigma > 0`, with as many samples at :math:`(k + \chi) h`; without an offset
-    the sample at 0, where every power vanishes, is left out. Weights :math:`w_{kj}` for h = 1,
-    ``(n_times, len(exponents))``, and the condition number of the generalised Vandermonde matrix.
+    There are as many samples, at :math:`(k + \chi) h`, as powers :math:`\sigma > 0`; without an
+    offset the sample at 0, where every power vanishes, is left out. Returns the weights
+    :math:`w_{kj}` for h = 1, ``(n_times, len(exponents))``, and the condition number of the
+    generalised Vandermonde matrix.
     """
     times = offset + np.arange(n_times, dtype=np.longdouble)
     weights = convolution_weights(bdf_order, order, n_times)
@@ -113,9 +115,9 @@ def default_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
 
 
 def corrected_powers(scene: Scene, method: Method) -> tuple[tuple[float, ...], str]:
-    """Powers that the starting weights of a run correct, and what to write of them.
+    """Powers that the starting weights of a run correct, and a remark on them.
 
-    None where their weights would keep too few digits, so that it goes without them.
+    Empty if the weights would keep too few digits: then the run has no weights.
     """
     try:
         exponents = method.start_exponents or default_exponents(scene, method)
@@ -139,7 +141,7 @@ def corrected_powers(scene: Scene, method: Method) -> tuple[tuple[float, ...], s
 
 
 def _offsets(method: Method, tables: StepTables) -> Array:
-    """Where the samples of a step lie; of samples on the nodes those at the left ends."""
+    """Places of the samples in a step; for samples on the nodes only the left end."""
     return tables.sample_points[:1] if method.sampling == "nodes" else tables.sample_points
 
 
@@ -156,8 +158,8 @@ def corrected_start(
     system, affine for linear scenes, solved by Newton's iteration with a Jacobian from runs over
     the first steps alone.
 
-    `first_samples` says what a run with such load vectors gives. Load vectors ``(N, s + 1, d)``,
-    None where nothing is corrected; and remarks.
+    `first_samples` gives the samples of a run with certain load vectors. Returns load vectors
+    ``(N, s + 1, d)``, None without a correction; and remarks.
     """
     exponents, remark = corrected_powers(scene, method)
     if exponents and n_steps < len(exponents) + (method.sampling == "nodes"):
@@ -169,7 +171,7 @@ def corrected_start(
 
 
 class _Correction:
-    """The force of starting weights by the first samples, and these by that force."""
+    """The force of starting weights from the first samples, and the samples from the force."""
 
     def __init__(
         self,
@@ -186,8 +188,8 @@ class _Correction:
         self._first = 1 if self._on_nodes else 0
         self._shape = (len(exponents), len(offsets), scene.dimension)
         times = h * (self._first + np.arange(len(exponents))[:, None] + offsets)
-        # of every term the weights, what Caputo subtracts above order 1 besides the position, and
-        # the matrix
+        # for every term the weights, the part of the start velocity that Caputo subtracts above
+        # order 1, and the matrix
         self._terms: list[tuple[Array, Array, Array]] = []
         for term in scene.active_damping:
             weights = [
@@ -203,7 +205,7 @@ class _Correction:
             self._terms.append((own, subtracted, term.matrix))
 
     def loads_of(self, samples: Array) -> Array:
-        """Load vectors that samples of shape ``(n_exponents, m, d)`` make."""
+        """Load vectors from samples of shape ``(n_exponents, m, d)``."""
         force = np.zeros((self._n_steps + 1, *self._shape[1:]))
         for weights, subtracted, matrix in self._terms:
             force += np.einsum("kij,jid->kid", weights, samples - subtracted) @ matrix
@@ -215,7 +217,7 @@ class _Correction:
         return np.asarray(np.einsum("vm,kmd->kvd", to_loads, force[: self._n_steps]))
 
     def solved(self, first_samples: FirstSamples) -> Array:
-        """Load vectors that make the samples of which they are made."""
+        """Load vectors from the samples of the run that has these load vectors."""
         count, offsets, _ = self._shape
 
         def samples_of(unknown: Array) -> Array:

@@ -1,1 +1,1 @@
-"""Motions that bounce off surfaces: steps that end on these, and what they do to the momentum."""
+"""Motions that bounce off surfaces: steps that end on them, and changes of the momentum."""

@@ -35,13 +35,13 @@ from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 SHORTEST_FLIGHT = 1e-9
-"""Flights between rebounds shorter than this, relative to T, are the beginning of endless ones."""
+"""A flight between rebounds shorter than this, relative to T, is one of an endless series."""
 UNRESOLVED_FLIGHT = 1e-4
-"""So are shorter ones than this, relative to T / N, where round-off keeps them from shrinking."""
+"""So is one shorter than this, relative to T / N, if round-off keeps flights from shrinking."""
 START, IMPACT, BREAK = range(3)
 """What lies at the begin of a flight."""
 LEAST_IN_ULPS = 256
-"""Steps behind an impact are no shorter than so many units in the last place of its time."""
+"""Shortest step after an impact, in units in the last place of its time."""
 
 _NO_CONTACT = Contact(math.nan, math.nan, math.nan, math.nan)
 _ONE_STEP = np.zeros(2, dtype=np.intp)
@@ -49,7 +49,7 @@ _ENDS = np.array([0.5, 1.0])
 
 
 class Bouncing:
-    """Steps of T / N, graded behind the start, break points and impacts, cut where these are."""
+    """Steps of T / N, graded after the start, break points and impacts, and cut there."""
 
     def __init__(
         self, scene: Scene, method: Method, n_steps: int, surfaces: Mapping[str, Surface]
@@ -62,8 +62,8 @@ class Bouncing:
         self._step, self._shortest = self._end / n_steps, SHORTEST_STEP * self._end
         self._is_rough = is_rough_behind_impacts(scene)
         self._stops = [*scene.break_points, self._end]
-        # the sum of the pushes at every point of the mesh, (d,) each; and by the number of the
-        # point those that come when the step before it is recorded
+        # the sum of the pushes at every point of the mesh, (d,) each; and, by the number of the
+        # point, pushes that come after the step before it was recorded
         self.jumps = [np.zeros(scene.dimension)]
         self.late: dict[int, Array] = {}
         self.times: dict[str, list[float]] = {name: [] for name in surfaces}
@@ -85,7 +85,7 @@ class Bouncing:
         self._aim()
 
     def _aim(self) -> None:
-        """Ends of the steps of the flight that are to come, the last first."""
+        """Set the ends of the coming steps of the flight, the last first."""
         self._targets: list[float] = []
         if self._passed == len(self._stops):
             return
@@ -112,12 +112,12 @@ class Bouncing:
         return Proposal(begin, size, 1, 1, is_first, begin)
 
     def _shared(self, size: float) -> float:
-        """A nearly equal size that is T / N and a power of 2, so that tables are shared."""
+        """A nearly equal size that is T / N times a power of 2, so that tables are shared."""
         exact = self._step * 2.0 ** round(math.log2(size / self._step))
         return exact if abs(exact - size) <= 4.0 * math.ulp(self._time + size) else size
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The end of a step that meets no surface, or ends on one; None: another one is needed."""
+        """The end of a step that meets no surface, or ends on one; None to try another one."""
         if steps.has_failed:
             self._fail(why_unsolved(steps, state))
             return None
@@ -153,7 +153,7 @@ class Bouncing:
     def _land(
         self, landing: Landing, engine: Engine, step: SceneStep, steps: Steps
     ) -> float | None:
-        """Go nearer to the surface, or take the step that is nearest."""
+        """Try a step that ends nearer to the surface, or accept the nearest one."""
         name = landing.surface
         gap = float(self._surfaces[name].gap(step.end_position, step.end))
         tolerance = self._tolerance(name, step)
@@ -172,7 +172,7 @@ class Bouncing:
         return step.end
 
     def _push_here(self, name: str, engine: Engine, state: State, step: SceneStep) -> None:
-        """A surface is met where the step begins."""
+        """Push where the step begins: there a surface is met."""
         push, point = self._push(name, step.position, step.momentum), len(self.jumps) - 1
         self.late[point] = self.late.get(point, 0.0) + push
         own = engine.member_forces([push])
@@ -180,7 +180,7 @@ class Bouncing:
         self._begin_flight(IMPACT, self._passed)
 
     def _go_on(self, step: SceneStep, end: float) -> None:
-        """The step is taken."""
+        """Accept the step."""
         for name in [one for one in self._contacts if self._rises(one, step)]:
             del self._contacts[name]
         self.jumps.append(np.zeros(step.position.size))
@@ -240,7 +240,7 @@ class Bouncing:
     # impacts
 
     def _push(self, met: str, position: Array, momentum: Array) -> Array:
-        """Change of the momentum by all surfaces that are met here, ``(d,)``; these are touched."""
+        """Change of the momentum by surfaces that are met here, ``(d,)``; makes them contacts."""
         time, law = self._time, self._law
         momentum = momentum - self._momentum_error(position, momentum)
         here = {met: 0.0}
@@ -278,7 +278,7 @@ class Bouncing:
         return self._law.scene.momentum(step.end_position, velocity, step.end)
 
     def _momentum_error(self, position: Array, momentum: Array) -> Array:
-        """What the momentum before the pushes at this point has too much."""
+        """Error of the momentum before the pushes at this point."""
         if not self._is_rough or not self._last:
             return np.zeros_like(momentum)
         last = self._last if self._last[0][0] > self._begin else self._last[-1:]
@@ -291,9 +291,9 @@ class Bouncing:
     # rest
 
     def _is_endless(self, name: str, fall: Fall, step: SceneStep) -> bool:
-        """Whether a fall is the next of endless rebounds: its flight is short, and they shrink.
+        """Whether a fall is one of endless rebounds: its flight is short, and flights shrink.
 
-        Below the error of the momenta at impacts they shrink no more, and would have no end.
+        Below the error of the momenta at impacts flights shrink no more, and would have no end.
         """
         contact, restitution = self._contacts.get(name), self._surfaces[name].impact.restitution
         times = self.times[name]
@@ -319,7 +319,7 @@ class Bouncing:
             return
         flight = step.begin - begin + fall.root * step.size
         if contact is not None:
-            # the fall from the contact on says the acceleration, and with it the flights
+            # the fall since the contact gives the acceleration, and with it the flights
             speed, since = contact.speed, step.begin - begin + fall.below * step.size
             flight = min(
                 since, 2.0 * speed * since**2 / max(2.0 * (speed * since - fall.value), 1e-300)
@@ -333,7 +333,7 @@ class Bouncing:
     # checkpoints
 
     def arrays(self) -> dict[str, Array]:
-        """Where it is behind a step, for a checkpoint."""
+        """The state after a step, for a checkpoint."""
         ends, sizes, stages = zip(*self._last, strict=True) if self._last else ((), (), ())
         contacts = [astuple(self._contacts.get(name, _NO_CONTACT)) for name in self._surfaces]
         found = {
@@ -350,7 +350,7 @@ class Bouncing:
         return found | {f"impacts {k}": np.array(v) for k, v in enumerate(self.times.values())}
 
     def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on from what :meth:`arrays` gave."""
+        """Restore the state from :meth:`arrays`."""
         passed, behind, self._begin, self._time = arrays["place"].tolist()
         self._passed, self._behind = int(passed), int(behind)
         for name, kept in zip(self._surfaces, arrays["contacts"].tolist(), strict=True):

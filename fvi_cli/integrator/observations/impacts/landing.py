@@ -38,7 +38,7 @@ class SceneStep:
 
     @classmethod
     def of(cls, engine: Engine, state: State, steps: Steps) -> SceneStep:
-        """Of one solved step of one scene."""
+        """The step from one solved step of one scene."""
         x = np.stack([state.x, state.x + steps.dx[:, 0]], axis=1)
         p = np.stack([state.p, state.p + steps.dp[:, 0]], axis=1)
         x, p = engine.to_scene(x, p)
@@ -64,13 +64,13 @@ class Landing:
     surface: str
     low: float  # lengths between which the root lies
     high: float
-    size: float  # to try; in the end that of the best step
+    size: float  # length to try; in the end that of the best step
     has_ended: bool = False
     _best: tuple[float, float, float] | None = None
     _sweeps: int = 0
 
     def take(self, gap: float, speed: float, tolerance: float) -> bool:
-        """Whether the search ends with the step of this length, by its gap and the slope of it."""
+        """Whether the search ends, from the gap at the end of this step and its rate."""
         now, best = self.size, self._best
         self._sweeps += 1
         if best is None or abs(gap) < abs(best[1]):

@@ -1,4 +1,4 @@
-"""What surfaces do to the momentum of a motion that meets them."""
+"""Changes of the momentum of a motion that meets surfaces."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from fvi_cli.integrator.observations.impacts.surface import Surface
 from fvi_cli.mathematics.arrays import Array
 
 MOST_PUSHES = 1000
-"""Pushes in a corner: surfaces at a sharp angle push many times."""
+"""Most pushes in a corner: surfaces at a sharp angle push many times."""
 NEGLIGIBLE = 1e-14
-"""Speeds towards a surface below this share of the first one are none."""
+"""Speeds towards a surface below this share of the first one do not count."""
 
 
 @dataclass(frozen=True, eq=False)

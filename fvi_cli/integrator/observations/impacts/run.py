@@ -5,8 +5,8 @@ At a falling root of g(q, t) the momentum changes by a push along the normal,
 .. math:: p^+ = p^- - (1 + e) \frac{\dot g}{\nabla g^T M^{-1} \nabla g} \nabla g, \qquad
    \dot g = \nabla g \cdot v + \partial_t g,
 
-so that :math:`\dot g^+ = -e\, \dot g^-` (Newton's law of restitution). The states of the damping go
-on: the force remembers the motion before. Behind an impact the position has the power
+so that :math:`\dot g^+ = -e\, \dot g^-` (Newton's law of restitution). The states of the damping
+are kept: the force remembers the motion before. After an impact the position has the power
 :math:`3 - \gamma` of the time, and steps are graded towards it as towards the start.
 """
 
@@ -55,10 +55,10 @@ def integrate_with_impacts(
 ) -> tuple[Trajectory, dict[str, Array]]:
     """Integrate a scene with surfaces that it bounces off, by a Runge-Kutta method.
 
-    Steps are T / N long, and shorter behind the start, break points and impacts.
+    Steps are T / N long, and shorter after the start, break points and impacts.
 
-    All ends of steps are reported; the times of the impacts come by name. Endless rebounds end the
-    run at the time to which they converge, with a remark.
+    All ends of steps are reported; the times of the impacts are returned by name. Endless rebounds
+    end the run at the time to which they converge, with a remark.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def integrate_with_impacts(
     steps = this.recorder.steps(0)
     momentum, jump = steps.momentum.copy(), np.array(source.jumps[: steps.n_steps + 1])
     for point, push in source.late.items():
-        # the run may have been stopped before
+        # the run may have stopped before the push
         momentum[point : point + 1] += push
     steps = replace(steps, momentum=momentum, jump=jump if jump.any() else None)
     if is_rough_behind_impacts(scene):
@@ -130,7 +130,7 @@ class _Replay(MeshSource):
         super().__init__(steps.mesh((*scene.break_points, *self._pushes)))
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float:
-        """The time at the end of a step, where it is pushed."""
+        """The time at the end of a step; adds the push there."""
         end = self.accept(steps.count)
         if (push := self._pushes.get(end)) is not None:
             steps.dp = steps.dp + engine.member_forces([push])[:, None]

@@ -1,4 +1,4 @@
-"""Surfaces that a motion bounces off, and the steps behind an impact."""
+"""Surfaces that a motion bounces off, and the steps after an impact."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Surface:
         return np.broadcast_to(np.asarray(found), position.shape[:-1])
 
     def slopes(self, position: Array, time: float) -> tuple[Array, float]:
-        """Gradient by q, shape ``(d,)``, and derivative by t, by complex steps."""
+        """Gradient by q, shape ``(d,)``, and derivative by t."""
         place = dict(zip(self.coordinates, position.tolist(), strict=True))
         values = {**self.parameters, "t": time, **place}
         found = slopes_of(self.impact.when, values, (*self.coordinates, "t"))
@@ -49,7 +49,7 @@ class Surface:
         return np.array(slope), float(found.get("t", 0.0))
 
     def round_off(self, position: Array, reach: Array, time: float) -> float:
-        """How far off g may be at a position that a step of size `reach` led to."""
+        """Round-off of g at a position after a step with displacements up to `reach`."""
         normal, rate = self.slopes(position, time)
         size = float(np.abs(normal) @ (np.abs(position) + np.abs(reach))) + abs(rate * time)
         return ROUND_OFF * size
@@ -59,14 +59,14 @@ class Surface:
 class Contact:
     """A surface that the motion is on."""
 
-    time: float  # since when
-    slack: float  # how far off the gap was then, or may be by round-off
-    speed: float  # with which the gap began to grow
-    pace: float  # what its terms were in size
+    time: float  # beginning of the contact
+    slack: float  # size of the gap then, or its round-off
+    speed: float  # rate at which the gap began to grow
+    pace: float  # sum of the sizes of the terms of this rate
 
 
 def start_objection(scene: Scene, surface: Surface) -> str:
-    """Why a motion cannot begin where it does, with what to write; empty: it can."""
+    """Why a motion cannot begin where it does, with what to write; empty if it can."""
     begin, velocity = scene.initial_position, scene.initial_velocity
     gap = float(surface.gap(begin, 0.0))
     if not math.isfinite(gap):
@@ -90,13 +90,13 @@ def start_objection(scene: Scene, surface: Surface) -> str:
 
 
 def is_rough_behind_impacts(scene: Scene) -> bool:
-    """Whether the velocity behind an impact has a fractional power of the time below 1."""
+    """Whether the velocity after an impact has a fractional power of the time below 1."""
     power = power_behind_impact(scene)
     return power is not None and power < 2.0
 
 
 def power_behind_impact(scene: Scene) -> float | None:
-    """Least fractional power of the time in the position behind a jump of the velocity.
+    """Least fractional power of the time in the position after a jump of the velocity.
 
     The derivative acts on the jump as that of Riemann and Liouville does on an initial velocity.
     """
@@ -112,7 +112,7 @@ def power_behind_impact(scene: Scene) -> float | None:
 
 @lru_cache(maxsize=256)
 def _pattern(step: float, count: int, stages: int, power: float | None) -> tuple[float, ...]:
-    """Ends of graded steps behind a singular point, to `count` steps of length `step`."""
+    """Ends of graded steps after a singular point, over `count` steps of length `step`."""
     mesh = graded_start_mesh(
         count * step, count, (), stages=stages, exponent=lambda at_start: power
     )
@@ -125,10 +125,10 @@ def _pattern(step: float, count: int, stages: int, power: float | None) -> tuple
 def step_ends(
     step: float, length: float, stages: int, power: float | None, least: float
 ) -> list[float]:
-    """Ends of the steps behind a singular point, relative to it, up to a length.
+    """Ends of the steps after a singular point, relative to it, up to a length.
 
-    `step` is the length of those that are not cut, `power` the least fractional one of the
-    position (None: it is smooth); ends nearer to others than `least` are left out.
+    `step` is the length of steps that are not graded, `power` the least fractional power in the
+    position (None: it is smooth). Ends closer than `least` to 0 or the length are left out.
     """
     count = max(1, math.ceil(length / step * (1.0 - 1e-12)))
     ends = [one for one in _pattern(step, count, stages, power) if least <= one < length - least]
