@@ -23,7 +23,7 @@ LARGEST_BDF_ORDER = 6
 # From this index on the binomial coefficients come from their asymptotic series: n - 1 - e rounds
 # the same way for many n, and a running product drifts, to 3e-11 at n = 2**20 for e = 1.9.
 _BINOMIAL_TAIL_START = 24
-_BINOMIAL_TAIL_TERMS = 10
+_BINOMIAL_TAIL_TERMS = 10  # of that series
 # Coefficients of q_p**order decay geometrically and are cut where they are this small.
 _NEGLIGIBLE = 1e-40
 

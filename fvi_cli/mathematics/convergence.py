@@ -24,7 +24,7 @@ NOISE = 16.0
 """Changes up to this many unit round-offs of the terms of an equation are noise."""
 SLOW = 0.25
 """An iteration is slow where a change is larger than this share of the change before it."""
-ITERATIONS, HALVINGS = 60, 40
+ITERATIONS, HALVINGS = 60, 40  # at most, of Newton for a root, and of one of its steps
 SMALLEST = np.finfo(float).tiny
 
 

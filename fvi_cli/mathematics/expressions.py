@@ -29,8 +29,8 @@ from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 
-LARGEST_DEPTH: Final = 500
-MOST_NODES: Final = 5_000
+LARGEST_DEPTH: Final = 500  # of the syntax tree
+MOST_NODES: Final = 5_000  # numbers, names and operators
 MOST_LISTED, MOST_NEAREST = 12, 10
 """A complaint lists up to 12 known names; if there are more, the 10 nearest."""
 

@@ -15,7 +15,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.quadrature import gauss_rule
 
 SPLINE_DEGREE = 5
-FINE_POINTS = 24
+FINE_POINTS = 24  # Gauss points for the moments of a step
 
 
 def fractional_integral(order: float, step_size: float, values: Array) -> Array:

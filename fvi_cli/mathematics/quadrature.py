@@ -16,7 +16,7 @@ from fvi_cli.mathematics.arrays import Array, LongArray
 LARGEST_RULE = 64
 """Largest number of points that the rules are made for."""
 
-_ORDER_DEFICIT = {"gauss": 0, "radau-right": 1, "lobatto": 2}
+_ORDER_DEFICIT = {"gauss": 0, "radau-right": 1, "lobatto": 2}  # 2n minus the order
 # Newton's method starts from eigenvalues that are right to about 1e-15 and converges
 # quadratically; the third step only catches what the second one rounds.
 _NEWTON_STEPS = 3

@@ -11,7 +11,7 @@ from fvi_cli.mathematics.arrays import Array
 # the trapezoidal rule errs by exp(-48) for eigenvalues of size 1/70 to 1 within 75 degrees of
 # the positive axis
 _FIRST, _LAST, _WIDTH = -1.0, 6.0, 0.25
-_FAR = 300.0
+_FAR = 300.0  # logarithm of x beyond which the resolvent is at its limit
 
 
 def matrix_power(matrix: Array, exponent: float) -> Array:

@@ -1,4 +1,4 @@
-r"""Build programs, alone and from other programs: derivatives of formulas, as formulas.
+r"""Build programs, also from other programs: derivatives of formulas, as formulas.
 
 At a kink the derivative is the mean of both sides, :math:`|x|' = \operatorname{sign} x` with
 :math:`\operatorname{sign} 0 = 0`, and where :math:`a = b` both :math:`\min(a, b)` and

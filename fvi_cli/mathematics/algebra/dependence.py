@@ -10,10 +10,10 @@ from fvi_cli.mathematics.algebra.arithmetic import KINKED, ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
 
-DIGITS: Final = 200
+DIGITS: Final = 200  # decimal digits of the arithmetic
 SAME: Final = 1e-150
 """Differences up to this, relative to 1 and to the value, are round-off of 200 digits."""
-PLACES: Final = 4
+PLACES: Final = 4  # number of places at which values are compared
 _POLYNOMIAL: Final = ("+", "-", "*", "negate", "sin", "cos", "/", "**")
 
 

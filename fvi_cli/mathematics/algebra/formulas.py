@@ -36,7 +36,7 @@ ENTIRE: Final = frozenset(
     ("number", "variable", "negate", "+", "-", "*", "square", "cbrt", *_SMOOTH)
 ) | frozenset(("select", "min", "max", "abs", "sign"))
 """Operations whose value is finite wherever the operands are, except for overflow."""
-LARGEST_WHOLE_POWER: Final = 1e9
+LARGEST_WHOLE_POWER: Final = 1e9  # smaller integral exponents are of type int
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 _OF_NUMBERS: Final[Mapping[str, Callable[..., Any]]] = {
     **_EVERY,

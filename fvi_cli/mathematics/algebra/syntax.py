@@ -9,8 +9,8 @@ from typing import Final
 
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 
-LONGEST_TEXT: Final = 10_000
-DEEPEST_NESTING: Final = 100
+LONGEST_TEXT: Final = 10_000  # characters
+DEEPEST_NESTING: Final = 100  # of parentheses
 EVERY_PERIOD: Final = (
     "; there is no remainder: what happens once every period T is a rising zero of sin(2*pi*t/T)"
 )

@@ -138,7 +138,7 @@ _MONOTONE: Final = (
 )
 GAMMA_TURNS_AT: Final = 1.4616321449683622
 """Where the gamma function of positive numbers is least."""
-LEAST_GAMMA: Final = 0.8856031944108886
+LEAST_GAMMA: Final = 0.8856031944108886  # its value there
 
 
 def _monotone(name: str) -> Callable[[Interval], Interval]:

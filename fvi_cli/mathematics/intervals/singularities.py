@@ -14,11 +14,11 @@ from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval
 
-FIRST_PARTS: Final = 64
-MOST_PARTS: Final = 1024
+FIRST_PARTS: Final = 64  # of the interval, before any halving
+MOST_PARTS: Final = 1024  # open parts of one length that are followed
 DISTANCES: Final = (1e-8, 1e-6)
 """Distances from a place at which the power is estimated, relative to the interval's length."""
-LEAST_INTEGRABLE: Final = -0.999
+LEAST_INTEGRABLE: Final = -0.999  # estimated powers up to this are taken for -1 or less
 
 IsOpen = Callable[[Places, Array, Array], NDArray[np.bool_]]
 

@@ -24,7 +24,7 @@ STEEPEST = 0.25
 """Samples farther from the mean of their neighbours, relative to the span, are not smooth."""
 MARGIN = 0.25
 """How far values may lie outside of the span of smooth samples, relative to the span."""
-LARGEST, LEAST = 1e300, 1e-290
+LARGEST, LEAST = 1e300, 1e-290  # size to which values are clipped, and width that is always noise
 ROUND_OFF = 1e-13
 """A range narrower than this share of its values is round-off."""
 _OPERATORS = (np.add, np.subtract, np.multiply, np.divide, np.power)
@@ -45,7 +45,7 @@ class Traced(Algebra):
         return Interval(self.seen.min(axis=1), self.seen.max(axis=1))
 
     def _compared(self, box: Interval, seen: Array, spanned: Interval, *, combines: bool) -> Traced:
-        """Mark where samples miss something; a value, with a tighter range elsewhere.
+        """Mark where samples miss something, and tighten the range elsewhere.
 
         `spanned` would be the range if the operands stayed within the spans of their samples. The
         range is tightened if the function `combines` two values, which may depend on each other.

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array
 
-SAME_EXPONENT: Final = 1e-9
-MOST_TERMS: Final = 512
+SAME_EXPONENT: Final = 1e-9  # exponents closer than this are equal
+MOST_TERMS: Final = 512  # of a series
 CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
 """A sum counts as 0 below this share of the sum of the absolute values of its terms."""
 

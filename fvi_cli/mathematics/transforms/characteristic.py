@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from fvi_cli.mathematics.arrays import Array, ComplexArray, LongArray, LongComplexArray
 from fvi_cli.mathematics.transforms.zeros import OneFunction, Path, contour_integrals
 
-_LARGEST_LOGARITHM = 700.0
-_STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)
-_SAME_ZERO = 5e-3
-_SAME_POSITIVE_ZERO = 0.1
+_LARGEST_LOGARITHM = 700.0  # of abs(s)
+_STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)  # bounds of arg(s), tried in turn
+_SAME_ZERO = 5e-3  # distance in w below which zeros form a cluster
+_SAME_POSITIVE_ZERO = 0.1  # the same near the positive axis of s
 FIRST_STEPS = 10.0
 """Initial steps of a path per unit length in w."""
-_CONVERGED = 4 * np.finfo(np.longdouble).eps
+_CONVERGED = 4 * np.finfo(np.longdouble).eps  # change of w that ends Newton's iteration
 
 Terms = tuple[tuple[float, float], ...]
 """A sum of powers: pairs (power of s, coefficient), powers falling, without zeros."""
@@ -33,7 +33,7 @@ Terms = tuple[tuple[float, float], ...]
 def characteristic_terms(
     *, mass: float, stiffness: float = 0.0, damping: tuple[tuple[float, float], ...] = ()
 ) -> Terms:
-    r"""Laplace transform of the operator :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x`.
+    r"""The characteristic function of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x`.
 
     The mass is positive; `damping` has pairs :math:`(\gamma_j, \mu_j)` with orders in (0, 2).
     """

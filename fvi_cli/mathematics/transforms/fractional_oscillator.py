@@ -33,13 +33,13 @@ from fvi_cli.mathematics.transforms.characteristic import (
     evaluate_powers,
 )
 
-_ANGLE = math.pi / 4
+_ANGLE = math.pi / 4  # of the hyperbola
 SPACINGS, OTHER_SPACINGS = (0.05, 0.045), (0.04, 0.036)
 """Step sizes along the contour, in pairs: the one with nodes farther from the poles is used."""
-_DECAY = 42.0
-_CHUNK = 2048
-_SHIFT = 4.0
-_SAME_POWER = 1e-9
+_DECAY = 42.0  # the contour ends where e^(st) is about exp(-42)
+_CHUNK = 2048  # times that are computed together
+_SHIFT = 4.0  # of s t: keeps double zeros inside of the contour
+_SAME_POWER = 1e-9  # powers that differ by less are equal
 EPSILON = float(np.finfo(float).eps)
 LONG_EPSILON = float(np.finfo(np.longdouble).eps)
 

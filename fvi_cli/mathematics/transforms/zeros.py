@@ -49,15 +49,15 @@ DEEPEST = 48
 """Most halvings of an interval."""
 MOST_PENDING = 2_000
 """Most intervals of one function that wait to be halved."""
-VALUES_AT_ONCE = 500_000
+VALUES_AT_ONCE = 500_000  # logarithms that are computed together
 
-_ITERATIONS = 150
-_SHIFT = 1e-6
-_LAST_STEP = 1e-8
-_DISTINCT = 1e-9
-_PLACES = 8.0
-_SWEEPS = 30
-_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_ITERATIONS = 150  # at most, for all zeros
+_SHIFT = 1e-6  # distance of the values for f / f', in units of `_scale`
+_LAST_STEP = 1e-8  # a smaller step ends the iteration of a zero, same units
+_DISTINCT = 1e-9  # least distance of two zeros, same units
+_PLACES = 8.0  # number of radii at which points start again
+_SWEEPS = 30  # of :func:`largest_root`
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # turn between successive such points
 
 
 class ZeroCountError(ValueError):
