@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
-_MOST_SHOWN: Final = 12
+_MOST_SHOWN: Final = 12  # coordinates that a complaint lists
 _REASONS: Final[Mapping[object, str]] = {
     "*": "two coordinates are multiplied",
     "/": "divide by numbers other than 0 only",

@@ -10,7 +10,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
-TRIALS = 16
+TRIALS = 16  # random states at which a symmetry is tested
 
 
 @explained_class
