@@ -26,7 +26,7 @@ PERMITTED_ENERGY = 4.0
 GAINS_ENERGY = "unstable: its energy rises to "
 """How the remark on a run begins; it is left out where growth was predicted."""
 
-FLEXIBILITY_SWEEPS = 10
+FLEXIBILITY_SWEEPS = 10  # power iterations
 
 POORLY_RESOLVED = 1.25
 """A poorly resolved mode may grow this many times faster than the exact one (a guess)."""

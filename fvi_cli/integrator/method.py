@@ -48,7 +48,7 @@ _LABELS: Mapping[str, str] = {
     "pycaputo-pece": "pycaputo PECE",
     "pycaputo-trapezoidal": "pycaputo trapezoidal",
 }
-DEFAULT_TOLERANCE = 1e-9
+DEFAULT_TOLERANCE = 1e-9  # of ``dop853``
 TOLERANCES = (1e-13, 0.1)
 """Least and largest tolerance of ``dop853``."""
 

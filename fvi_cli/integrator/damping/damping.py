@@ -40,8 +40,8 @@ class DampingTables:
     kernels: Kernels  # tables of the memory
     # for every direction, from inputs to forces: lag sequences (q or 1, B, m, i)
     sequences: tuple[Array, ...]
-    # for every relative direction the force in the steps by a start velocity of 1, (q or 1, B m);
-    # None for others
+    # for every relative direction the force that subtracting a start velocity of 1 adds in the
+    # steps, (q or 1, B m); None for others
     offsets: tuple[Array | None, ...]
 
     @cached_property

@@ -23,7 +23,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import ITERATIONS, NOISE, SLOW, UNIT
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
-LONGEST_PART, SHORTEST_PART = 0.25, 2.0**-10
+LONGEST_PART, SHORTEST_PART = 0.25, 2.0**-10  # parts of theta from 0 to 1
 CLOSE = 1e-6
 """Tolerance of the solution at the end of a part, relative to the unknowns."""
 

@@ -31,7 +31,7 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 LONGEST_GUESS = 1.5
 """The polynomial of a step is the guess for the next one if that is up to so many times as long."""
-NEVER_SHORTER = 1 << 30
+NEVER_SHORTER = 1 << 30  # longest block at the start: no limit
 
 
 class Engine:

@@ -31,7 +31,7 @@ SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 256
 again and again: with 512 it has 2 MB and takes twice as long where the cache holds less."""
 SIZE_IN_BATCH = 24
 """Most inputs where every member has matrices of its own, which must stay in the cache."""
-CACHE = 2**15
+CACHE = 2**15  # numbers in the matrices of a batch that stay in the cache
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

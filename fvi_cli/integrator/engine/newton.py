@@ -23,7 +23,7 @@ from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, SMALLEST, UNIT
 
-HALF_THE_DIGITS = UNIT**0.5
+HALF_THE_DIGITS = UNIT**0.5  # relative changes above this are no round-off
 
 
 @dataclass(eq=False, kw_only=True)

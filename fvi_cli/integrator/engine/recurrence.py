@@ -33,8 +33,8 @@ from fvi_cli.mathematics.convergence import UNIT
 if TYPE_CHECKING:
     from fvi_cli.integrator.engine.engine import Engine
 
-LARGEST_STATE = 300
-LEAST_BLOCKS = 24
+LARGEST_STATE = 300  # numbers D of w up to which a recurrence is used
+LEAST_BLOCKS = 24  # blocks from which on it is used
 LARGE_STATE, STEPS_OF_LARGE = 200, 4
 """If w has more than 200 numbers, the tables pay if there is a block for every 4 of them."""
 DOUBLINGS = 3

@@ -66,8 +66,8 @@ def gradient_of(
 ) -> RunGradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
-    By default the names in expressions are t and the coordinates with their velocities and
-    accelerations. A parameter without a derivative is an error, or is left out if `leaves_out`.
+    By default the names in expressions are t and the coordinates, velocities, accelerations and
+    damping forces. A parameter without a derivative is an error, or is left out if `leaves_out`.
 
     Raises
     ------

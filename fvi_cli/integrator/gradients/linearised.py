@@ -10,8 +10,8 @@ memory,
 
 Solved forwards, this gives the effect of disturbances on the trajectory, one column for each.
 Solved backwards, all matrices transposed, it gives the effect of *all* disturbances on one number:
-the mirror equation of the restricted
-Hamilton's principle (Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2403.18362), on the same mesh.
+the mirror equation of the restricted Hamilton's principle (Hariz Belgacem, Jimenez, Ober-Bloebaum,
+arXiv 2403.18362), on the same mesh.
 
 Shapes: n steps, p columns, d components; k blocks of B steps, m stages of a step, f damping terms,
 J states.

@@ -10,9 +10,9 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.mathematics.quadrature import gauss_rule
 
-GRADING_RATIO = 0.15
-GRADING_LEVELS = 200
-FINE_POINTS = 24
+GRADING_RATIO = 0.15  # of the ends of successive panels
+GRADING_LEVELS = 200  # number of panels
+FINE_POINTS = 24  # Gauss points of a panel
 
 
 @cache

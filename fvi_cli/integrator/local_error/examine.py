@@ -31,9 +31,9 @@ from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.intervals.functions import Interval
 from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN, STEEPEST
 
-FIRST_PARTS = 8
-MOST_PARTS = 256
-MOST_HALVINGS = 48
+FIRST_PARTS = 8  # of a step, before any halving
+MOST_PARTS = 256  # kept after a halving, those with the largest effect
+MOST_HALVINGS = 48  # then the force may be infinite
 OF_LARGEST = 0.02
 """Ranges up to this share of the largest force of the run so far do not count."""
 NEGLIGIBLE = 0.01

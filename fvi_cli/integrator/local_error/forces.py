@@ -20,13 +20,13 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval, hull
 
-LARGEST_DIFFERENCE: Final = 1e300
+LARGEST_DIFFERENCE: Final = 1e300  # arguments of kinks are clipped to this size
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
 """Functions that cannot rise and fall between two samples without a trace in these."""
 GENTLE_KINDS: Final = ("number", "variable", "+", "-", "*", "negate")
 STEEP_FUNCTIONS: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "sinh", "gamma"})
 """Functions of which walls and pulses are made."""
-LARGEST_GENTLE_POWER: Final = 8.0
+LARGEST_GENTLE_POWER: Final = 8.0  # higher powers count as steep
 LARGEST_INVERTED: Final = 200
 """Most degrees of freedom for which the mass matrix is inverted for an estimate."""
 MOST_FORMULAS: Final = 8

@@ -30,7 +30,7 @@ from fvi_cli.mathematics.lagrange import LagrangeBasis
 
 LOOKED_AT = (0.0, 0.37, 0.74)
 """Times of the states in which a Lagrangian is examined, relative to T."""
-FIRST_PARTS = 16
+FIRST_PARTS = 16  # of a piece, before any halving
 MOST_PARTS = 40_000
 """Most parts of one level; with more the search is given up."""
 SHORTEST = 2.0**-46

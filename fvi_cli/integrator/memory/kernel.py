@@ -30,7 +30,7 @@ from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.integrator.memory.rates import RateRule, rate_rule
 from fvi_cli.mathematics.arrays import Array
 
-_CACHED_KERNELS = 256
+_CACHED_KERNELS = 256  # number of kernels that are kept in a process
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 """Exponent of orders so small that 1 minus the order is 1; rates serve all exponents up to it."""
 

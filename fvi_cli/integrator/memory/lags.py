@@ -32,7 +32,7 @@ NEAR_LAGS = {1: 64, 2: 64, 3: 64, 4: 64, 5: 128, 6: 256}
 z = 1 are at :math:`|z_j| \\geq` 3, 2.3, 1.8 (p = 2, 3, 4), 1.41 and 1.158."""
 _GONE = 45.0
 """An exponential that has fallen by this many e-folds at that lag is left out."""
-_ACCURACY = 1e-15
+_ACCURACY = 1e-15  # of the weights, relative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from fvi_cli.mathematics.arrays import Array
 _END_ERROR = 20.0
 # densities that are singular nearer to the real axis than this have nodes crowded around there
 _WIDE = 0.55 * math.pi
-_PEAK_MARGIN = 3.0
+_PEAK_MARGIN = 3.0  # least distance of a peak from the ends, as logarithms
 # ends are moved for a peak in steps of this size, so that similar laws have the same rates
 _ROOM = 2.0
 # nodes farther than this (in logarithms) beyond the ends have the same effect to every accuracy

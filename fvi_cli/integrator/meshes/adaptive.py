@@ -21,7 +21,7 @@ REJECTED_SHRINKAGE = 0.2
 SAFETY = 0.85
 AFTER_KINK = 0.1
 """First step after a kink of a formula, relative to the last step that was intended."""
-UNSOLVED = 0.25
+UNSOLVED = 0.25  # in place of the ratio by the error, for a step without a solution
 ROUND_OFF = 1e-14
 """Relative to the position; no step is rejected for a smaller error."""
 

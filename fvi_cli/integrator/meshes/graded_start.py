@@ -27,7 +27,7 @@ WINDOW_MOST = 512
 """Most steps of a window: after it, equal steps lose less than round-off."""
 EXCESS = 0.5
 """How far r sigma lies above 2 m; with equality the error would have a logarithm."""
-ROUND_OFF = 1e-16
+ROUND_OFF = 1e-16  # steps are cut towards 0 until t^sigma is below this
 SHORTEST = 1e-96
 """No step is shorter than this part of a step of the grid: cubes of rates have to stay in range."""
 LEAST_ELLIPSE = 1.25

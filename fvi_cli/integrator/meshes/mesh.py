@@ -14,7 +14,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.break_points import ON_GRID, are_on_grid
 from fvi_cli.mathematics.arrays import Array
 
-LARGEST_GRADING = 20.0
+LARGEST_GRADING = 20.0  # exponent r
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ Variables = Callable[[Places, Array], Mapping[str, Array | float]]
 
 DECAY = 1e-9
 """A piece is resolved if its last coefficients are at most this, relative to the largest."""
-LEAST_HALVINGS, MOST_HALVINGS, MOST_BISECTIONS = 4, 7, 40
+LEAST_HALVINGS, MOST_HALVINGS, MOST_BISECTIONS = 4, 7, 40  # of a piece: Resolved, and Isolated
 TIGHT = 1.1
 """A range up to this many times that of the polynomial of a piece hides no root."""
 SHRINKAGE, SHRINKS = 0.6, 3

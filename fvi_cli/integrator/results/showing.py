@@ -12,9 +12,9 @@ from fvi_cli.mathematics.arrays import Array
 
 DIGITS = 15
 """Significant digits of times: further digits are round-off of k h."""
-WIDTH, HEIGHT, POINTS = 480, 120, 600
-MOST_ROWS = 8
-MOST_CURVES = 6
+WIDTH, HEIGHT, POINTS = 480, 120, 600  # of a picture, in pixels; points of a curve, about
+MOST_ROWS = 8  # of a table
+MOST_CURVES = 6  # coordinates in a picture
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 

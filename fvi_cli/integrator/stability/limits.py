@@ -31,7 +31,7 @@ from fvi_cli.integrator.stability.systems import MatrixPencil, independent_syste
 from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.transforms.zeros import count_zeros
 
-LARGEST_N_STEPS = 1 << 30
+LARGEST_N_STEPS = 1 << 30  # beyond, no step counts as stable
 
 NEGLIGIBLE = 1e-3
 """Forces of a step that are this small relative to inertia make no mode grow."""

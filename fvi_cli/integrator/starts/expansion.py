@@ -35,9 +35,9 @@ from fvi_cli.mathematics.series.terms import (
 
 Components = Sequence[PowerSeries | float]
 
-MOST_EXPONENTS: Final = 128
-FORCING_CUTOFF: Final = 8.0
-SLIGHTLY: Final = 1e-6
+MOST_EXPONENTS: Final = 128  # of an expansion
+FORCING_CUTOFF: Final = 8.0  # power of t up to which a forcing is examined
+SLIGHTLY: Final = 1e-6  # margin of a power of t
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -30,10 +30,10 @@ from fvi_cli.mathematics.series.power_series import SeriesError
 if TYPE_CHECKING:
     from mpmath import mpf
 
-CONDITION_WARNING = 1e8
+CONDITION_WARNING = 1e8  # weights of a larger condition get a remark
 MOST_POWERS = 16
 """Most powers that are tried: more are always too ill-conditioned, and take seconds."""
-MOST_ITERATIONS = 20
+MOST_ITERATIONS = 20  # of Newton for the first samples
 CONDITION_LIMIT = 1e12
 """Weights of a larger condition are left out: from 2e13 on errors of 5 to 1e8 were measured (a
 pendulum, orders 0.3 to 1.95, BDF2 to 6 on 100 and 400 steps); up to 3e11 no error was above that

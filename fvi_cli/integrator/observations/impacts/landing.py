@@ -11,7 +11,7 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.mathematics.arrays import Array
 
-SWEEPS = 60
+SWEEPS = 60  # most steps that are tried
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
