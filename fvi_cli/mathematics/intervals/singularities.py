@@ -83,7 +83,7 @@ def is_unbounded(found: object, like: Array) -> NDArray[np.bool_]:
 
 
 def _power_at(formula: Expression, name: str, place: float, length: float, end: float) -> float:
-    """The least power of the distance with which a formula grows beside a place."""
+    """The least power of the distance with which a formula grows near a place."""
     powers = [0.0]
     for side in (-1.0, 1.0):
         times: Array = place + side * length * np.array(DISTANCES)

@@ -41,7 +41,7 @@ class Traced(Algebra):
 
     @property
     def hull(self) -> Interval:
-        """What the samples span."""
+        """The span of the samples."""
         return Interval(self.seen.min(axis=1), self.seen.max(axis=1))
 
     def _compared(self, box: Interval, seen: Array, spanned: Interval, *, combines: bool) -> Traced:

@@ -1,4 +1,4 @@
-r"""Zeros of analytic functions: how many a contour holds, and where those in a disc are.
+r"""Zeros of analytic functions: how many lie inside a contour, and where they lie in a disc.
 
 By the argument principle (Henrici, *Applied and Computational Complex Analysis* 1, section 4.10)
 
