@@ -17,7 +17,7 @@ class DiagnosticsRequest:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is asked for."""
+        """Whether no diagnostics are requested."""
         return not (self.energy_balance or self.symmetries)
 
 

@@ -57,7 +57,7 @@ def listed_effects(name: str, given: object) -> tuple[Any, ...]:
 @explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    r"""What acts on q(t) in R^d on [0, T].
+    r"""The effects and initial data of a motion q(t) in R^d on [0, T].
 
     .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + \sum_i A_i\, g_i\, k_i * q' + \nabla V(q)
               = f(t), \quad q(0)=q_0, q'(0)=v_0
