@@ -100,7 +100,7 @@ def interpolation_limit(scene: Scene, n_steps: int, *, grading: float = 1.0) -> 
 
 
 def interpolation_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
-    """What the reader of a table should know about samples of the force."""
+    """Remarks on samples of the force, for the reader of a table."""
     samples = () if scene.forcing is None else scene.forcing.samples
     limit = interpolation_limit(scene, n_steps, grading=grading)
     if not samples or math.isinf(limit):

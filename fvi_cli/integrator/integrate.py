@@ -65,7 +65,7 @@ def integrate(
     with_steps
         Keep the steps of a Runge-Kutta method as polynomials, for values at any time.
     checkpoints
-        Where a run keeps a checkpoint, and goes on from one; not for baselines.
+        Where a run keeps a checkpoint, and resumes from one; not for baselines.
 
     Returns
     -------

@@ -25,7 +25,7 @@ PEER_LIMITS = (
     "a scene with one damping term, written as such a system of three times its size; its history "
     "is a sum over the whole past in every step"
 )
-"""What the reader of a comparison should know."""
+"""Remark for the reader of a comparison."""
 
 
 def peers_objection() -> str:

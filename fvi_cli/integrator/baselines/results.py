@@ -16,7 +16,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 def baseline_operations(name: str, scene: Scene, n_steps: int) -> int | None:
-    """Multiply-adds that the sums of a baseline over its past take in so many steps.
+    """Multiply-adds that the sums of a baseline over its past take in `n_steps` steps.
 
     None for solvers of other packages, whose operations are not counted.
     """

@@ -44,7 +44,7 @@ def run_steps(scene: Scene, method: Method, steps: AnySteps) -> RunSteps:
     Raises
     ------
     RunFailedError
-        If it does not come to its end.
+        If it stops early.
     ValueError
         For a method that keeps no steps.
     """

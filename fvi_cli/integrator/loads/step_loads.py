@@ -60,7 +60,7 @@ class StepLoads:
 
     @cached_property
     def _projection(self) -> Array:
-        """From exact load vectors to those of the values of the L2 projection at the points."""
+        """From exact load vectors to those of the L2 projection, by its values at the points."""
         tables = self._tables
         at_points = np.ones((1, tables.degree + 1))
         if tables.points.size > 1:

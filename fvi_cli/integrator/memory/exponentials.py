@@ -37,7 +37,7 @@ class ExponentialKernels(Kernels):
 
     step: StageExponentials  # exponentials over one of the steps
     response: Array  # values at the stages of the block of states that begin with 1, (B m, J)
-    intake: Array  # what the inputs of the block add to the states at its end, (J, B m)
+    intake: Array  # from inputs of the block to the states at its end, (J, B m)
 
     @cached_property
     def change(self) -> Array:

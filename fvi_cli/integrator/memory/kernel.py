@@ -115,7 +115,7 @@ def power_kernel(
     fall doubly exponentially, and nodes at which x no longer differs from its limit are merged.
     Rates that serve all exponents are up to a tenth more than rates for one exponent.
 
-    A law whose density has a narrow peak at c, singular at a distance :math:`\delta` beside the
+    A law whose density has a narrow peak at c, singular at a distance :math:`\delta` from the
     real axis, has equal steps of :math:`u + \sinh^{-1}((u - c) / \delta)` in place of u, in which
     that distance is more than :math:`\pi / 2`. A density from a least rate l on is integrated
     over x - l.

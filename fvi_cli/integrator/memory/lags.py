@@ -28,7 +28,7 @@ from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.bdf import difference_weights
 
 NEAR_LAGS = {1: 64, 2: 64, 3: 64, 4: 64, 5: 128, 6: 256}
-"""From this lag on the weights are exponentials, by the order p: the zeros of the symbol beside
+"""From this lag on the weights are exponentials, by the order p: the zeros of the symbol other than
 z = 1 are at :math:`|z_j| \\geq` 3, 2.3, 1.8 (p = 2, 3, 4), 1.41 and 1.158."""
 _GONE = 45.0
 """An exponential that has fallen by this many e-folds at that lag is left out."""

@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array
 
 # With log x = u - exp(first - u) + exp(u - last) the ends begin where x T respectively its
-# counterpart K N / (h x) is 1; the integrand grows by exp(1) beside the real axis.
+# counterpart K N / (h x) is 1; the integrand grows by exp(1) off the real axis.
 _END_ERROR = 20.0
 # densities that are singular nearer to the real axis than this have nodes crowded around there
 _WIDE = 0.55 * math.pi

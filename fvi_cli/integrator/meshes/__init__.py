@@ -1,1 +1,1 @@
-"""Meshes: where steps begin and end, given beforehand or found on the way."""
+"""Meshes: where steps begin and end, given beforehand or chosen during the run."""

@@ -269,7 +269,7 @@ class Recorder:
         end = self._endings.get(scene)
         return (self.done if end is None else end.done) - self._begun
 
-    # behind a checkpoint
+    # for checkpoints
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Everything that is kept so far, by name."""

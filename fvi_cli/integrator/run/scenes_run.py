@@ -47,7 +47,7 @@ class ScenesRun:
     source: Source
     recorder: Recorder
     mesh: Mesh | None = None  # the mesh of the steps; None: adaptive steps
-    remarks: tuple[str, ...] = ()  # what is reported of every run
+    remarks: tuple[str, ...] = ()  # remarks on every run
 
     def __post_init__(self) -> None:
         self.state = self.engine.start()
@@ -242,6 +242,6 @@ def _diagnostics(
 
 
 def memory_operations(engine: Engine, n_steps: int) -> int:
-    """Multiply-adds of the memory of a scene in so many steps."""
+    """Multiply-adds of the memory of a scene in `n_steps` steps."""
     damping = engine.damping
     return 0 if damping is None else n_steps * engine.width * damping.operations_per_step

@@ -39,7 +39,7 @@ def linearised_at(scene: Scene, position: Array, velocity: Array, time: float) -
     Raises
     ------
     ValueError
-        If these are not those of a mass and a stiffness.
+        If the second derivatives are not those of a mass and a stiffness.
     """
     if scene.lagrangian is not None:
         at = scene.lagrangian.derivatives(position, velocity, time)

@@ -43,7 +43,7 @@ Forces = Callable[[ComplexArray], list[ComplexArray]]
 """From points z, ``(k,)``, to the forces by increments, ``(k, m, s)`` for each order."""
 
 MASS, STIFFNESS, DAMPING = 0, 1, 2
-"""Places of the patterns; those of the damping orders begin at the last one."""
+"""Places of the patterns; the patterns of damping orders begin at DAMPING."""
 
 LARGEST_CONDITION = 1e6
 """Eigenvectors worse conditioned than this belong to eigenvalues that nearly coincide."""

@@ -39,7 +39,7 @@ SHORTEST_FLIGHT = 1e-9
 UNRESOLVED_FLIGHT = 1e-4
 """So is one shorter than this, relative to T / N, if round-off keeps flights from shrinking."""
 START, IMPACT, BREAK = range(3)
-"""What lies at the begin of a flight."""
+"""Places where a flight begins: the start, an impact, a break point."""
 LEAST_IN_ULPS = 256
 """Shortest step after an impact, in units in the last place of its time."""
 
