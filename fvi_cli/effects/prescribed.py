@@ -98,7 +98,9 @@ def _rate_of(component: ForceComponent) -> ForceComponent:
         if component.formula is None:
             return rate
         added = _rate_of(component.formula)
-        return FunctionForce(function=lambda t: rate.evaluate({"t": t}) + added.evaluate({"t": t}))
+        return FunctionForce(
+            function=lambda t: np.asarray(rate.evaluate({"t": t}) + added.evaluate({"t": t}))
+        )
     if not isinstance(component, Expression):
         raise ArgumentError("displacement", "give a formula or samples, not a function")
 

@@ -141,7 +141,7 @@ class ByForm(Shape):
         """The shape of a mapping that has any key of `node`."""
         return next((shape for shape in self.mappings if shape.has_any(node.entries)), None)
 
-    def _astray(self, at: Cursor) -> tuple[Cursor, str] | None:
+    def _unknown_mapping(self, at: Cursor) -> tuple[Cursor, str] | None:
         """A mapping of no known form: an example helps more than complaints about its keys."""
         if not self.example:
             return None
@@ -165,7 +165,7 @@ class ByForm(Shape):
         if shape is None or (isinstance(at.node, ScalarNode) and at.node.value is None):
             hint = self.several.meant(at) if isinstance(self.several, ListOf) else ""
             return at.needs(self.expected, hint)
-        astray = self._astray(at)
+        astray = self._unknown_mapping(at)
         if astray is None:
             return shape.read(at)
         found, where = astray

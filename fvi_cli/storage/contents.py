@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import fvi_cli
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.digests import Inputs, canonical_json, restored, sha256, stowed
+from fvi_cli.storage.digests import Inputs, canonical_json, extract_inputs, insert_inputs, sha256
 from fvi_cli.storage.files import escape_text, explain_damage
 from fvi_cli.storage.groups.listing import StoredRun, run_of_line
 from fvi_cli.storage.records.record import REFERENCES
@@ -56,7 +56,7 @@ def described(configuration: Configuration | StoredConfiguration, inputs: Inputs
     return {
         "config": configuration.text,
         "config_overrides": json.dumps(list(configuration.overrides)),
-        "resolved_config": canonical_json(stowed(values, inputs)),
+        "resolved_config": canonical_json(extract_inputs(values, inputs)),
         RESOLVED: sha256(canonical_json(values)),
     }
 
@@ -74,7 +74,7 @@ def read_configuration(path: Path | str) -> StoredConfiguration:
     """The configuration that made a result file, word for word, with its overrides."""
     with contextlib.closing(ResultFile(Path(path))) as file, explain_damage(file.path):
         text, overrides, resolved, _ = (str(file.root[name]) for name in CONFIGURATION)
-        values = restored(json.loads(resolved), file.read_input)
+        values = insert_inputs(json.loads(resolved), file.read_input)
     return StoredConfiguration(
         text=text, overrides=tuple(json.loads(overrides)), resolved=canonical_json(values)
     )

@@ -52,10 +52,10 @@ def identity_of(run: Run) -> str:
     The code is the format, the version of the solver, its sources and the libraries that compute.
     A run for a tolerance has the identity of the search that chooses its method and steps.
     """
-    return answered_by_own_code(request_of(run))
+    return identity_for(request_of(run))
 
 
-def answered_by_own_code(request: str) -> str:
+def identity_for(request: str) -> str:
     """The identity of a request that this code computes: SHA-256 of both."""
     return sha256(f"{FORMAT} {SOLVER_VERSION} {own_code().digest} {request}")
 
@@ -111,7 +111,7 @@ def problem_of(run: Run) -> Mapping[str, Any]:
     if run.member is None:
         return found
     own = with_values(found, run.member.values)
-    return own | {name: stowed(own[name]) for name in changed if name in own}
+    return own | {name: extract_inputs(own[name]) for name in changed if name in own}
 
 
 def _template_of(run: Run) -> tuple[str, tuple[str, ...]]:
@@ -134,21 +134,21 @@ def _changed(keys: tuple[str, ...]) -> frozenset[str]:
 
 @functools.lru_cache(maxsize=64)
 def _stowed_template(template: str, changed: frozenset[str]) -> tuple[Mapping[str, Any], Inputs]:
-    """A problem, :func:`stowed` except for the entries in which members differ; and its lists."""
+    """A problem with its lists extracted, except where members differ; and the lists."""
     inputs: Inputs = {}
     values = json.loads(template)
-    return {k: v if k in changed else stowed(v, inputs) for k, v in values.items()}, inputs
+    return {k: v if k in changed else extract_inputs(v, inputs) for k, v in values.items()}, inputs
 
 
-def stowed(value: Any, inputs: Inputs | None = None) -> Any:
+def extract_inputs(value: Any, inputs: Inputs | None = None) -> Any:
     """JSON values with a digest in place of every long list; the lists are added to `inputs`."""
     if isinstance(value, Mapping):
-        return {key: stowed(one, inputs) for key, one in value.items()}
+        return {key: extract_inputs(one, inputs) for key, one in value.items()}
     if not isinstance(value, list | tuple):
         return value
     numbers = _numbers(value)
     if numbers is None:
-        return [stowed(one, inputs) for one in value]
+        return [extract_inputs(one, inputs) for one in value]
     digest = digest_of(numbers)
     if inputs is not None:
         inputs[digest] = numbers
@@ -173,13 +173,13 @@ def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
     return None
 
 
-def restored(value: Any, lookup: Callable[[str], NDArray[Any] | None]) -> Any:
-    """The inverse of :func:`stowed`; KeyError for a list that `lookup` does not know."""
+def insert_inputs(value: Any, lookup: Callable[[str], NDArray[Any] | None]) -> Any:
+    """The inverse of :func:`extract_inputs`; KeyError for a list that `lookup` does not know."""
     if isinstance(value, Mapping):
         if value.keys() != {INPUT}:
-            return {key: restored(one, lookup) for key, one in value.items()}
+            return {key: insert_inputs(one, lookup) for key, one in value.items()}
         found = lookup(value[INPUT])
         if found is None:
             raise KeyError(value[INPUT])
         return found.tolist()
-    return [restored(one, lookup) for one in value] if isinstance(value, list) else value
+    return [insert_inputs(one, lookup) for one in value] if isinstance(value, list) else value

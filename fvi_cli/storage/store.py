@@ -21,7 +21,7 @@ from fvi_cli.storage.contents import (
 )
 from fvi_cli.storage.digests import (
     Inputs,
-    answered_by_own_code,
+    identity_for,
     refusal_of,
     request_of,
     specification_of,
@@ -154,10 +154,10 @@ class Store:
     def _find(self, run: Run) -> Entry | None:
         """The entry of a run; for a run that would blow up, unless this is allowed, its refusal."""
         request = request_of(run)
-        entry = self._entries.get(answered_by_own_code(request))
+        entry = self._entries.get(identity_for(request))
         if run.experiment.allow_unstable or (entry is not None and not entry.is_unstable):
             return entry
-        return self._entries.get(answered_by_own_code(refusal_of(request)))
+        return self._entries.get(identity_for(refusal_of(request)))
 
     def finished(self, run: Run) -> FinishedRun | None:
         """The stored run, or for a search the run that it chose; None: it is not stored."""
@@ -192,7 +192,7 @@ class Store:
         return not self.is_fresh and self._reference_of(run) is not None
 
     def _reference_of(self, run: Run) -> Entry | None:
-        return self._entries.get(answered_by_own_code(reference_request_of(run)))
+        return self._entries.get(identity_for(reference_request_of(run)))
 
     def reference(self, run: Run) -> Reference | None:
         """The stored reference of a run, or None."""

@@ -28,15 +28,15 @@ REFERENCE_METHOD = Method(cq="gauss", degree=4, start="graded")
 LEAST_STEPS = 256
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
-ROUGH = 1e-4
+SCALE_TOLERANCE = 1e-4
 """Local tolerance of the runs that measure the size of the motion, relative to a guessed size."""
 TOLERANCES = (1e-13, 1e-11, 1e-9)
 """Local tolerances of refined adaptive runs, relative to the motion; the first that succeeds."""
-HELD_STEPS = (64, 128)
+CHECK_STEPS = (64, 128)
 """Steps of the two runs with which exact solutions are checked."""
-HELD = 1e-9
+CHECK_TOLERANCE = 1e-9
 """An exact solution may differ from these runs by this share of the motion."""
-MARGIN = 10.0
+ERROR_FACTOR = 10.0
 """A difference of more than so many errors of a run is not due to that run."""
 WITHOUT_END = "none (no exact solution is known"
 MOST_GRIDS = 32
@@ -208,7 +208,7 @@ def _chosen(problem: AnyProblem, refined: Reference, difference: float | None) -
     """The exact solution where runs do not contradict it (`difference`), else the refined run."""
     if problem.exact is None or difference is None:
         why = problem.exact_source
-    elif not MARGIN * refined.error < difference:
+    elif not ERROR_FACTOR * refined.error < difference:
         return _exact(problem, problem.exact)
     else:
         why = f"the exact solution differs from it by {difference:.0e}"
@@ -218,12 +218,12 @@ def _chosen(problem: AnyProblem, refined: Reference, difference: float | None) -
 def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
     """Differences of exact solutions from runs where they are significant, by index of problem.
 
-    A difference is significant if two runs agree to a tenth of it, and it is more than
-    :data:`HELD` times the motion and more than ten times the round-off of the exact solution.
+    A difference is significant if two runs agree to a tenth of it, and it is more than ten times
+    the round-off of the exact solution and more than :data:`CHECK_TOLERANCE` times the motion.
     """
     held = {k: one for k, one in enumerate(problems) if isinstance(one, Problem) and one.exact}
     scenes = [one.scene for one in held.values()]
-    pairs = (_members(scenes, n_steps, with_steps=True) for n_steps in HELD_STEPS)
+    pairs = (_members(scenes, n_steps, with_steps=True) for n_steps in CHECK_STEPS)
     found: dict[int, float] = {}
     for (k, problem), coarse, fine in zip(held.items(), *pairs, strict=True):
         if problem.exact is None or fine.steps is None or {coarse.status, fine.status} != {"ok"}:
@@ -231,8 +231,12 @@ def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
         with np.errstate(all="ignore"):
             own = np.abs(fine(coarse.time) - coarse.position).max()
             difference = float(np.abs(problem.exact(fine.time) - fine.position).max())
-        least = max(own, problem.exact_error, HELD / MARGIN * float(np.abs(fine.position).max()))
-        if not difference <= MARGIN * least:
+        least = max(
+            own,
+            problem.exact_error,
+            CHECK_TOLERANCE / ERROR_FACTOR * float(np.abs(fine.position).max()),
+        )
+        if not difference <= ERROR_FACTOR * least:
             found[k] = difference if math.isfinite(difference) else math.inf
     return found
 
@@ -266,14 +270,14 @@ def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
     better, worse = (
         AdaptiveRuns(scene, degree, points=points, most_steps=MOST_STEPS) for degree in (8, 10)
     )
-    for tolerance in (ROUGH, *TOLERANCES):
+    for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
         runs = (better.run(tolerance * scale), worse.run(3.0 * tolerance * scale))
         last = next((run for run in runs if run.status != "ok"), runs[0])
         fine, other = (run.steps for run in runs)
         if last.status != "ok" or fine is None or other is None:
             continue
         scale = float(np.abs(last.position).max()) or scale
-        if tolerance == ROUGH:
+        if tolerance == SCALE_TOLERANCE:
             continue
         times = np.union1d(fine.time, other.time)
         difference = float(np.abs(fine(times) - other(times)).max())

@@ -105,7 +105,7 @@ def test_a_wrong_exact_solution_is_left_for_a_refined_run(monkeypatch):
     )
     right = problem(0.5, initial={"position": 1.0})
     assert find_reference(right, STEPS).source == right.exact_source
-    assert calls == list(reference.HELD_STEPS)
+    assert calls == list(reference.CHECK_STEPS)
     wrong = replace(right, exact=lambda t: right.exact(t) * (1.0 + 1e-4 * t[:, None]))
     found = find_reference(wrong, STEPS)
     assert "the exact solution differs" in found.source

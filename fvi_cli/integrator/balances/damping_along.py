@@ -25,7 +25,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping, DampingTables, damping_of
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.interface import along
-from fvi_cli.integrator.memory.reach import Reach, find_reach
+from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -43,7 +43,7 @@ class DampingAlong:
     damping: Damping
     step_sizes: Array  # (n,)
     inputs: Array  # (q, n, i, e)
-    reach: Reach | None = None  # components of a large structure that it acts on
+    reach: DamperForms | None = None  # components of a large structure that it acts on
     longest: int = PIECE  # most equal steps that are computed together
 
     def forces(self) -> Array:
@@ -159,7 +159,7 @@ def damping_along(
 
     `mesh` is that of whole runs, also if all ended early, at the same step. None without damping.
     """
-    reach = find_reach(scenes[0].active_forces) if scenes[0].is_sparse else None
+    reach = find_damper_forms(scenes[0].active_forces) if scenes[0].is_sparse else None
     damping = damping_of(
         scenes,
         method,

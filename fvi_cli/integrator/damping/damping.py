@@ -24,7 +24,7 @@ from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along, toeplitz_matrix
 from fvi_cli.integrator.memory.lags import Lags
-from fvi_cli.integrator.memory.reach import Reach
+from fvi_cli.integrator.memory.reach import DamperForms
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array, Places
@@ -290,7 +290,7 @@ def damping_of(
     steps: float | None = None,
     n_steps: int | None = None,
     modes: Sequence[Decoupling] | None = None,
-    reach: Reach | None = None,
+    reach: DamperForms | None = None,
 ) -> Damping | None:
     """The damping of scenes of one kind; None if they have none.
 
@@ -347,7 +347,7 @@ def writes_out(method: Method, n_steps: int) -> bool:
 
 
 def _members(
-    values: Sequence[Array], modes: Sequence[Decoupling] | None, reach: Reach | None
+    values: Sequence[Array], modes: Sequence[Decoupling] | None, reach: DamperForms | None
 ) -> Array:
     """Values of scenes as values of members, ``(q, e)``."""
     if reach is not None:

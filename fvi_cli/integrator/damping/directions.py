@@ -13,7 +13,7 @@ from fvi_cli.effects.matrices import Form, dense, form, is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
-from fvi_cli.integrator.memory.reach import Reach
+from fvi_cli.integrator.memory.reach import DamperForms
 from fvi_cli.mathematics.arrays import Array
 
 DampingForce = FractionalDamping | Law
@@ -59,7 +59,7 @@ def pattern_of(scene: Scene) -> Pattern:
 def directions_of(
     scenes: Sequence[Scene],
     modes: Sequence[Decoupling] | None = None,
-    reach: Reach | None = None,
+    reach: DamperForms | None = None,
 ) -> tuple[Direction, ...]:
     """Directions of scenes of one pattern.
 
@@ -75,7 +75,7 @@ def directions_of(
 def _direction(
     forces: Sequence[Sequence[DampingForce]],
     modes: Sequence[Decoupling] | None,
-    reach: Reach | None,
+    reach: DamperForms | None,
     is_relative: bool,
 ) -> Direction:
     """One direction of all scenes; `forces` has the terms of every scene."""
@@ -102,7 +102,7 @@ def _direction(
     )
 
 
-def _matrix(force: DampingForce, reach: Reach | None) -> Form:
+def _matrix(force: DampingForce, reach: DamperForms | None) -> Form:
     matrix = force.form if reach is None else reach.inner(force)
     return form(force.size * matrix if isinstance(force, Law) else matrix)
 

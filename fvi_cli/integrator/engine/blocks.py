@@ -18,11 +18,11 @@ LINEAR_REUSE, LINEAR_REUSE_IN_BATCH = 0.25, 8.0
 """Blocks per step of a block that pay for the tables of a linear scene: alone, in a batch."""
 REUSE, REUSE_IN_BATCH = 8, 32
 """Blocks that pay for the tables of a nonlinear scene: alone, in a batch."""
-PATIENCE = 16
+BLOCKS_BEFORE_RETRY = 16
 """Number of blocks until a longer one is tried again."""
-USUAL, EXCESS = 4, 150
+USUAL_ITERATIONS, EXCESS_ITERATIONS = 4, 150
 """Usual iterations of a block; so many more, in all blocks, pay for new second derivatives."""
-QUICK = 12
+FEW_ITERATIONS = 12
 """If a block takes no more iterations than this, a longer one is tried."""
 STATE_OF_BLOCKS = ("longest", "wait", "excess", "stale")
 
@@ -89,11 +89,13 @@ def take(
 def _note(state: State, found: Steps, count: int) -> None:
     """Update from a block which length to take, and when to linearise again."""
     well = ~found.failed
-    state.excess = state.excess + np.where(well, found.iterations - USUAL, 0)
-    state.stale = state.stale | (state.excess > EXCESS) | found.failed
+    state.excess = state.excess + np.where(well, found.iterations - USUAL_ITERATIONS, 0)
+    state.stale = state.stale | (state.excess > EXCESS_ITERATIONS) | found.failed
     state.excess = np.where(state.stale, 0, state.excess)
-    state.wait = np.where(well, np.maximum(state.wait - 1, 0), PATIENCE)
-    grows = well & (state.wait == 0) & (found.iterations <= QUICK) & (count == state.longest)
+    state.wait = np.where(well, np.maximum(state.wait - 1, 0), BLOCKS_BEFORE_RETRY)
+    grows = (
+        well & (state.wait == 0) & (found.iterations <= FEW_ITERATIONS) & (count == state.longest)
+    )
     shorter = np.where(well, state.longest, count // 2)
     state.longest = np.where(grows, 2 * state.longest, shorter)
 

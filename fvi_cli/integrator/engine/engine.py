@@ -176,7 +176,9 @@ class Engine:
             known = self._known(op.frame, past, count, loads)
             u = op.solve(state, known).reshape(*known.shape[:2], -1, self.e)
             failed = op.singular.repeat(self.q // len(op.singular))
-            return self._taken(op.frame, state, known, u, self._pulled(op, state, u), failed)
+            return self._steps_from(
+                op.frame, state, known, u, self._linear_impulse(op, state, u), failed
+            )
         if most == 1:
             op, points, rest = self._operators.of_step(state, h, self.guess(state, h))
         else:
@@ -185,8 +187,8 @@ class Engine:
         known = self._known(op.frame, self._past(op.frame, state, count), count, loads)
         found = Newton(self.law, self.damping, op, state, known).run(points, rest)
         u = found.unknowns.reshape(*known.shape[:2], -1, self.e)
-        impulse = self._kicked(op, found, count)
-        return self._taken(op.frame, state, known, u, impulse, found.failed, found)
+        impulse = self._nonlinear_impulse(op, found, count)
+        return self._steps_from(op.frame, state, known, u, impulse, found.failed, found)
 
     def solve_after(
         self, state: State, h: float, past: Array, loads: Array | None, guess: Array
@@ -221,7 +223,7 @@ class Engine:
         known = on_steps(frame.to_loads, past.reshape(self.q, count, -1, self.e))
         return known if loads is None else known - loads
 
-    def _taken(
+    def _steps_from(
         self,
         frame: Frame,
         state: State,
@@ -294,14 +296,14 @@ class Engine:
             failed=np.zeros(q, dtype=bool),
         )
 
-    def _pulled(self, op: Operator, state: State, u: Array) -> Array:
+    def _linear_impulse(self, op: Operator, state: State, u: Array) -> Array:
         """Impulse of the linear forces in each step."""
         place = on_steps(op.frame.mean, u)[:, :, 0] + op.frame.h * state.x[:, None]
         if u.shape[1] > 1:
             place[:, 1:] += op.frame.h * (op.frame.h * _sums(u[:, :-1, -1]))
         return -force_of(op.at.stiffness, place)
 
-    def _kicked(self, op: Operator, found: Solution, count: int) -> Array:
+    def _nonlinear_impulse(self, op: Operator, found: Solution, count: int) -> Array:
         """Impulse of the forces of the law in each step."""
         _, mixed, stiffness = op.at
         e = self.e

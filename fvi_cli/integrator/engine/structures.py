@@ -22,7 +22,7 @@ from fvi_cli.integrator.engine.frame import Frame
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.memory.interface import Combination, toeplitz_matrix
-from fvi_cli.integrator.memory.reach import Reach, find_reach
+from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, Places
 
@@ -56,7 +56,7 @@ class StructureLaw:
         self.stiffness: Form | None = None
         if isinstance(scene.potential, QuadraticPotential):
             self.stiffness = form(scene.potential.form)
-        self.reach = find_reach(scene.active_forces) if scene.active_forces else None
+        self.reach = find_damper_forms(scene.active_forces) if scene.active_forces else None
         self._solvers: OrderedDict[float, Solve] = OrderedDict()
 
     def of(self, places: Places) -> StructureLaw:
@@ -190,7 +190,7 @@ def _form_of(one: Combination) -> Form:
     return matrix.reshape(matrix.shape[-2:]) if isinstance(matrix, np.ndarray) else matrix
 
 
-def _whole(one: Combination, reach: Reach | None) -> Form:
+def _whole(one: Combination, reach: DamperForms | None) -> Form:
     """Its matrix on all components, ``(d, d)``."""
     if reach is None:
         return _form_of(one)

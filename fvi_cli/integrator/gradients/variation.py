@@ -32,9 +32,9 @@ SMOOTH = 1e-3
 """Relative difference of the results of both orders above which there is no derivative."""
 ROUND_OFF = 1e-14
 """Relative round-off of the values of which differences are taken."""
-FELT = 1e-8
+LARGEST_ROUND_OFF = 1e-8
 """Relative round-off of a derivative above which longer differences are tried."""
-GROWTHS = 12
+LONGER_DIFFERENCES = 12
 """Number of longer differences that are tried then, each ten times the one before."""
 
 Stencils = tuple[Mapping[int, float], Mapping[int, float]]
@@ -179,8 +179,8 @@ def differentiate(one: Variation, scene: Scene, values: Values) -> list[Any]:
         )
     # a difference relative to a value near 0 is round-off and little else
     step = best.step
-    for _ in range(GROWTHS):
-        if best.noise <= FELT:
+    for _ in range(LONGER_DIFFERENCES):
+        if best.noise <= LARGEST_ROUND_OFF:
             break
         step *= 10.0
         for stencils in (CENTRAL, FORWARD):

@@ -105,7 +105,7 @@ class HiddenSearch:
         n, forces = begin.size, self._between.forces
         boxes: list[Interval] = []
         rates: list[Interval] = []
-        if not forces.is_of_time:
+        if not forces.depend_on_time_only:
             places = np.concatenate([begin, 0.5 * (begin + end), end])
             position, velocity, _ = self._between.path_at(path, places)
             boxes = [_box(column.reshape(3, n)) for column in position.T]
@@ -189,7 +189,7 @@ class Examiner:
         where a force may be singular. Steps are not cut to less than the shortest.
         """
         error = self.spectrum(path.unknowns, path.size)
-        if not math.isfinite(error) or self._forces.are_absent_at(path.middle):
+        if not math.isfinite(error) or self._forces.are_zero_at(path.middle):
             return StepFinding(error=error)
         seen = self._between.look(path)
         ends_on: int | None = None
@@ -205,12 +205,12 @@ class Examiner:
             error = max(error, hidden * (tolerance / may_miss))
         return StepFinding(error=error, ends_on=ends_on, unresolved_at=unresolved)
 
-    def go_on(self, finding: StepFinding) -> None:
+    def note_accepted(self, finding: StepFinding) -> None:
         """Note that the step is accepted."""
         self._starts_on = finding.ends_on
         self._cuts = 0
 
-    def give_up_cuts(self) -> None:
+    def note_rejected(self) -> None:
         """Note that the step is rejected for its error: a shorter one may cross no kink."""
         self._cuts = 0
 

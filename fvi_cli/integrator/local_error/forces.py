@@ -62,7 +62,7 @@ class SceneForces:
         self._inertia = scene.inertia
         self.needs_velocity = self._lagrangian is not None
         moving = (self._lagrangian, self._potential, self._supplied)
-        self.is_of_time = all(one is None for one in moving)
+        self.depend_on_time_only = all(one is None for one in moving)
         systems = list(_systems(scene))
         called = frozenset[str]().union(*(one.called for one in systems))
         self.has_kinks = bool(called & set(KINKED))
@@ -72,10 +72,10 @@ class SceneForces:
         self.is_steep = is_program or bool(called & STEEP_FUNCTIONS)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
-    def are_absent_at(self, time: float) -> bool:
+    def are_zero_at(self, time: float) -> bool:
         """Whether a step around this time has no forces to examine."""
         piece = self._piece(time)
-        return self.is_of_time and (piece is None or piece.is_zero)
+        return self.depend_on_time_only and (piece is None or piece.is_zero)
 
     def accelerations(self, force: Array, position: Array, velocity: Array, time: float) -> Array:
         """Accelerations by forces, with the mass matrix at one point, shape ``(n, d)``."""
@@ -168,11 +168,11 @@ class SceneForces:
         """Ranges of the force over boxes of positions, velocities and times, by component.
 
         Components with the same formula of the time are reported once. The boxes are not used
-        if the force depends on the time only, :attr:`is_of_time`.
+        if the force depends on the time only, :attr:`depend_on_time_only`.
         """
         piece = self._piece(middle)
         zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
-        if self.is_of_time:
+        if self.depend_on_time_only:
             return [
                 (places[0], _range_of(component, time))
                 for component, places in (() if piece is None else piece.distinct)

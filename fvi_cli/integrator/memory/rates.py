@@ -104,7 +104,7 @@ def rate_rule(
     first -= _ROOM * math.ceil(below / _ROOM)
     last += _ROOM * math.ceil(above / _ROOM)
     narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})
-    crowds = _Crowds(tuple((_u_of(place, first, last), size) for place, size in narrow))
+    crowds = _PeakMap(tuple((_u_of(place, first, last), size) for place, size in narrow))
     width = _width([1 - low for low, _ in ends], accuracy)
     # an end has no effect left at exp(-cut), in the units of x and of the integrand
     cut = -math.log(accuracy) + 3.0
@@ -140,7 +140,7 @@ def _u_of(log_rate: float, first: float, last: float) -> float:
     return u
 
 
-class _Crowds:
+class _PeakMap:
     r"""The map :math:`w = u + \sum \sinh^{-1}((u - c) / \delta)`: equal w crowd around c."""
 
     def __init__(self, peaks: tuple[tuple[float, float], ...]) -> None:

@@ -16,7 +16,7 @@ from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reach:
+class DamperForms:
     r"""Linear forms :math:`y = B q`, on which every damping matrix acts as :math:`B^T C B`."""
 
     rows: Form  # B, shape (r, d)
@@ -69,7 +69,7 @@ class Reach:
         return form(whole)
 
 
-def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
+def find_damper_forms(terms: Sequence[MatrixForce]) -> DamperForms | None:
     """The fewest forms on which all damping terms act; None if these are all coordinates."""
     reached = np.any([touched(term.form) for term in terms], axis=0)
     components = np.flatnonzero(reached)
@@ -78,8 +78,8 @@ def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
         stacked = np.concatenate([one.rows for one in factors if one is not None])
         rows = np.unique(stacked, axis=0)
         if rows.shape[0] < components.size:
-            return Reach(rows=cast(Form, as_csr(rows)), components=None)
+            return DamperForms(rows=cast(Form, as_csr(rows)), components=None)
     if components.size == reached.size:
         return None
     units = as_csr(sparse_unit(reached.size))[components]
-    return Reach(rows=cast(Form, units), components=components)
+    return DamperForms(rows=cast(Form, units), components=components)

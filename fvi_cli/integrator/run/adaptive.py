@@ -120,9 +120,9 @@ class AdaptiveSource:
             return None
         is_kink = finding.ends_on is not None
         if not controller.judge(h, finding.error, scale, ends_on_kink=is_kink):
-            self._examiner.give_up_cuts()
+            self._examiner.note_rejected()
             return None
-        self._examiner.go_on(finding)
+        self._examiner.note_accepted(finding)
         if finding.unresolved_at is not None:
             self._infinite.append(finding.unresolved_at)
         self._done += 1

@@ -83,14 +83,14 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
         than 128 exponents lie below it.
     """
     motion = _Motion(scene, cutoff)
-    motion.drive(_forcing(scene, max(cutoff - 2.0, 0.5)))
+    motion.add_force(_forcing(scene, max(cutoff - 2.0, 0.5)))
     force = _nonlinear_force(scene)
     # besides x0 and v0 t every power exceeds 1: forces are integrable at 0
     known, driven = cutoff if force is None else 1.0 + SLIGHTLY, -math.inf
     expansion = motion.completed(known)
     while force is not None and known < cutoff - SAME_EXPONENT:
         terms = force(expansion.components(known))
-        motion.drive(terms, since=driven)
+        motion.add_force(terms, since=driven)
         driven = min(series.cutoff for series in terms if isinstance(series, PowerSeries))
         if driven + 2.0 < known + SLIGHTLY / 2:
             raise SeriesError(f"the expansion cannot be continued beyond t^{known:.3g}")
@@ -111,14 +111,14 @@ class _Motion:
     def __init__(self, scene: Scene, cutoff: float) -> None:
         self._cutoff, self._subtracts = cutoff, scene.derivative == "caputo"
         self._inverse_mass = np.linalg.inv(scene.inertia.mass)
-        self._drags = [(term.order, term.matrix) for term in scene.active_damping]
-        self._drags.append((0.0, scene.stiffness))
-        self._stride = 2.0 - max(order for order, _ in self._drags)
+        self._linear_terms = [(term.order, term.matrix) for term in scene.active_damping]
+        self._linear_terms.append((0.0, scene.stiffness))
+        self._stride = 2.0 - max(order for order, _ in self._linear_terms)
         self._exponents, self._coefficients = np.empty(0), np.empty((0, scene.dimension))
         self._waiting_exponents = np.array([0.0, 1.0])
         self._waiting = np.stack((scene.initial_position, scene.initial_velocity))
 
-    def drive(self, force: Components, since: float = -math.inf) -> None:
+    def add_force(self, force: Components, since: float = -math.inf) -> None:
         """Add the terms of the motion that a force causes by its powers from `since` on."""
         if force:
             exponents, rows = _stacked(force)
@@ -144,7 +144,7 @@ class _Motion:
         self._coefficients = np.concatenate((self._coefficients, rows))
         if self._exponents.size > MOST_EXPONENTS:
             raise SeriesError(f"more than {MOST_EXPONENTS} exponents below t^{self._cutoff:g}")
-        for order, matrix in self._drags:
+        for order, matrix in self._linear_terms:
             acting = exponents - order + 2.0 < self._cutoff
             if self._subtracts:
                 acting &= ~initial_terms(exponents, order)

@@ -43,7 +43,7 @@ times as many points for 970,000 points on maps of BDF4 to BDF6."""
 LARGEST_CHANGE = 1.0
 """Largest change of log f between neighbouring points of a path. A smaller one finds more pairs of
 zeros, but takes round-off for zeros where steps are as short as a millionth of the run."""
-LARGEST_SURPRISE = 0.5
+LARGEST_MISMATCH = 0.5
 """Largest difference between the change over an interval and the sum over its halves."""
 DEEPEST = 48
 """Most halvings of an interval."""
@@ -144,7 +144,7 @@ def _integrals(
     total[~np.isfinite(values).all(axis=1)] = np.nan
     for _ in range(DEEPEST):
         first, second = _change(left, new), _change(new, right)
-        is_resolved = np.abs(first + second - _change(left, right)) < LARGEST_SURPRISE
+        is_resolved = np.abs(first + second - _change(left, right)) < LARGEST_MISMATCH
         # a half next to one that changes fast may hide a whole turn
         done = is_resolved & (np.maximum(np.abs(first), np.abs(second)) <= LARGEST_CHANGE)
         kept = []

@@ -10,7 +10,7 @@ from typing import Any
 
 from fvi_cli.storage.code import Code, own_code
 from fvi_cli.storage.comparison.differences import changed_keys
-from fvi_cli.storage.digests import SOLVER_VERSION, canonical_json, specification_of, stowed
+from fvi_cli.storage.digests import SOLVER_VERSION, canonical_json, extract_inputs, specification_of
 from fvi_cli.storage.records.record import Entry
 from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Run
@@ -88,7 +88,7 @@ class Reasons:
 
 
 def _place_of(run: Run) -> Place:
-    values = {} if run.member is None else stowed(dict(run.member.values))
+    values = {} if run.member is None else extract_inputs(dict(run.member.values))
     return run.experiment.name, run.method.case, run.n_steps, canonical_json(values)
 
 
@@ -101,7 +101,7 @@ def _place_of_stored(entry: Entry) -> Place:
 
 def _specification(run: Run) -> dict[str, Any]:
     values = {} if run.member is None else dict(run.member.values)
-    return _with_swept(specification_of(run)[0], stowed(values))
+    return _with_swept(specification_of(run)[0], extract_inputs(values))
 
 
 def _stored_specification(entry: Entry) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 
-from fvi_cli.storage.digests import answered_by_own_code, sha256
+from fvi_cli.storage.digests import identity_for, sha256
 from fvi_cli.storage.records.fields import field_named
 from fvi_cli.storage.records.record import (
     SWEPT,
@@ -85,7 +85,7 @@ def layout_of(
         put(entry, _from(kind.path, kind) if is_own else _neighbours(kind))
     # sorted, so that the order does not depend on which run was computed first
     for entry in sorted(entries.values(), key=lambda one: one.request):
-        if entry.is_reference and entry.identity == answered_by_own_code(entry.request):
+        if entry.is_reference and entry.identity == identity_for(entry.request):
             put(entry, _numbered(entry.kind.path))
     return found
 

@@ -20,11 +20,11 @@ from fvi_cli.storage.code import own_code
 from fvi_cli.storage.digests import (
     SOLVER_VERSION,
     Inputs,
-    answered_by_own_code,
+    extract_inputs,
+    identity_for,
     refusal_of,
     request_of,
     specification_of,
-    stowed,
 )
 from fvi_cli.storage.files import escape_text
 from fvi_cli.storage.provenance import origin
@@ -95,11 +95,11 @@ def record_for(
     of_member: dict[str, Any] = {}
     if run.member is not None:
         # long lists of numbers are moved to `inputs`
-        of_member = {key: stowed(value, inputs) for key, value in run.member.values.items()}
+        of_member = {key: extract_inputs(value, inputs) for key, value in run.member.values.items()}
         of_member[SWEPT] = json.dumps(swept_by(run))
     made_by = {"solver_version": SOLVER_VERSION, "code": own_code().text, **origin()}
     return StoredRecord(
-        identity=answered_by_own_code(request),
+        identity=identity_for(request),
         request=request,
         attributes={**attributes, **of_member, "specification": text, **made_by},
         arrays=arrays,

@@ -23,7 +23,7 @@ from fvi_cli.studies.fits.statistics import (
     ROUND_OFF,
     covariance,
     criterion,
-    own_freedoms,
+    series_freedoms,
     whiteness,
 )
 from fvi_cli.studies.fits.terms import needless_terms
@@ -217,7 +217,10 @@ def _estimate_noise(model: MotionModel, point: Array, at: Evaluation) -> list[fl
     """Standard deviation of the noise of every series, from the residuals."""
     found = []
     for one, part, n in zip(
-        model.series, model.split(at.residuals), own_freedoms(at, model.sizes).tolist(), strict=True
+        model.series,
+        model.split(at.residuals),
+        series_freedoms(at, model.sizes).tolist(),
+        strict=True,
     ):
         if n < LEAST_FREEDOM:
             raise NoFitError(

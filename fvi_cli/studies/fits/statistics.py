@@ -31,7 +31,7 @@ def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:
     return correlations, math.sqrt(variance) * errors / sizes, bool(singular[-1] > SINGULAR)
 
 
-def own_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
+def series_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     r"""Degrees of freedom of the residuals of every series, ``(n_series,)``.
 
     With H the matrix that projects data onto the motions that the parameters make, and n_c values
@@ -50,7 +50,7 @@ def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     The variance of an estimate is a weighted sum of the variances of the series (Satterthwaite, *An
     approximate distribution of estimates of variance components*, 1946).
     """
-    own = np.maximum(own_freedoms(at, sizes), 1e-3)
+    own = np.maximum(series_freedoms(at, sizes), 1e-3)
     left, inverse = _factors(at)
     rows = np.split(inverse @ left.T, np.cumsum(sizes)[:-1], axis=1)
     shares = np.array([np.sum(part**2, axis=1) for part in rows])

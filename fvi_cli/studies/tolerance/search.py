@@ -61,13 +61,13 @@ AIMED_AT: Final = 0.3
 """A new local tolerance is chosen for this share of the tolerance."""
 SHRINKS_TO: Final = (1e-6, 0.3)
 """Least and largest factor from a local tolerance to the next."""
-UNRELATED: Final = 0.3
+SECOND_RUN_FACTOR: Final = 0.3
 """Local tolerance of a run on a mesh of its own, relative to that of the first one."""
 STILL: Final = 0.3
 """An error that is more than this share of the previous one counts as not fallen."""
-LEAP: Final = 0.01
+STALLED_FACTOR: Final = 0.01
 """Factor to the next local tolerance after one that did not reduce the error."""
-BY_ACCIDENT: Final = 0.2
+STALLED_SHARE: Final = 0.2
 """An error that does not fall with the steps must be below this share of the tolerance."""
 SENSITIVE: Final = 1e3
 """Differences that grow by more than this in a run make it unreliable."""
@@ -200,7 +200,7 @@ class _Search:
             if coarse.status == "ok" and coarse.steps is not None:
                 mesh = coarse.steps.mesh(self.scene.break_points)
                 if is_rough:
-                    run = finer.run(UNRELATED * local, self.first_step, may_miss=may_miss)
+                    run = finer.run(SECOND_RUN_FACTOR * local, self.first_step, may_miss=may_miss)
                 else:
                     run = run_on(self.scene, degree + 2, mesh, self.checkpoints)
                     run = replace(run, doubts=coarse.doubts, rejected=coarse.rejected)
@@ -231,7 +231,7 @@ class _Search:
             if self.rounding is not None and self._rounded(run) > target:
                 return self._is_limited_by_rounding(one, target)
             # runs that are dominated by round-off may agree by accident
-            if one.estimate <= (target if still == 0 else BY_ACCIDENT * target):
+            if one.estimate <= (target if still == 0 else STALLED_SHARE * target):
                 if not run.doubts:
                     return self._result(one, "met", "")
                 if doubted:
@@ -239,9 +239,9 @@ class _Search:
                 doubted = True
             factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
             if one.estimate > STILL * before:
-                # a small reduction may change nothing; if LEAP does not help either it is round-off
+                # a small reduction may change nothing; if a large one does not help it is round-off
                 still += 1
-                factor = min(factor, LEAP)
+                factor = min(factor, STALLED_FACTOR)
             if still > 2 or local <= 10 * EPSILON * amplitude:
                 break
             before = one.estimate

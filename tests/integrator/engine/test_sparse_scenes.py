@@ -21,7 +21,7 @@ from fvi_cli.effects.matrices import (
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.memory.reach import find_reach
+from fvi_cli.integrator.memory.reach import find_damper_forms
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import mesh_for, prepare
@@ -122,7 +122,7 @@ def test_terms_on_overlapping_directions_share_their_forms():
         FractionalDamping(order=0.5, coefficient=Factored(rows=rows, inner=np.eye(2))),
         FractionalDamping(order=0.7, coefficient=Factored(rows=rows[1:], inner=np.eye(1))),
     ]
-    reach = find_reach(terms)
+    reach = find_damper_forms(terms)
     assert reach.count == 2
     values = np.random.default_rng(1).standard_normal(60)
     for term in terms:

@@ -88,9 +88,9 @@ def test_what_may_hide_something():
     assert hides("exp(-x**2)")
     assert hides("1/x")
     assert not SceneForces(spring(T=1.0)).may_hide
-    assert SceneForces(spring(T=1.0)).are_absent_at(0.5)
+    assert SceneForces(spring(T=1.0)).are_zero_at(0.5)
     stepped = SceneForces(spring(T=2.0, forcing=in_pieces("1", 1.0, "0")))
-    assert [stepped.are_absent_at(time) for time in (0.5, 1.5)] == [False, True]
+    assert [stepped.are_zero_at(time) for time in (0.5, 1.5)] == [False, True]
 
 
 def test_general_lagrangians_are_looked_at():

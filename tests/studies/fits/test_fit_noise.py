@@ -18,7 +18,7 @@ from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation
 from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
 from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, FitSettings, Series
-from fvi_cli.studies.fits.statistics import freedoms, own_freedoms
+from fvi_cli.studies.fits.statistics import freedoms, series_freedoms
 
 DRAWS = 600
 
@@ -43,7 +43,7 @@ def shares_held(*, shared):
             found = np.linalg.lstsq(scaled, noise * weight, rcond=None)[0]
             left = noise - derivatives @ found
             at = Evaluation(residuals=left * weight, jacobian=scaled)
-            own = np.array(sizes) * (1 - p / sum(sizes)) if shared else own_freedoms(at, sizes)
+            own = np.array(sizes) * (1 - p / sum(sizes)) if shared else series_freedoms(at, sizes)
             parts = np.split(left, np.cumsum(sizes)[:-1])
             deviations = np.sqrt(np.array([float(part @ part) for part in parts]) / own)
         errors = np.sqrt(np.diag(np.linalg.inv(scaled.T @ scaled)))
