@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.looks import MethodLook, method_looks
 from fvi_cli.plotting.regions import region_figure
@@ -33,7 +34,7 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.reports.naming import key_label, with_unit
-from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
+from fvi_cli.studies.stability_study import LASTING, StabilityRow, StabilityTable
 
 STABLE_COLOUR = "#A8D3EE"
 UNSTABLE_COLOUR = "#D9824F"
@@ -47,6 +48,7 @@ _COLOURS = {
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
+_POINTS = 60  # of a line of predicted growth
 _KEY = (1.02, 1.07, 1.12)  # places of a line of the key, as shares of the width of the bars
 
 
@@ -95,6 +97,7 @@ def step_figure(table: StabilityTable) -> Figure:
         note(bars, _KEY[1], 1.01, "line below", va="bottom")
     growths = [one for row in table.rows if (one := row.prediction.growth_per_step) > 0] or [1.0]
     growth.set_ylim(0.6 * min(growths), 1.4 * max(growths))
+    growth.set_xlim(low, high)
     # few methods need few shades
     for case, style in method_looks(growing).items():
         _draw_growth(growth, replace(style, label=styles[case].label), by_case[case])
@@ -104,7 +107,6 @@ def step_figure(table: StabilityTable) -> Figure:
         growth.set_ylim(1e-3, 1.0)
         growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
     growth.set_xscale("log")
-    growth.set_xlim(low, high)
     logarithmic_ticks(growth.xaxis, 5)
     experiment = table.experiment
     growth.set_xlabel(with_unit("step size $h$", experiment.units, "time"))
@@ -179,25 +181,40 @@ def _differs(row: StabilityRow) -> bool:
 
 def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> None:
     """Predicted growth as a line from its begin; marks of what was measured, or else predicted."""
-    grown = sorted(
-        (row for row in rows if row.prediction.growth_per_step > 0),
-        key=lambda row: row.run.step_size,
-    )
-    predicted = [(row.run.step_size, row.prediction.growth_per_step) for row in grown]
-    seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
+    seen = [
+        (row.run.step_size, one.growth_per_step)
+        for row in rows
+        if row.prediction.growth_per_step > 0 and (one := row.observation)
+    ]
     properties = replace(style.look, size=4.5 if style.look.is_filled else 6.0).properties()
     if not style.look.is_filled:
         # what is full is seen through what is hollow
         properties |= {"markerfacecolor": "none", "zorder": 5}
-    line = {**properties, "marker": ""} if seen else properties
-    axes.plot(*np.array(predicted).T, label=style.label, **line)
-    # growth begins above the last step without: where a single step grows there is a line, too
-    begin = (grown[0].lasting_step, axes.get_ylim()[0])
-    if begin[0] < predicted[0][0]:
-        ends = np.array([begin, predicted[0]]).T
-        axes.plot(*ends, label="_begin", **{**line, "marker": ""}, **DECORATION)
+    line = {**properties, "marker": ""}
+    axes.plot(*_predicted_growth(axes, rows), label=style.label, **line)
+    if not seen:
+        seen = [(row.run.step_size, row.prediction.growth_per_step) for row in rows]
     points = np.array(seen).reshape(-1, 2).T
     axes.plot(*points, label="_observed", **{**properties, "linestyle": "none"})
+
+
+def _predicted_growth(axes: Axes, rows: Sequence[StabilityRow]) -> Array:
+    """Steps and growth per step, between the examined steps as well, down to where it begins."""
+    run, begin = rows[0].run, rows[0].lasting_step
+    final_time = run.experiment.problem.final_time
+    least = max(axes.get_xlim()[0] if math.isnan(begin) else begin, axes.get_xlim()[0])
+    ends = min(row.run.n_steps for row in rows), final_time / least
+    # over a longer time steps need not divide the scene's own
+    longer = replace(run.scene, final_time=LASTING * final_time)
+    counts = np.rint(LASTING * np.geomspace(*ends, _POINTS)[::-1]).astype(int).tolist()
+    found = [
+        (LASTING * final_time / n, growth)
+        for n in counts
+        if (growth := predict_stability(longer, run.method, n).growth_per_step) > 0
+    ]
+    # below the last step without growth there is none
+    start = [(begin, axes.get_ylim()[0])] if begin < found[0][0] else []
+    return np.array([*start, *found]).T
 
 
 def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
