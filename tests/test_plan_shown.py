@@ -72,7 +72,7 @@ def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, m
 
 def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):
     """The memory of each takes as many operations as alone."""
-    sweep = "sweep: {problem.stiffness: {from: 1, to: 5, number: 64}}\n"
+    sweep = "sweep: {problem.stiffness: {from: 1, to: 5, number: 256}}\n"
     alone = SCENE.replace("[64, 128]", "[1030]").replace(
         "{rk: gauss, degree: [2, 3]}", "{bdf: 2, sampling: nodes}"
     )
@@ -80,18 +80,18 @@ def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):
     (folder / "alone.yaml").write_text(alone.replace("name: planned", "name: alone"))
     header, row = fvi("run", "planned.yaml", "--dry-run").stdout.splitlines()
     told = int(row[header.index("operations") :].split()[0])
-    assert "compute 64 members" in row
+    assert "compute 256 members" in row
     (single,) = fvi("run", "alone.yaml", "--dry-run").stdout.splitlines()[1:]
     assert f" {told} " in single
     whole = fvi("run", "planned.yaml", "--dry-run", "-v").stdout
-    assert "4 members together" in whole
+    assert "16 members together" in whole
     assert f"operations of the history: {told:,}\n" in whole
     # a part has the same members together
     fvi("run", "planned.yaml", "-q", "--shard", "1/16")
     (part,) = Path("results").rglob("planned*.h5")
     with h5py.File(part) as file:
         (case,) = file["planned"].values()
-        assert case["n001030"]["history_operations"][:].tolist() == [told] * 4
+        assert case["n001030"]["history_operations"][:].tolist() == [told] * 16
 
 
 @pytest.mark.parametrize("members", [1, 40])

@@ -88,6 +88,7 @@ def is_same(shown: str, made: str) -> bool:
     return True
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("path", SESSIONS, ids=lambda path: path.stem)
 def test_a_session_is_answered_as_its_file_shows(path, tmp_path, monkeypatch, request):
     monkeypatch.chdir(tmp_path)
