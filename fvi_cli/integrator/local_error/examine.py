@@ -28,12 +28,13 @@ from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.brackets import bracketed_roots
-from fvi_cli.mathematics.intervals.functions import Interval
-from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN, STEEPEST
+from fvi_cli.mathematics.intervals.functions import Interval, hull
+from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN, STEEPEST, Traced
 
 FIRST_PARTS = 8  # of a step, before any halving
 MOST_PARTS = 256  # kept after a halving, those with the largest effect
 MOST_HALVINGS = 48  # then the force may be infinite
+SAMPLES = 9  # of each part, where walls are looked for
 OF_LARGEST = 0.02
 """Ranges up to this share of the largest force of the run so far do not count."""
 NEGLIGIBLE = 0.01
@@ -116,6 +117,19 @@ class HiddenSearch:
             excess = np.maximum(one.high - high[i], low[i] - one.low)
             excess = np.where(np.isnan(excess), math.inf, excess)
             total = np.maximum(total, np.where(excess > permitted[i], excess, 0.0))
+        if forces.may_have_walls:
+            # beside a larger force a wall is lost in the range of the whole
+            places = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+            at, rate, times = self._between.path_at(path, places.ravel())
+            undersampled = np.zeros(n, dtype=bool)
+            traced = [
+                [
+                    Traced(hull(*one.T), one, undersampled)
+                    for one in columns.T.reshape(-1, n, SAMPLES)
+                ]
+                for columns in (at, rate, times[:, None])
+            ]
+            total = np.maximum(total, forces.unseen(traced[0], traced[1], traced[2][0]))
         return total
 
     def _missed(self, path: StepPath, seen: PointForces, places: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval, hull
+from fvi_cli.mathematics.intervals.traced import Traced
 
 LARGEST_DIFFERENCE: Final = 1e300  # arguments of kinks are clipped to this size
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
@@ -70,6 +72,8 @@ class SceneForces:
         # a Python function is unknown
         is_program = scene.forcing is not None and scene.forcing.has_functions
         self.is_steep = is_program or bool(called & STEEP_FUNCTIONS)
+        still = _systems(replace(scene, forcing=None))
+        self.may_have_walls = any(one.called & STEEP_FUNCTIONS for one in still)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
     def are_zero_at(self, time: float) -> bool:
@@ -201,6 +205,20 @@ class SceneForces:
             for i, component in enumerate(piece.components):
                 total[i] = total[i] + _range_of(component, time)
         return list(enumerate(total))
+
+    def unseen(self, position: Sequence[Traced], velocity: Sequence[Traced], time: Traced) -> Array:
+        """How far forces of the motion may go beyond their samples where these see too little."""
+        if self._lagrangian is not None:
+            _, forces = self._lagrangian.forces_on(list(position), list(velocity), time)
+        else:
+            assert self._potential is not None
+            forces = self._potential.gradient_components(list(position))
+        total = np.zeros_like(time.box.low)
+        for one in forces:
+            if isinstance(one, Traced):
+                excess = np.maximum(one.box.high - one.hull.high, one.hull.low - one.box.low)
+                total = np.maximum(total, np.where(np.isnan(excess), math.inf, excess))
+        return np.where(time.undersampled, total, 0.0)
 
     def units_at(self, middle: float) -> Array | None:
         """Forces of 1 where each formula of the time acts, ``(k, d)``; None if too many."""

@@ -124,3 +124,29 @@ def test_drawn_rebounds_end_in_counted_work(monkeypatch: pytest.MonkeyPatch, see
         assert per_impact <= 30
         rests.append(time_of_rest(run) / drawn["second"])
     assert rests[0] == pytest.approx(rests[1], rel=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_rebounds_lost_in_round_off_end_in_rest(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No step ends on the floor any more, by the round-off of the steps."""
+    # a scale that keeps all bits, for the control
+    length = 2.0 ** float(np.random.default_rng([31, seed]).integers(-20, 20))
+    scene = fvi.lagrangian_scene(
+        coordinates=["x"],
+        lagrangian=f"vx**2/2 - {1.0388745839100777 * length!r}*x",
+        initial_position=[0.17688010560000791 * length],
+        initial_velocity=[-0.5501000166255532 * length],
+        damping=[fvi.FractionalDamping(order=1.6256986883167162, coefficient=1.2012597866851293)],
+        final_time=8.257836431340108,
+    )
+
+    def run() -> fvi.Trajectory:
+        floor = {"when": "x", "restitution": 0.5327635060394853}
+        return fvi.integrate(scene, "gauss5", 30, impacts={"floor": floor})
+
+    found = run()
+    assert found.status == "ok", found.message
+    assert time_of_rest(found) == pytest.approx(0.4604787, abs=1e-6)
+    # the control
+    monkeypatch.setattr(UNRESOLVED, 0.0)
+    assert run().status == "failed"

@@ -162,6 +162,15 @@ class Bouncing:
             if not landing.take(gap, speed, tolerance) or landing.size != step.size:
                 return None
         if gap < -tolerance:
+            times, restitution = self.times[name], self._surfaces[name].impact.restitution
+            if (
+                times
+                and restitution < 1.0
+                and step.end - times[-1] < UNRESOLVED_FLIGHT * self._step
+            ):
+                # the rebounds are lost in the round-off of the steps
+                self._end_in_rest(name, Fall(1.0, 0.0, 1.0, gap), step)
+                return None
             self._fail(StepFailedError(f"the step to {name} has no end on it"))
             return None
         self._go_on(step, step.end)
