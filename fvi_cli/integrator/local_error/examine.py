@@ -13,7 +13,7 @@ force and have their full order.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -29,14 +29,16 @@ from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.intervals.functions import Interval, hull
-from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN, STEEPEST, Traced
+from fvi_cli.mathematics.intervals.traced import BEYOND_SEEN, MARGIN, Traced
 
 FIRST_PARTS = 8  # of a step, before any halving
 MOST_PARTS = 256  # kept after a halving, those with the largest effect
 MOST_HALVINGS = 48  # then the force may be infinite
-SAMPLES = 9  # of each part, where walls are looked for
+SAMPLES: Final = 9  # of each part, where walls are looked for
 OF_LARGEST = 0.02
 """Ranges up to this share of the largest force of the run so far do not count."""
+ROUGH: Final = 0.1
+"""Share of the span of a force by which its polynomial misses it where it is hardly resolved."""
 NEGLIGIBLE = 0.01
 """Parts whose largest effect is less than this share of what may hide are left alone."""
 
@@ -68,8 +70,9 @@ class HiddenSearch:
         begin, end = edges[:-1], edges[1:]
         error, infinite = 0.0, None
         with np.errstate(all="ignore"):
-            missed = self._between.missed(seen)
-            if (missed.max(axis=0) > STEEPEST * (high - low)).any():
+            # at its ends a step may lie on a kink, where the force has two values
+            missed = self._between.missed(seen)[1:-1]
+            if (missed.max(axis=0) > ROUGH * (high - low)).any():
                 # a few points have met something, and the others do not see how wide it is
                 error = counts * float(missed.max(axis=1).mean())
                 if error > tolerance:
