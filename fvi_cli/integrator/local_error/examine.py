@@ -19,6 +19,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.defect import (
+    BETWEEN_SHARE,
     ON_KINK,
     Between,
     StepPath,
@@ -37,8 +38,6 @@ MOST_HALVINGS = 48  # then the force may be infinite
 SAMPLES: Final = 9  # of each part, where walls are looked for
 OF_LARGEST = 0.02
 """Ranges up to this share of the largest force of the run so far do not count."""
-ROUGH: Final = 0.1
-"""Share of the span of a force by which its polynomial misses it where it is hardly resolved."""
 NEGLIGIBLE = 0.01
 """Parts whose largest effect is less than this share of what may hide are left alone."""
 
@@ -72,7 +71,7 @@ class HiddenSearch:
         with np.errstate(all="ignore"):
             # at its ends a step may lie on a kink, where the force has two values
             missed = self._between.missed(seen)[1:-1]
-            if (missed.max(axis=0) > ROUGH * (high - low)).any():
+            if (missed.max(axis=0) > BETWEEN_SHARE * (high - low)).any():
                 # a few points have met something, and the others do not see how wide it is
                 error = counts * float(missed.max(axis=1).mean())
                 if error > tolerance:
