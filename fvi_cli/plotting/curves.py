@@ -22,7 +22,7 @@ MOST_POINTS = 20_000
 _VISIBLE = 2e-3  # smallest visible deviation, as a share of the extent of a line
 _WIDTH, _LAYER = 1.1, 1.4  # points of a line; of one below another, broader by this
 _ON_IT = 2.0 * _WIDTH  # points within which marks and lines hide others
-_APART = 3.0  # points between marks in turn that are seen beside each other
+_LEAST_DISTANCE = 3.0  # points between marks in turn that are seen beside each other
 _IN_IT = 1.5  # of marks at one place, the lower is larger by this factor
 PEAK: Mapping[str, Any] = {
     "linestyle": "none",
@@ -251,7 +251,7 @@ def draw_marks(axes: Axes) -> None:
                 chosen = min(rest, key=lambda one: turns[one[2]])
                 turns[chosen[2]] += 1
                 nests.append([chosen])
-                rest = [one for one in rest if math.dist(one[:2], chosen[:2]) > _APART]
+                rest = [one for one in rest if math.dist(one[:2], chosen[:2]) > _LEAST_DISTANCE]
         else:
             pile = [one for one in pile if math.dist(one[:2], left[0][:2]) < _ON_IT]
             nests = [sorted(pile, key=lambda one: named[one[2]].get_zorder())]

@@ -181,35 +181,31 @@ def _differs(row: StabilityRow) -> bool:
 
 def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> None:
     """Predicted growth as a line from its begin; marks of what was measured, or else predicted."""
+    growing = [row for row in rows if row.prediction.growth_per_step > 0]
     seen = [
-        (row.run.step_size, one.growth_per_step)
-        for row in rows
-        if row.prediction.growth_per_step > 0 and (one := row.observation)
+        (row.run.step_size, (row.observation or row.prediction).growth_per_step) for row in growing
     ]
     properties = replace(style.look, size=4.5 if style.look.is_filled else 6.0).properties()
     if not style.look.is_filled:
         # what is full is seen through what is hollow
         properties |= {"markerfacecolor": "none", "zorder": 5}
-    line = {**properties, "marker": ""}
-    axes.plot(*_predicted_growth(axes, rows), label=style.label, **line)
-    if not seen:
-        seen = [(row.run.step_size, row.prediction.growth_per_step) for row in rows]
-    points = np.array(seen).reshape(-1, 2).T
-    axes.plot(*points, label="_observed", **{**properties, "linestyle": "none"})
+    line = _predicted_growth(axes, rows)
+    axes.plot(*line, label=style.label, **{**properties, "marker": ""})
+    axes.plot(*np.array(seen).T, label="_seen", **{**properties, "linestyle": "none"})
 
 
 def _predicted_growth(axes: Axes, rows: Sequence[StabilityRow]) -> Array:
     """Steps and growth per step, between the examined steps as well, down to where it begins."""
     run, begin = rows[0].run, rows[0].lasting_step
-    final_time = run.experiment.problem.final_time
-    least = max(axes.get_xlim()[0] if math.isnan(begin) else begin, axes.get_xlim()[0])
-    ends = min(row.run.n_steps for row in rows), final_time / least
+    final_time, low = run.experiment.problem.final_time, axes.get_xlim()[0]
+    examined = [row.run.n_steps for row in rows]
+    between = np.geomspace(min(examined), final_time / max(np.nan_to_num(begin), low), _POINTS)
     # over a longer time steps need not divide the scene's own
     longer = replace(run.scene, final_time=LASTING * final_time)
-    counts = np.rint(LASTING * np.geomspace(*ends, _POINTS)[::-1]).astype(int).tolist()
+    counts = {*np.rint(LASTING * between).astype(int).tolist(), *(LASTING * n for n in examined)}
     found = [
-        (LASTING * final_time / n, growth)
-        for n in counts
+        (longer.final_time / n, growth)
+        for n in sorted(counts, reverse=True)
         if (growth := predict_stability(longer, run.method, n).growth_per_step) > 0
     ]
     # below the last step without growth there is none

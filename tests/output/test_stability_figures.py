@@ -64,32 +64,41 @@ def test_growth_is_predicted_by_lines_and_measured_by_marks(observe):
     rows = [row for row in table.rows if row.prediction.growth_per_step > 0]
     assert 0 < len(rows) < len(table.rows)
     lines = named(axes)
-    assert sum(line.get_xdata().size for line in lines) == len(rows)
-    # a mark where there is a measurement, of predictions only where there is none
-    assert all((line.get_marker() == "") == observe for line in lines)
-    measured = [line.get_xydata() for line in axes.lines if line.get_label() == "_observed"]
-    wanted = {(row.run.step_size, row.observation.growth_per_step) for row in rows if observe}
-    assert {tuple(point) for points in measured for point in points} == wanted
+    assert all(line.get_marker() == "" for line in lines)
+    # a line goes through the predictions of its method, and bends between them as well
+    for row in rows:
+        place = np.array([row.run.step_size, row.prediction.growth_per_step])
+        near = [np.abs(line.get_xydata() / place - 1.0).max(axis=1).min() for line in lines]
+        assert min(near) < 1e-6
+    assert all(line.get_xdata().size > 2 * len(table.experiment.steps) for line in lines)
+    # marks of measurements, of predictions only where there is none
+    seen = [line.get_xydata() for line in axes.lines if line.get_label() == "_seen"]
+    wanted = {
+        (row.run.step_size, (row.observation if observe else row.prediction).growth_per_step)
+        for row in rows
+    }
+    assert {tuple(point) for points in seen for point in points} == wanted
 
 
 @pytest.mark.parametrize("observe", [True, False])
 @pytest.mark.parametrize("steps", [{2}, {4}, {2, 4}])
 def test_growth_begins_at_the_last_step_without(steps, observe):
     table, _ = growth(observe=observe)
-    rows = [row for row in table.rows if row.run.n_steps in steps]
+    limits = {row.run.method.case: 0.1 * row.run.step_size for row in table.rows}
+    rows = [
+        dataclasses.replace(row, lasting_step=limits[row.run.method.case])
+        for row in table.rows
+        if row.run.n_steps in steps
+    ]
     axes = step_figure(dataclasses.replace(table, rows=tuple(rows))).axes[1]
-    begins = [line for line in axes.lines if line.get_label() == "_begin"]
-    growing = [row for row in rows if row.prediction.growth_per_step > 0]
-    last = {row.run.method.case: row.lasting_step for row in growing}
-    assert {line.get_xdata()[0] for line in begins} == {*last.values()}
-    assert min(last.values()) > 0.0
-    for begin in begins:
-        (line,) = [one for one in named(axes) if one.get_color() == begin.get_color()]
-        assert begin.get_xydata()[1].tolist() == line.get_xydata()[0].tolist()
-        assert begin._unscaled_dash_pattern == line._unscaled_dash_pattern
-        assert begin.get_ydata()[0] == axes.get_ylim()[0] < min(line.get_ydata())
-    # the control: what does not grow begins nowhere
-    assert len(begins) == len(last) < len({row.run.method.case for row in rows})
+    growing = {row.run.method.case for row in rows if row.prediction.growth_per_step > 0}
+    begins = [line.get_xydata()[0] for line in named(axes)]
+    assert {x for x, _ in begins} == {limits[case] for case in growing}
+    for line in named(axes):
+        assert line.get_ydata()[0] == axes.get_ylim()[0] < line.get_ydata()[1:].min()
+        assert (np.diff(line.get_xdata()) > 0).all()
+    # the control: what does not grow has no line
+    assert len(begins) == len(growing) < len(limits)
 
 
 def test_figures_of_one_table_have_the_name_of_the_study_and_others_their_own():
@@ -114,7 +123,7 @@ def test_lines_of_growth_are_told_apart_and_none_is_near_black():
 
 def test_a_mark_below_a_hollow_one_is_seen():
     _, axes = growth(observe=True, method="{bdf: 6, sampling: nodes, degree: [1, 2]}")
-    marks = [line for line in axes.lines if line.get_label() == "_observed"]
+    marks = [line for line in axes.lines if line.get_label() == "_seen"]
     hollow = [line for line in marks if line.get_markerfacecolor() == "none"]
     full = [line for line in marks if line not in hollow]
     assert hollow

