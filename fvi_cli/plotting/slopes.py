@@ -48,6 +48,7 @@ _CHOICES = (
 _MARGIN = 2  # least distance from the frame, in points
 _HIGHEST_RISE = 0.4
 _SAME_SLOPE, _FAR_SLOPE = 0.4, 2.0
+_SHOWN_SLOPE = 0.12  # a curve that falls faster than theory by more shows its order only later
 # a triangle is next to small steps: within this share of a curve, measured in decades of h
 _ASYMPTOTIC = 0.7
 # points that cover a triangle (weights of its corners), and points that cover a unit box
@@ -235,10 +236,12 @@ def _draw_slopes(
     is_drawn = False
     for order in (*expected, *sorted(stated)):
         is_stated = order in stated
-        label = f"claimed order {order:g}" if is_stated else f"order {fraction_in_words(order)}"
-        box = np.array([72 * text_width(label), small()])
         near = [one for one in ladders if is_stated and one.stated == order]
         near = near or _nearest(ladders, order)
+        label = f"claimed order {order:g}" if is_stated else f"order {fraction_in_words(order)}"
+        if near and near[0].order == order and near[0].slope > order + _SHOWN_SLOPE:
+            label += " in the limit"
+        box = np.array([72 * text_width(label), small()])
         is_needed = is_stated or not near or (order == expected[-1] and not is_drawn)
         room: Array = distance_transform_edt(~taken)
         places = (
