@@ -356,3 +356,15 @@ def test_gaps_of_a_logarithmic_curve_are_explained(zero):
     y = np.where(np.arange(9) == zero, 0.0, 1e-4 + t)
     (axes,) = over_time([Panel(curves=[Curve(x=t, y=y)], y="error", is_log=True)], x="t").axes
     assert axes.get_title(loc="right") == ("gaps: exactly 0" if zero else "")
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("more", [0.0, 300.0])
+def test_a_triangle_beside_a_curve_that_falls_faster_is_one_in_the_limit(order, more):
+    x = np.geomspace(1e-3, 1e-1, 8)
+    curve = Curve(x=x, y=x**order * (1.0 + more * x), label="c", order=order)
+    figure, _ = ladder_of([curve])
+    figure.draw_without_rendering()
+    labels = [str(line.get_label()) for line in figure.axes[0].lines]
+    (label,) = [one for one in labels if one.startswith("_order ")]
+    assert label.endswith(" in the limit") == (more > 0)
