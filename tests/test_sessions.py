@@ -98,7 +98,7 @@ def test_a_session_is_answered_as_its_file_shows(path, tmp_path, monkeypatch, re
     answers = [(command, answer(command)) for command, _ in commands]
     if request.config.getoption("--renew"):
         kept = [
-            shown.rstrip() + "\n" if differences(shown, made) == [] else made
+            (shown if differences(shown, made) == [] else made).rstrip() + "\n"
             for (_, shown), (_, made) in zip(commands, answers, strict=True)
         ]
         asked = [command for command, _ in commands]
