@@ -244,6 +244,7 @@ def inked(figure: Figure, colour: str) -> float:
     return float((np.abs(imread(buffer)[:, :, :3] - to_rgb(colour)) < 0.02).all(axis=2).sum())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("end", [0.0, 1.0])
 @pytest.mark.parametrize("from_zero", [True, False])
 def test_marks_at_the_sides_of_a_panel_are_whole(end, from_zero):
@@ -262,6 +263,7 @@ def test_marks_at_the_sides_of_a_panel_are_whole(end, from_zero):
     assert inside > 1000
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("dashes", LINE_STYLES[1:])
 @pytest.mark.parametrize("width", [0.7, 1.1])
 @pytest.mark.parametrize("count", [2, 8])

@@ -80,6 +80,7 @@ def test_growth_is_predicted_by_lines_and_measured_by_marks(observe):
     assert {tuple(point) for points in seen for point in points} == wanted
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("observe", [True, False])
 @pytest.mark.parametrize("steps", [{2}, {4}, {2, 4}])
 def test_growth_begins_at_the_last_step_without(steps, observe):

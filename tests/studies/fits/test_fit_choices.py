@@ -173,6 +173,7 @@ def test_a_search_without_end_is_told_in_one_sentence():
     assert not found.message.endswith(".")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "rate"), [("x", 0), ("vx", 1), ("ax", 2)])
 @pytest.mark.parametrize("parts", [("real", "imaginary"), ("magnitude", "phase")])
 def test_panels_of_a_response_say_what_was_measured_and_in_which_unit(tmp_path, name, rate, parts):

@@ -3,14 +3,14 @@
 import math
 
 import numpy as np
-import pytest
+from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
 from fvi_cli.studies.tolerance import search
 
 SHAPES = {"tanh({u})": (np.tanh, 20.0), "exp(-{u}**2)": (lambda u: np.exp(-(u**2)), 8.0)}
-DRAWN = 16
+DRAWN = 4
 
 
 def through_a_wall(rng: np.random.Generator) -> tuple[Scene, float]:
@@ -52,7 +52,7 @@ def wrong_in_silence(seed: int) -> int:
     return wrong
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@few_of(2, 8)
 def test_what_is_met_is_met_behind_a_wall(seed):
     assert wrong_in_silence(seed) == 0
 
