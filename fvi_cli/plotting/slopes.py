@@ -240,7 +240,7 @@ def _draw_slopes(
         near = near or _nearest(ladders, order)
         label = f"claimed order {order:g}" if is_stated else f"order {fraction_in_words(order)}"
         if near and near[0].order == order and near[0].slope > order + _SHOWN_SLOPE:
-            label += " in the limit"
+            label = f"limit {label}"
         box = np.array([72 * text_width(label), small()])
         is_needed = is_stated or not near or (order == expected[-1] and not is_drawn)
         room: Array = distance_transform_edt(~taken)
