@@ -45,7 +45,7 @@ def command(
         result = CliRunner().invoke(app(arguments), arguments)
         if result.exit_code == 2:
             raise RefusedError(" ".join(result.stderr.split())[:300])
-        for said in ("may pass over the pulse", "failed, error nan"):
+        for said in ("may pass over", "failed, error nan"):
             if said in result.stderr:
                 raise RefusedError(" ".join(result.stderr.split())[:300])
         tables = {
@@ -86,7 +86,7 @@ def refuse_what_is_said(run: Any) -> None:
     if run.status not in ("ok", "floor"):
         raise RefusedError(f"{run.status}: {run.trajectory.message}")
     for remark in run.trajectory.remarks:
-        if "unreliable" in remark:
+        if "unreliable" in remark or "may pass over" in remark:
             raise RefusedError(remark)
 
 
