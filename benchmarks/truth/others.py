@@ -261,12 +261,13 @@ def fit(random: Random, words: list[str]) -> Claims:
         return solution.position(times)[:, 0]
 
     data = motion(truth) + noise * random.normal(size=times.size)
-    slopes = np.stack(
-        [(motion(truth + e) - motion(truth - e)) / 2e-4 for e in 1e-4 * np.eye(3)], axis=1
-    )
-    covariance = noise**2 * np.linalg.inv(slopes.T @ slopes)
     best = truth
     for _ in range(3):
+        # slopes at the estimate, from which they may differ at the true values
+        slopes = np.stack(
+            [(motion(best + e) - motion(best - e)) / 2e-4 for e in 1e-4 * np.eye(3)], axis=1
+        )
+        covariance = noise**2 * np.linalg.inv(slopes.T @ slopes)
         best = best + covariance / noise**2 @ slopes.T @ (data - motion(best))
     deviations = np.sqrt(np.diag(covariance))
     if np.any(deviations > 0.02):
