@@ -56,7 +56,7 @@ def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, m
     module = "fvi_cli.config.memory.machine_bytes"
     monkeypatch.setattr(module, lambda: 3_900_000)
     result = fvi("run", "planned.yaml", code=2)
-    assert "planned.yaml:4:18: ladder.steps.0: 4096 steps need about 0.00465" in result.stderr
+    assert "planned.yaml:4:18: ladder.steps.0: 4096 steps need about 0.00457" in result.stderr
     assert "this machine has 0.0039 GB" in result.stderr
     assert not (folder / "results").exists()
     fvi("check", "planned.yaml", "--set", "method.degree=2", code=0)

@@ -60,7 +60,8 @@ def peak_bytes(
         recurrence = outputs * (given + block * samples * e + size)
         recurrence += (DOUBLINGS + 1.0) * size * size + is_forced * (2 * outputs + size) * loads
     # positions of modes are transformed into a copy in the coordinates of their scenes
-    per_step = d * (5 + (plan.systems > 1))
+    # a single piece, as linear runs of one chunk are, is not copied
+    per_step = d * (3 + 2 * (not is_linear or plan.systems > 1) + (plan.systems > 1))
     per_step += d * (3 * (degree + 1) * is_forced + 5 * degree * (not is_linear))
     if is_forced and method.forcing_quadrature != "galerkin":
         per_step += (1 + 2 * scene.dimension) * tested_rule(degree, is_graded=False)[0].size
