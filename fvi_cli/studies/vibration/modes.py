@@ -28,7 +28,7 @@ from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, mo
 
 EXTRA: Final = 4
 """Number of modes computed beyond the requested ones, to see where these end."""
-DamperForms = Literal["all", "faster", "around"]
+Reach = Literal["all", "faster", "around"]
 RATIOS: Final = (LARGEST_RATIO, 0.9946, 0.9953, 0.9942)
 """Damping ratios up to which modes are counted: the next one where a mode lies at the edge."""
 CELL: Final = 1.3
@@ -89,7 +89,7 @@ class ModeTable(OfMember):
     """How many modes are in the sector; None where that is unknown."""
     inside: int
     """How many of `modes` are in the sector."""
-    reach: DamperForms = "around"
+    reach: Reach = "around"
     """``all``: modes outside of the sector have larger damping ratios; ``faster``: no faster modes
     are outside of it; ``around``: it lies around the requested modes."""
 
@@ -277,9 +277,9 @@ class _Search:
         """How many of the found modes lie in a sector."""
         return sum(sector.holds(mode.frequency) for mode in self.found)
 
-    def counted(self) -> tuple[Sector, DamperForms, int | None]:
+    def counted(self) -> tuple[Sector, Reach, int | None]:
         """The sector in which modes are counted, its reach, and its number of modes or None."""
-        reach: DamperForms = "around"
+        reach: Reach = "around"
         self.found.sort(key=self.distance)
         known = [mode.frequency for mode in self.found]
         for ratio in RATIOS:
