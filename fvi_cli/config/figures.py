@@ -71,7 +71,10 @@ def check_figures(
         if one.of_ is not None and coordinates:
             known = [*coordinates, *(f"v{name}" for name in coordinates)]
             _check_word(one.of_, known, "a coordinate or velocity", here.under("of"))
-        if one.after >= problem.final_time:
+        is_of_events = one.section is not None or one.plot in events
+        if one.after and not is_of_events:
+            here.refuse_key("after", "for events only: leave it out")
+        elif one.after >= problem.final_time:
             here.refuse(f"not before final_time = {problem.final_time:g}", "after")
 
 
@@ -126,9 +129,8 @@ def _check_plot(
     if plot in events:
         return
     if which and quantity in quantities:
-        for name in ("of", "after"):
-            if at.has(name):
-                at.refuse_key(name, f"for events only; {which}_ is of the whole run")
+        if at.has("of"):
+            at.refuse_key("of", f"for events only; {which}_ is of the whole run")
         return
     if plot in quantities:
         here.refuse(f"write peak_{plot}; or {', '.join(f'{e}_{plot}' for e in EXTENTS[1:])}")

@@ -106,8 +106,6 @@ class FigureSettings(
             for name in sorted({"plot", "against", "of", *single} - {which}):
                 if at.has(name):
                     at.refuse_key(name, f"not together with {which}: write two figures")
-            if which != "section" and at.has("after"):
-                at.refuse_key("after", "for events only: leave it out")
         elif not any(map(at.has, _NO_KEYS)):
             for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
                 if not at.has(name):

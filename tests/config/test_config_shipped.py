@@ -67,6 +67,28 @@ def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(n
     assert checked or name == "saturation"
 
 
+@pytest.mark.parametrize(
+    "figure",
+    [
+        "{plot: peak_angle, against: problem.stiffness}",
+        "{plot: turn, against: problem.stiffness, after: 5}",
+        "{section: turn}",
+        "{ensemble: [x, angle]}",
+    ],
+)
+def test_figures_with_settings_are_resolved_to_what_is_valid(figure):
+    text = (
+        "name: a\nproblem: {kind: duffing, final_time: 10.0, exact: none}\n"
+        "sweep: {problem.stiffness: [1.0, 2.0]}\nmethod: gauss3\nladder: {steps: [40]}\n"
+        "quantities: {angle: x}\nevents: {turn: {when: vx, direction: falling}}\n"
+        f"figures: [{figure}]\n"
+    )
+    config = parse(text, "a.yaml")
+    second = parse(yaml.safe_dump(json.loads(json.dumps(config.resolved))), "again.yaml")
+    assert second.resolved == config.resolved
+    assert second.experiments[0].figures == config.experiments[0].figures
+
+
 def test_names_of_experiments_are_unique_over_all_files():
     names = [e.name for n in NAMES for e in shipped(n).experiments]
     assert len(set(names)) == len(names)
