@@ -195,6 +195,19 @@ class Forcing:
             begin = end
         return ""
 
+    def remarks(self, final_time: float, step_size: float) -> tuple[str, ...]:
+        """Which samples lie closer than steps of this size, in a sentence for each."""
+        found = {}
+        for one in self.samples:
+            knots = one.knots[(one.knots >= 0.0) & (one.knots <= final_time)]
+            spacing = float(np.median(np.diff(knots))) if knots.size > 1 else math.inf
+            if step_size > spacing * (1.0 + 1e-9):
+                found[one.source] = (
+                    f"steps: h = {step_size:.4g} is longer than the spacing {spacing:.4g} of "
+                    f"{one.source}"
+                )
+        return tuple(found.values())
+
     def is_zero_on(self, begin: float, end: float) -> bool:
         """Whether it is zero on all pieces from that at `begin` to that at `end`."""
         first, last = (bisect.bisect_left(self.break_points, time) for time in (begin, end))

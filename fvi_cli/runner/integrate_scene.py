@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import check_counts
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Method
@@ -19,11 +18,8 @@ from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Event, names_of, observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.trajectory import Trajectory, thinned
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.keys.complaints import excerpt
-from fvi_cli.planning.path_resolution import path_remarks, unbounded_remark
-from fvi_cli.planning.resolution import resolution_remarks
-from fvi_cli.studies.study import KEPT_BYTES
 
 
 def integrate(
@@ -80,8 +76,7 @@ def integrate(
     Returns
     -------
     Trajectory
-        With its status; a run that diverges raises no exception. ``trajectory.remarks`` warn of
-        steps that are too long, and say what to write.
+        With its status; a run that diverges raises no exception.
 
     Raises
     ------
@@ -103,48 +98,25 @@ def integrate(
         parameters=parameters,
         further=tuple(damper_values(scene)),
     )
-    # remarks are based on all points of a nonlinear run, if memory permits
-    is_thinned = every != 1 and request.is_empty and _fits(scene, n_steps, every)
-    ((whole, found),) = integrate_requested(
+    ((_, found),) = integrate_requested(
         [scene],
         chosen,
         [n_steps],
         [request],
-        every=1 if is_thinned else every,
+        every=every,
         diagnostics=diagnostics,
         with_steps=with_steps,
     )
-    remarks = _step_remarks(scene, chosen, n_steps, whole)
-    if is_thinned:
-        found = thinned(found, every)
+    remarks: tuple[str, ...] = ()
+    if scene.forcing is not None and not isinstance(n_steps, AdaptiveSteps):
+        is_mesh = isinstance(n_steps, Mesh)
+        longest = float(np.diff(n_steps.times).max()) if is_mesh else found.step_size
+        remarks = scene.forcing.remarks(scene.final_time, longest)
     return replace(
         found,
         steps=found.steps if with_steps else None,
         coordinates=request.coordinates,
         remarks=tuple(dict.fromkeys((*found.remarks, *remarks))),
-    )
-
-
-def _fits(scene: Scene, n_steps: AnySteps, every: int) -> bool:
-    """Whether all points of a nonlinear run fit in memory until they are thinned."""
-    if not isinstance(n_steps, int) or scene.is_linear or scene.prescribed is not None:
-        return False
-    check_counts(n_steps, every)
-    return 8 * (n_steps + 1) * (2 * scene.dimension + 2) <= KEPT_BYTES
-
-
-def _step_remarks(
-    scene: Scene, method: AnyMethod, n_steps: AnySteps, run: Trajectory
-) -> tuple[str, ...]:
-    """Warnings of steps that are too long; adaptive steps need none."""
-    if isinstance(n_steps, AdaptiveSteps) or getattr(method, "name", "") == "dop853":
-        return ()
-    longest = float(np.diff(n_steps.times).max()) if isinstance(n_steps, Mesh) else run.step_size
-    n, nodes = scene.final_time / longest, getattr(method, "degree", 1)
-    return (
-        *resolution_remarks(scene, n, nodes=nodes, trajectory=run),
-        *path_remarks(scene, method, run, with_errors=run.status == "ok"),
-        *unbounded_remark(scene, run),
     )
 
 

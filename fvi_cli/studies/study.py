@@ -27,8 +27,6 @@ from fvi_cli.integrator.stability.prediction import (
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.path_resolution import path_remarks, unbounded_remark
-from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
@@ -247,19 +245,10 @@ def _remarks(
     if scene is not None:
         found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
         # only on the finest steps of a ladder
-        if n_steps >= max(experiment.steps) and getattr(run.method, "name", "") != "dop853":
-            found += resolution_remarks(
-                scene,
-                n_steps,
-                grading=experiment.grading,
-                nodes=getattr(run.method, "degree", 1),
-                trajectory=trajectory,
-            )
-            small = UNRELIABLE * measured.largest
-            is_known = measured.floor("max", 1.0) <= small and math.isfinite(measured.max)
-            if not (is_known and measured.max <= small):
-                needed = trajectory.status == "ok" and not is_known
-                found += path_remarks(scene, run.method, trajectory, with_errors=needed)
+        if n_steps >= max(experiment.steps) and scene.forcing is not None:
+            # the longest of N steps that end at T (k/N)^r
+            share = 1.0 - (1.0 - 1.0 / n_steps) ** experiment.grading
+            found += scene.forcing.remarks(scene.final_time, scene.final_time * share)
         if prediction.is_noticed(n_steps) or prediction.linearised_verdict == "unstable":
             found.append(f"stability: {prediction.reason}")
         elif not scene.is_linear:
@@ -269,8 +258,6 @@ def _remarks(
                     f"stability: nonlinear; linearised on the path at t = {worst[0]:.6g}: "
                     f"{worst[1].reason}"
                 )
-    if scene is not None:
-        found += unbounded_remark(scene, trajectory)
     if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
         found.append(
             "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
