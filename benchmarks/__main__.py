@@ -18,7 +18,6 @@ from benchmarks.floors import floor_table, run_floors
 from benchmarks.forecasts import forecast_table, run_forecasts
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
-from benchmarks.parts import parts_page
 from benchmarks.robustness import robustness_table, run_robustness
 from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
@@ -51,10 +50,6 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "forecasts": (
         "What a dry run forecasts",
         lambda asked: forecast_table(run_forecasts(asked.seed)),
-    ),
-    "parts": (
-        "What a sweep in parts takes",
-        lambda asked: parts_page(asked.members, computed=not asked.made_up),
     ),
     "pulses": (
         "Whether tolerances are kept where forces are narrow pulses",
@@ -171,14 +166,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="truth: up to so many wrong scenes end the command with 0 (default 0)",
     )
     parser.add_argument(
-        "--members", type=int, default=100_000, metavar="N", help="parts: members of the sweep"
-    )
-    parser.add_argument(
-        "--made-up",
-        action="store_true",
-        help="parts: join files in which all members have one motion, and compute none of them",
-    )
-    parser.add_argument(
         "--starts", type=int, default=N_STARTS, metavar="N", help="fits: fits from bad starts"
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
@@ -198,8 +185,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command += f" --per-mille {asked.per_mille}"
         if name in ("forecasts", "truth"):
             command += f" --seed {asked.seed}"
-        if name == "parts":
-            command += f" --members {asked.members}{' --made-up' if asked.made_up else ''}"
         if name == "pulses":
             command += f" --per-kind {asked.per_kind}"
         if name == "tolerances":

@@ -97,7 +97,6 @@ ATTACKS = (
     Attack(name="sweep", config=SWEEP, killed=RUN),
     Attack(name="two workers", config=SWEEP, killed=(*SAYING, "--workers", "2")),
     Attack(name="cluster", config=SWEEP, killed=(*RUN, CLUSTER)),
-    Attack(name="run with checkpoints", config=LONG, killed=(*RUN, "--checkpoint-every", "0")),
     Attack(name="consolidation", config=LADDER, killed=RUN, late=0.85),
     Attack(
         name="merge",

@@ -15,7 +15,6 @@ from fvi_cli.cli.options import (
     RESULTS,
     AllowUnstable,
     Check,
-    CheckpointEvery,
     Dask,
     DryRun,
     FailFast,
@@ -60,7 +59,6 @@ class Call:
     workers: Workers = 1
     dask: Dask = None
     wait: Wait = False
-    checkpoint_every: CheckpointEvery = 60.0
     shard: Shard = "1/1"
     dry_run: DryRun = False
     fresh: Fresh = False

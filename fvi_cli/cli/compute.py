@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 @command(
     *COMPUTED,
     "shard",
-    "checkpoint_every",
     examples="""
     fvi run damped-oscillator
     fvi run mine.yaml -j 4 --set problem.stiffness=2

@@ -85,16 +85,6 @@ Wait = Annotated[
         help="Wait until another command that writes the same file has ended.",
     ),
 ]
-CheckpointEvery = Annotated[
-    float,
-    typer.Option(
-        "--checkpoint-every",
-        metavar="SECONDS",
-        envvar="FVI_CHECKPOINT_EVERY",
-        rich_help_panel=CLUSTERS,
-        help="Seconds between checkpoints; rerun the command to resume.",
-    ),
-]
 Shard = Annotated[
     str,
     typer.Option(

@@ -16,7 +16,6 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
 from fvi_cli.integrator.trajectory import Status, Trajectory, thinned
@@ -46,7 +45,6 @@ def integrate(
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """Integrate `scene` over [0, T] by `method` in `n_steps` steps.
 
@@ -64,8 +62,6 @@ def integrate(
         What else is computed; it does not change the trajectory.
     with_steps
         Keep the steps of a Runge-Kutta method as polynomials, for values at any time.
-    checkpoints
-        Where a run keeps a checkpoint, and resumes from one; not for baselines.
 
     Returns
     -------
@@ -111,7 +107,6 @@ def integrate(
             every=every,
             diagnostics=diagnostics,
             with_steps=with_steps,
-            checkpoints=checkpoints,
         )
         return found
     if not diagnostics.is_empty:

@@ -19,7 +19,6 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_by_name import as_method
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
@@ -42,12 +41,11 @@ def integrate_members(
     *,
     every: int = 1,
     with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
 ) -> list[Trajectory]:
     """Integrate every scene, those of one kind (:func:`batch_kind`) as one batch.
 
     Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all;
-    the method may be given by name. Each batch has a part of the checkpoint. Returns one trajectory
+    the method may be given by name. Returns one trajectory
     per scene, in order, with its own status: the result of `integrate` to round-off, and the same
     to the last bit whatever others are in the batch. Run times are equal shares of those of the
     batch.
@@ -63,18 +61,11 @@ def integrate_members(
     found: dict[int, Trajectory] = {}
     for indices in _groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
-        own = checkpoints if len(scenes) == 1 else keeper_of_run(checkpoints, f"from {indices[0]}")
         if len(indices) > 1 and isinstance(method, Method):
-            batch = integrate_batch(
-                together, method, n_steps, every=every, with_steps=with_steps, checkpoints=own
-            )
+            batch = integrate_batch(together, method, n_steps, every=every, with_steps=with_steps)
         else:
             (scene,) = together
-            batch = [
-                integrate(
-                    scene, method, n_steps, every=every, with_steps=with_steps, checkpoints=own
-                )
-            ]
+            batch = [integrate(scene, method, n_steps, every=every, with_steps=with_steps)]
         found.update(zip(indices, batch, strict=True))
     return [found[index] for index in range(len(scenes))]
 
@@ -86,7 +77,6 @@ def integrate_batch(
     *,
     every: int = 1,
     with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
 ) -> list[Trajectory]:
     """Integrate scenes of one kind, as many at a time as stay in the cache.
 
@@ -99,8 +89,7 @@ def integrate_batch(
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
         integrate_part = partial(integrate_scenes, every=every, with_steps=with_steps)
-        own = checkpoints if len(scenes) <= together else keeper_of_run(checkpoints, str(first))
-        runs = integrate_part(part, method, mesh, most=block, checkpoints=own)
+        runs = integrate_part(part, method, mesh, most=block)
         found += [
             integrate_part([scene], method, mesh)[0]
             if one.failure is not None and one.failure.reason == "not finite"

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import itertools
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 from fvi_cli.runner.executors.batches import one_by_one_words
-from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.jobs import (
     ComputeJob,
@@ -33,7 +30,6 @@ from fvi_cli.runner.stored import (
     FRESH,
     Why,
     report_missing,
-    resumed_at,
     reusable,
     stored_runs,
 )
@@ -57,7 +53,6 @@ def run(
     keep: bool = True,
     wait: bool = False,
     shard: str = "1/1",
-    checkpoint_every: float = 60.0,
     progress: bool = False,
     keeps_motions: bool = True,
 ) -> list[Outcome]:
@@ -73,7 +68,7 @@ def run(
         Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
         Address of a Dask scheduler whose workers compute in place of processes here.
-    fresh, fail_fast, allow_unstable, wait, shard, checkpoint_every
+    fresh, fail_fast, allow_unstable, wait, shard
         As the options of the command line.
     keep
         Store the computed runs in `output`.
@@ -99,7 +94,6 @@ def run(
         fail_fast=fail_fast,
         show_progress=progress,
         keep=keep and output is not None,
-        checkpoint_seconds=checkpoint_every,
         waits=wait,
         keeps_motions=keeps_motions,
         shard=shard_named(shard),
@@ -132,16 +126,14 @@ def run(
         try:
             if request.stored is None:
                 _log_waiting(request.name, len(done), waiting, why)
-                checkpoints = settings.checkpoints(request)
                 compute_jobs(
                     jobs_of(waiting, store.has_reference),
                     settings,
                     title=request.name,
-                    compute=functools.partial(execute_job, checkpoints=checkpoints),
+                    compute=execute_job,
                     take=take,
                     store=store,
                     is_kept=is_kept,
-                    begun=_begun(waiting, checkpoints, is_fresh=settings.fresh),
                 )
         finally:
             if is_kept:
@@ -185,13 +177,11 @@ def compute_jobs(
     take: Callable[[FinishedJob], bool],
     store: Store,
     is_kept: bool,
-    begun: Mapping[Hashable, int] = MappingProxyType({}),
 ) -> None:
     """Compute the jobs of a command, with progress, references and --fail-fast.
 
     `take` is called with every finished job and returns whether it failed unexpectedly. References
-    are looked up in `store`; with `is_kept` computed references are stored there. `begun` holds the
-    numbers of steps that an earlier command has computed.
+    are looked up in `store`; with `is_kept` computed references are stored there.
     """
     runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
     references = _References(store=store, jobs=jobs, is_kept=is_kept)
@@ -203,7 +193,6 @@ def compute_jobs(
             len(runs),
             sum(run.n_steps for _, run in runs),
             wanted=settings.show_progress and not is_single_search,
-            begun=begun,
         ) as bar,
         contextlib.closing(
             settings.executor(_watch(bar, title)).compute(jobs, compute, references.of)
@@ -264,25 +253,6 @@ def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome
     is_chosen = experiment.needs_search and not experiment.members and finished
     own = finished[0].run.experiment if is_chosen else experiment
     return Outcome(experiment=own, finished=tuple(finished))
-
-
-def _begun(
-    waiting: Sequence[Run], checkpoints: CheckpointFolder | None, *, is_fresh: bool
-) -> dict[Hashable, int]:
-    """Number of computed steps of unfinished runs; logs those that resume from a checkpoint."""
-    if checkpoints is None:
-        return {}
-    if is_fresh:
-        checkpoints.remove(waiting)
-    for search in (run for run in waiting if run.is_search):
-        if words := checkpoints.resumed(search):
-            _logger.info("%s: %s", search.name, words)
-    begun: dict[Hashable, int] = {}
-    runs = [one for one in waiting if not one.is_search]
-    for run, reached in checkpoints.unfinished(runs).items():
-        _logger.info("%s: %s", run.title, resumed_at(run, reached))
-        begun[run] = reached
-    return begun
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:

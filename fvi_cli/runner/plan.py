@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from fvi_cli.runner.executors.jobs import crash
 from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Why, resumed_at, reusable, stored_runs
+from fvi_cli.runner.stored import Why, reusable, stored_runs
 from fvi_cli.studies.experiment import Experiment, Predicted, Run
 from fvi_cli.studies.reference import (
     MOST_STEPS,
@@ -53,7 +53,7 @@ class PlannedRun:
     # result file of the request)
     action: str
     # to reuse: stored; to compute: new, older solver, changed: problem.stiffness (see
-    # fvi_cli.storage.Reasons), --fresh, or resume at step 16384 of 65536; to refuse: refused: and
+    # fvi_cli.storage.Reasons), or --fresh; to refuse: refused: and
     # the prediction; to leave out: not in the file
     reason: str
     predicted: Predicted
@@ -85,12 +85,9 @@ def plan(
     settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
     request = requested(source, allow_unstable=allow_unstable)
     check_memory_together(request, settings)
-    checkpoints = None if settings.fresh else settings.checkpoints(request)
     plans = []
     with stored_runs(request, settings) as (store, why):
         runs = [run for own in settings.runs_of(request).values() for run in own]
-        known = [run for run in runs if not run.is_search]
-        begun = {} if checkpoints is None else checkpoints.unfinished(known)
         for run in runs:
             earlier = reusable(store.finished(run), request)
             action, reason = "reuse", "stored"
@@ -99,17 +96,14 @@ def plan(
                 run, predicted = earlier.run, earlier.predicted
             elif run.experiment.accuracy is not None:
                 action = "compute" if request.stored is None else "leave out"
-                kept = "" if checkpoints is None else checkpoints.resumed(run)
-                reason = kept or _SEARCH.format(run.experiment.accuracy.words)
+                reason = _SEARCH.format(run.experiment.accuracy.words)
             else:
-                action, reason, predicted = _missing(run, why, request, begun)
+                action, reason, predicted = _missing(run, why, request)
             plans.append(PlannedRun(run=run, action=action, reason=reason, predicted=predicted))
     return plans
 
 
-def _missing(
-    run: Run, why: Why, request: Request, begun: Mapping[Run, int]
-) -> tuple[str, str, Predicted]:
+def _missing(run: Run, why: Why, request: Request) -> tuple[str, str, Predicted]:
     """Action, reason and prediction for a run that is not stored."""
     try:
         prediction = prediction_of(run)
@@ -120,7 +114,7 @@ def _missing(
         return "leave out", "not in the file", verdict
     if verdict == "unstable" and not run.experiment.allow_unstable:
         return "refuse", f"refused: {prediction.reason}", verdict
-    return "compute", resumed_at(run, begun[run]) if run in begun else why(run), verdict
+    return "compute", why(run), verdict
 
 
 def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from types import MappingProxyType
 
 Advance = Callable[[str], None]
 
@@ -56,21 +55,13 @@ def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
 
 
 @contextmanager
-def run_bar(
-    title: str,
-    runs: int,
-    steps: int,
-    *,
-    wanted: bool,
-    begun: Mapping[Hashable, int] = MappingProxyType({}),
-) -> Iterator[RunBar]:
+def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunBar]:
     """As :func:`progress_bar` for runs of different lengths: the bar and the time count steps.
 
     The description of the present run is cut to the remaining width, so that the bar, the count and
     the times are complete on a screen of 80 columns.
 
-    The title is shown until the first run is described; `begun` holds by key the numbers of steps
-    that an earlier command has computed.
+    The title is shown until the first run is described.
     """
     if not (wanted and runs and sys.stderr.isatty()):
         yield RunBar(finished=lambda doing, key, steps: None)
@@ -101,13 +92,12 @@ def run_bar(
         task = progress.add_task(
             "",
             total=steps,
-            completed=sum(begun.values()),
             done=0,
             runs=runs,
             doing=title,
         )
         count, complete = 0, 0
-        running: dict[Hashable, int] = dict(begun)
+        running: dict[Hashable, int] = {}
 
         def show(doing: str) -> None:
             reached = complete + sum(running.values())

@@ -7,19 +7,15 @@ from pathlib import Path
 
 from fvi_cli.errors import RequestError
 from fvi_cli.keys.complaints import excerpt
-from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess
 from fvi_cli.runner.executors.jobs import Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
-from fvi_cli.storage import PARTS_SUFFIX
 from fvi_cli.studies.experiment import Experiment, Run
 
 _SCHEMES = ("tcp", "tls", "ucx", "ws", "wss", "inproc")
-CHECKPOINT_SECONDS = 60.0
-"""Default time between two checkpoints of a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +25,7 @@ class Settings:
     Raises
     ------
     RequestError
-        If processes and a scheduler are given at the same time, or the time between checkpoints is
-        negative.
+        If processes and a scheduler are given at the same time.
     """
 
     output: Path  # folder of results
@@ -40,8 +35,6 @@ class Settings:
     fail_fast: bool = False  # stop at the first unexpected failure
     show_progress: bool = True  # draw a progress bar where there is a terminal
     keep: bool = True  # write results; otherwise no file is written
-    # time between two checkpoints of a run
-    checkpoint_seconds: float = CHECKPOINT_SECONDS
     # where another command writes the same result file, wait until that has ended
     waits: bool = False
     # return the points of members of a sweep; a summary does not need them once they are stored
@@ -57,11 +50,6 @@ class Settings:
                 f"--dask {excerpt(str(self.dask))}: is not the address of a scheduler, such as "
                 "tcp://host:8786"
             )
-        if not self.checkpoint_seconds >= 0:
-            raise RequestError(
-                f"--checkpoint-every: {self.checkpoint_seconds:g} is not allowed; it must be a "
-                "number of seconds, 0 or more"
-            )
 
     def executor(self, watch: Watch | None = None) -> Executor:
         """The executor of runs; on this machine `watch` receives their progress."""
@@ -75,16 +63,6 @@ class Settings:
         """The runs and searches of this part of a configuration; for a result file all."""
         shard = self.shard if request.stored is None else WHOLE
         return shard.runs_of(request.loaded.experiments)
-
-    def checkpoints(self, request: Request) -> CheckpointFolder | None:
-        """The folder of checkpoints of a request; None where there are no checkpoints.
-
-        Workers of a scheduler may not see the folder.
-        """
-        if self.dask is not None or not self.keep or request.stored is not None:
-            return None
-        folder = self.path_of(request).with_suffix(PARTS_SUFFIX)
-        return CheckpointFolder(folder=folder, seconds=self.checkpoint_seconds)
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""

@@ -21,11 +21,6 @@ Why = Callable[[Run], str]
 """Returns the reason why a run that is not stored is computed."""
 
 
-def resumed_at(run: Run, reached: int) -> str:
-    """The reason of a run that resumes from its checkpoint."""
-    return f"resume at step {reached} of {run.n_steps}"
-
-
 def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
     """A stored run, or None; a refused search is repeated, unless the request is a result file."""
     is_refused = found is not None and found.run.is_search and found.status == "refused"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -17,9 +17,8 @@ from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, 
 
 CREATOR = "fvi-cli"
 
-SUFFIX, PARTS_SUFFIX, CHECKPOINT_SUFFIX = ".h5", ".parts", ".checkpoint"
-"""Endings of a result file, of the folder for its unfinished runs, and of a checkpoint in that
-folder."""
+SUFFIX, PARTS_SUFFIX = ".h5", ".parts"
+"""Endings of a result file, and of the folder for its unfinished runs."""
 
 CACHE_BYTES = 2**18
 
@@ -169,21 +168,6 @@ def refuse_old_parts(folder: Path) -> None:
             "run its configuration once more with that version, or move the folder away, and its "
             "runs are computed again"
         )
-
-
-def checkpoint_paths(parts: Path) -> Sequence[Path]:
-    """The checkpoints of all runs in a folder of unfinished runs."""
-    return sorted(parts.glob(f"[!.]*{CHECKPOINT_SUFFIX}"))
-
-
-def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
-    """Remove the checkpoints of runs with these identities, and of the runs that they need."""
-    paths = checkpoint_paths(parts)
-    owners = set(identities) if paths else set()
-    for path in paths:
-        if path.name.partition(".")[0] in owners:
-            with explain_os_error(path):
-                path.unlink(missing_ok=True)
 
 
 def remove_unfinished(path: Path) -> None:

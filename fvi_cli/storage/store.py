@@ -31,7 +31,6 @@ from fvi_cli.storage.files import (
     SUFFIX,
     explain_damage,
     refuse_old_parts,
-    remove_checkpoints,
     remove_unfinished,
 )
 from fvi_cli.storage.journal import Journal
@@ -119,7 +118,7 @@ class Store:
 
     @property
     def parts(self) -> Path:
-        """Folder of the checkpoints."""
+        """Folder of unfinished runs."""
         return self.path.with_suffix(PARTS_SUFFIX)
 
     @property
@@ -183,7 +182,6 @@ class Store:
         if new:
             self._learn(self._journal.append(list(new.values())))
             self._added |= new.keys()
-            remove_checkpoints(self.parts, new)
         for finished, record in zip(batch, records, strict=True):
             self._mark(finished.run, self._entries[record.identity])
 
@@ -357,10 +355,9 @@ class Store:
             raise StorageError(f"{error}{held}") from error
 
     def _clear(self) -> None:
-        """Remove the journal, and the checkpoints of finished runs."""
+        """Remove the journal, and its folder."""
         self._journal.remove()
         with explain_os_error(self.parts):
             if self.parts.is_dir():
-                remove_checkpoints(self.parts, self._entries)
                 with contextlib.suppress(OSError):  # a user may keep other files there
                     self.parts.rmdir()

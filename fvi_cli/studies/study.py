@@ -17,7 +17,6 @@ from fvi_cli.integrator.integrate import start_only
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
-from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.stability.limits import refusal
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,
@@ -68,7 +67,6 @@ def execute(run: Run, reference: Reference | None = None) -> FinishedRun:
 def execute_batch(
     runs: Sequence[Run],
     references: Sequence[Reference | None] = (),
-    checkpoints: RunKeeper | None = None,
     *,
     available_bytes: int | None = None,
     log: Callable[[str], object] = lambda line: None,
@@ -80,12 +78,7 @@ def execute_batch(
     tolerance takes at most `available_bytes` of memory and gives `log` a line for every run.
     """
     if runs[0].is_search:
-        return [
-            run_for_tolerance(
-                run, available_bytes=available_bytes, log=log, checkpoints=checkpoints
-            )
-            for run in runs
-        ]
+        return [run_for_tolerance(run, available_bytes=available_bytes, log=log) for run in runs]
     predictions = [prediction_of(run) for run in runs]
     going = [
         run
@@ -106,7 +99,6 @@ def execute_batch(
         [run.observations for run in moving],
         every=_thinning(runs[0]),
         diagnostics=diagnostics if isinstance(method, Method) else NO_DIAGNOSTICS,
-        checkpoints=checkpoints,
     )
     found |= zip(moving, pairs, strict=True)
     return [

@@ -91,8 +91,7 @@ def test_killed_or_interrupted_at_random_moments_nothing_that_was_finished_is_lo
 
 @spread(number=[signal.SIGINT, signal.SIGTERM], options=[(), ("--workers", "2")])
 def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number, options):
-    # no checkpoint, however long the two runs take
-    process = started(folder, "run", "slow.yaml", "-v", "--checkpoint-every", "1e9", *options)
+    process = started(folder, "run", "slow.yaml", "-v", *options)
     with process:
         first_finished(process, 2)
         process.send_signal(number)
@@ -158,11 +157,11 @@ def test_a_process_killed_in_the_midst_changes_nothing(folder, victim):
     assert table.splitlines()[:-1] == expected.stdout.splitlines()[:-1]
 
 
-def dies_of_64(job, references, checkpoints):
+def dies_of_64(job, references):
     """No process survives BDF2 with N = 64."""
     if any(run.n_steps == 64 and run.method.cq == "bdf2" for run in job.runs):
         os.kill(os.getpid(), signal.SIGKILL)
-    return execute_job(job, references, checkpoints)
+    return execute_job(job, references)
 
 
 def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):

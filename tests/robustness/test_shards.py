@@ -160,8 +160,8 @@ def test_what_is_damaged_or_differs_is_not_joined(results, tmp_path):
     assert f"{own[1]}: is damaged" in told
     assert not (tmp_path / "new" / "all.h5").exists()
 
-    def other_numbers(job, references, checkpoints):
-        finished = execute_job(job, references, checkpoints)
+    def other_numbers(job, references):
+        finished = execute_job(job, references)
         for one in finished:
             if isinstance(one, FinishedRun):
                 one.trajectory.position[:] *= 1.001

@@ -54,11 +54,11 @@ def test_fresh_replaces_run_by_run(monkeypatch):
     run()
     real, calls = compute.execute_job, []
 
-    def interrupted(job, references, checkpoints):
+    def interrupted(job, references):
         calls.append(job)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return [dataclasses.replace(one, error=0.5) for one in real(job, references, checkpoints)]
+        return [dataclasses.replace(one, error=0.5) for one in real(job, references)]
 
     monkeypatch.setattr(compute, "execute_job", interrupted)
     run("--fresh", code=130)

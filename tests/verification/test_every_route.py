@@ -9,7 +9,6 @@ have the same bits. Orders, methods, numbers of steps, breaks of the force and s
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -23,10 +22,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import batch_kind, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
-from fvi_cli.integrator.run import loop
-from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
-from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 
 FIELDS = ("position", "momentum", "time", "energy")
@@ -215,39 +211,6 @@ def check_watched(case: Case) -> None:
     check_identical(case.usual, integrate(case.scene, case.method, case.n_steps, **options))
 
 
-def check_parts(case: Case) -> None:
-    """Stopped twice, and kept as bytes in between."""
-    with patch.object(loop, "CHUNK", 32):
-        usual = integrate(case.scene, case.method, case.n_steps)
-        checkpoint, parts = None, []
-        for until in (1, case.n_steps // 2, None):
-            until = None if checkpoint and until and checkpoint.done >= until else until
-            part = integrate_part(
-                case.scene, case.method, case.n_steps, until=until, checkpoint=checkpoint
-            )
-            parts.append(part.trajectory)
-            if part.checkpoint is None:
-                break
-            checkpoint = Checkpoint.from_bytes(part.checkpoint.to_bytes())
-    assert usual.status == parts[-1].status
-    works = [part.history_operations for part in parts]
-    # a part may end inside of a block
-    assert sum(works) == pytest.approx(usual.history_operations, rel=0.2)
-    count = sum(len(part.time) for part in parts)
-    if usual.status == "diverged":
-        # what a run may reach grows by the largest force of the steps that were prepared so far
-        assert abs(count - len(usual.time)) <= 1
-    for name in FIELDS[: 1 if case.has_smoothed_momenta else 3]:
-        whole = getattr(usual, name)[: None if usual.status == "ok" else min(sound(usual), count)]
-        joined = np.concatenate([getattr(part, name) for part in parts])[: len(whole)]
-        if case.kind in STRUCTURES:
-            # products with large matrices are rounded by how many rows there are
-            assert np.abs(joined - whole).max() <= 1e-15 * np.abs(joined).max()
-        else:
-            assert np.array_equal(joined, whole), name
-    check_same(case, case.usual, usual)
-
-
 def check_sparse(case: Case) -> None:
     if case.kind in STRUCTURES:
         check_same(case, case.usual, integrate(sparse(case.scene), case.method, case.n_steps))
@@ -262,7 +225,6 @@ ROUTES: dict[str, Callable[[Case], None]] = {
     "company": check_company,
     "thinned": check_thinned,
     "watched": check_watched,
-    "parts": check_parts,
     "sparse": check_sparse,
 }
 FOUND = [("few dampers", 1009), ("few dampers", 1003), ("double pendulum", 1001)]
@@ -284,16 +246,6 @@ def test_routes_that_once_disagreed_agree(kind, seed):
 @spread(few=3, kind=list(KINDS), seed=range(1000, 1060))
 def test_all_routes_agree(kind, seed):
     check_all(kind, seed)
-
-
-def test_a_single_step_behind_a_checkpoint():
-    case = draw("modes", 2)
-    with patch.object(loop, "CHUNK", 32):
-        whole = integrate(case.scene, case.method, 33)
-        first = integrate_part(case.scene, case.method, 33, until=1)
-        loaded = Checkpoint.from_bytes(first.checkpoint.to_bytes())
-        rest = integrate_part(case.scene, case.method, 33, checkpoint=loaded)
-    assert np.array_equal(rest.trajectory.position[-1], whole.position[-1])
 
 
 @pytest.mark.parametrize("route", [name for name in ROUTES if name not in ("company", "sparse")])

@@ -1,6 +1,6 @@
 """Log of Newton's iteration for every member."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -82,19 +82,3 @@ class NewtonLog:
             worst_step=int(self._step[member]),
             worst_residuals=tuple(self._longest.get(member, np.zeros(0)).tolist()),
         )
-
-    def arrays(self) -> dict[str, Array]:
-        """All of it by name, for a checkpoint."""
-        changes = np.full((self._total.size, int(self._largest.max(initial=0))), np.nan)
-        for member in range(self._total.size):
-            own = self._longest.get(member, np.zeros(0))
-            changes[member, : own.size] = own
-        counts = np.stack([self._total, self._largest, self._step]).astype(float)
-        return {"counts": counts, "changes": changes}
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the log from :meth:`arrays`."""
-        counts = arrays["counts"].astype(np.int64)
-        self._total, self._largest, self._step = counts[0], counts[1], counts[2]
-        every = zip(arrays["changes"], self._largest.tolist(), strict=True)
-        self._longest = {member: own[:most] for member, (own, most) in enumerate(every) if most}

@@ -14,7 +14,7 @@ from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 
 @dataclass(eq=False, kw_only=True)
 class State:
-    """Everything that later steps depend on; a checkpoint stores it."""
+    """Everything that later steps depend on."""
 
     t: float
     x: Array  # positions and momenta, (q, e), and their rounding errors by Kahan's sums
@@ -48,30 +48,6 @@ class State:
     def copy(self) -> State:
         """A copy that can move on independently; arrays are replaced, never written."""
         return replace(self)
-
-    def arrays(self) -> dict[str, Array]:
-        """The whole state as arrays by name."""
-        found: dict[str, Array] = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, Linearisation):
-                parts = zip(Linearisation._fields, value, strict=True)
-                found |= {f"{one.name}.{name}": part for name, part in parts if part is not None}
-            elif value is not None:
-                found[one.name] = np.asarray(value)
-        return found
-
-    @classmethod
-    def from_arrays(cls, arrays: dict[str, Array]) -> State:
-        """The state that :meth:`arrays` wrote."""
-        plain = {name: value.copy() for name, value in arrays.items() if "." not in name}
-        found: dict[str, object] = dict(plain)
-        for name in ("t", "h"):
-            found[name] = float(plain[name])
-        if "block.mass" in arrays:
-            parts = (arrays.get(f"block.{one}") for one in Linearisation._fields)
-            found["block"] = Linearisation(*parts).copy()  # type: ignore[arg-type]
-        return cls(**found)  # type: ignore[arg-type]
 
 
 @dataclass(eq=False, kw_only=True)

@@ -176,16 +176,6 @@ class Examiner:
         self._starts_on: int | None = None
         self._cuts = 0
 
-    @property
-    def state(self) -> tuple[float, ...]:
-        """Numbers of an accepted step on which the examination of later steps depends."""
-        return (self._hidden.largest, -1 if self._starts_on is None else self._starts_on)
-
-    def restore(self, largest: float, starts_on: float) -> None:
-        """Restore :attr:`state` after an accepted step."""
-        self._hidden.largest = largest
-        self._starts_on = None if starts_on < 0 else int(starts_on)
-
     def spectrum(self, unknowns: Array, size: float) -> float:
         """Local error from the last Legendre coefficients of the velocity, a length."""
         rates = self._tail @ unknowns

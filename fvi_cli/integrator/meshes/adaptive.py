@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 FIRST_STEP = 1e-7
@@ -113,23 +112,6 @@ class StepController:
         self.forced_at: float | None = None
         self.is_stuck = False  # not even a step of the shortest size could be solved
         self._reaches_end = False
-
-    @property
-    def state(self) -> tuple[float, ...]:
-        """Numbers on which the steps after an accepted one depend, and counts."""
-        at = math.nan if self.forced_at is None else self.forced_at
-        sizes = (self._size, self._intended, *self._before)
-        counts = (self.rejected, self.forced, at)
-        return (len(self._ends), *sizes, self.time, self.is_fresh, *counts)
-
-    def restore(self, state: Sequence[float]) -> None:
-        """Go on behind an accepted step."""
-        left, self._size, self._intended, shorter, less, self.time, *counts = state
-        is_fresh, rejected, forced, at = counts
-        self._before = shorter, less
-        self._ends = self._ends[len(self._ends) - int(left) :]
-        self.is_fresh, self.rejected, self.forced = bool(is_fresh), int(rejected), int(forced)
-        self.forced_at = None if math.isnan(at) else at
 
     @property
     def is_finished(self) -> bool:

@@ -20,7 +20,6 @@ from fvi_cli.integrator.observations.request import Observations, check_observab
 from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
@@ -35,13 +34,12 @@ def integrate_requested(
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
     """Integrate scenes by one method, each in its steps, and compute the requested outputs.
 
     Numbers of steps are the same for all scenes, and so are the kinds of outputs; without outputs
     both of a pair are the run itself. Scenes with impacts, diagnostics or a mesh of their own are
-    integrated individually, each with a part of the checkpoint; others in batches
+    integrated individually; others in batches
     (:func:`fvi_cli.integrator.members.integrate_members`). `with_steps` keeps the steps of runs
     that are not observed; a run with impacts takes neither `every` nor `diagnostics`.
 
@@ -57,15 +55,12 @@ def integrate_requested(
         with_steps = True
     is_individual = any(one.impacts for one in requests) or not diagnostics.is_empty
     if len(scenes) > 1 and isinstance(steps[0], int) and not is_individual:
-        runs = integrate_members(
-            scenes, method, steps[0], every=every, with_steps=with_steps, checkpoints=checkpoints
-        )
+        runs = integrate_members(scenes, method, steps[0], every=every, with_steps=with_steps)
         if not is_observed:
             return [(run, run) for run in runs]
-        return observe_members(scenes, method, runs, requests, checkpoints=checkpoints)
+        return observe_members(scenes, method, runs, requests)
     found: list[Pair] = []
-    for index, (scene, n_steps, request) in enumerate(zip(scenes, steps, requests, strict=True)):
-        own = checkpoints if len(scenes) == 1 else keeper_of_run(checkpoints, f"from {index}")
+    for scene, n_steps, request in zip(scenes, steps, requests, strict=True):
         impacts: Mapping[str, Array] = {}
         if not request.impacts or not isinstance(method, Method):
             run = integrate(
@@ -75,7 +70,6 @@ def integrate_requested(
                 every=every,
                 diagnostics=diagnostics,
                 with_steps=with_steps,
-                checkpoints=own,
             )
         elif isinstance(n_steps, int):
             run, impacts = integrate_with_impacts(
@@ -85,14 +79,11 @@ def integrate_requested(
                 request.impacts,
                 coordinates=request.coordinates,
                 parameters=request.parameters,
-                checkpoints=own,
             )
         else:
             raise ValueError("impacts: steps are cut where these are; give a number of steps")
         if is_observed:
-            found += observe_members(
-                [scene], method, [run], [request], impacts=impacts, checkpoints=own
-            )
+            found += observe_members([scene], method, [run], [request], impacts=impacts)
         else:
             found.append((run, run))
     return found
@@ -105,7 +96,6 @@ def observe_members(
     requests: Sequence[Observations],
     *,
     impacts: Mapping[str, Array] = MappingProxyType({}),
-    checkpoints: RunKeeper | None = None,
 ) -> list[Pair]:
     """Requested outputs of finished runs by one method, all at once.
 
@@ -113,7 +103,6 @@ def observe_members(
     requested times with its outputs, bit for bit as by itself. Formulas and the directions of
     events are those of the first member; values of the names in them are each member's own.
     `impacts` are the times of impacts of the first member by name, and are reported like events.
-    The second run, for the motion between its points, has a part of the checkpoint.
 
     Raises
     ------
@@ -139,12 +128,11 @@ def observe_members(
         # with a given motion the force is that of all dampers, whose number may differ
         count = 0 if scene.prescribed is None else len(dampers_of(scene))
         groups.setdefault(count, []).append(index)
-    for count, members in groups.items():
+    for members in groups.values():
         motion = dense_motion(
             [scenes[k] for k in members],
             method,
             [steps[k] for k in members],
-            keeper_of_run(checkpoints, "between the points" + f" of {count} dampers" * bool(count)),
             # the motion is evaluated where it meets a surface, too
             None if impacts else _chosen(requests, steps, members),
         )

@@ -19,7 +19,6 @@ from fvi_cli.integrator.observations.impacts.run import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.single_steps import can_be_single, solved_steps
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.mathematics.arrays import Array, Places
 
 MOST_STAGES = 12
@@ -30,7 +29,6 @@ def dense_motion(
     scenes: Sequence[Scene],
     method: Method,
     steps: Sequence[RunSteps],
-    checkpoints: RunKeeper | None = None,
     chosen: Sequence[Places] | None = None,
 ) -> DenseMotion:
     """The dense motions of finished runs, by second runs on their meshes.
@@ -49,7 +47,6 @@ def dense_motion(
             [scenes[index] for index in others],
             own,
             [steps[index] for index in others],
-            checkpoints,
         )
         every = {**by_step, **dict(zip(others, again, strict=True))}
         for index, (second, outcome) in every.items():
@@ -148,7 +145,6 @@ def _second_runs(
     scenes: Sequence[Scene],
     method: Method,
     steps: Sequence[RunSteps],
-    checkpoints: RunKeeper | None,
 ) -> list[tuple[RunSteps | None, str]]:
     """For every run a run by another method on the same mesh, or why there is none."""
     shorter = [
@@ -164,15 +160,13 @@ def _second_runs(
             key = (one.time.tobytes(), shorter[index].break_points)
             groups.setdefault(key, []).append(index)
             continue
-        found[index] = replayed(shorter[index], method, one, checkpoints), "failed"
+        found[index] = replayed(shorter[index], method, one), "failed"
     for places in groups.values():
-        own = checkpoints if len(scenes) == 1 else keeper_of_run(checkpoints, f"{places[0]}")
         runs = integrate_members(
             [shorter[index] for index in places],
             method,
             steps[places[0]].mesh(shorter[places[0]].break_points),
             with_steps=True,
-            checkpoints=own,
         )
         for index, run in zip(places, runs, strict=True):
             whole = run.steps if run.status == "ok" else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -135,23 +134,6 @@ class AdaptiveSource:
         path = np.concatenate([position[None], position + h * unknowns])
         found = first_undefined(self._potential, path)
         return None if found is None else path[found]
-
-    def arrays(self) -> dict[str, Array]:
-        """Where it is, for a checkpoint."""
-        return {
-            "controller": np.array(self.controller.state, dtype=float),
-            "examiner": np.array(self._examiner.state, dtype=float),
-            "infinite": np.array(self._infinite),
-            "done": np.array(self._done),
-        }
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Go on from what :meth:`arrays` gave."""
-        self.controller.restore(arrays["controller"].tolist())
-        largest, starts_on = arrays["examiner"].tolist()
-        self._examiner.restore(largest, starts_on)
-        self._infinite = arrays["infinite"].tolist()
-        self._done = int(arrays["done"])
 
 
 def _largest(values: Array) -> float:

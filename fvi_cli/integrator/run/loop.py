@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from fvi_cli.integrator.engine.blocks import advance, block_for
@@ -37,34 +35,24 @@ def run(
     *,
     state: State | None = None,
     recorder: Recorder | None = None,
-    after: Callable[[], object] | None = None,
-    until: int | None = None,
 ) -> State:
     """Get proposals of steps, solve them, and let the source judge them.
 
-    The state, by default the start of the scenes, moves to the end, or to where at least `until`
-    steps are done or the last scene has stopped, and is returned. `after` is called after accepted
-    steps of a proposal: there a run may stop and resume. The recorder keeps points and steps; its
+    The state, by default the start of the scenes, moves to the end, or to
+    where the last scene has stopped, and is returned. The recorder keeps points and steps; its
     `live` says which scenes continue.
     """
     state = engine.start() if state is None else state
     recorder = Recorder(engine) if recorder is None else recorder
     chunk = chunk_steps(engine.q * engine.e)
     recurrences: dict[tuple[float, int], Recurrence] = {}
-    reached = recorder.reached
     with np.errstate(all="ignore"):
         while len(recorder.failures) < len(engine.scenes):
-            if until is not None and recorder.reached >= until:
-                recorder.flush(state)
-                return state
             proposal = source.propose()
             if proposal is None:
                 if source.failure is not None:
                     recorder.stop(source.failure)
                 break
-            if after is not None and recorder.reached > reached:
-                reached = recorder.reached
-                after()
             count = min(proposal.n_steps, chunk)
             _steps(engine, source, state, recorder, proposal, count, recurrences)
             if recorder.is_full:

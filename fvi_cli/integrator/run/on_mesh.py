@@ -18,7 +18,6 @@ from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
-from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
@@ -182,16 +181,14 @@ def integrate_scenes(
     every: int = 1,
     diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
     with_steps: bool = False,
-    checkpoints: RunKeeper | None = None,
     most: int | None = None,
     engine: Engine | None = None,
 ) -> list[Trajectory]:
     """Integrate scenes of one kind over [0, T], all at once; one by adaptive steps.
 
     Every n-th reported point is kept, the first and the last; `with_steps` keeps the polynomials of
-    all steps. Diagnostics do not change the trajectory. The run resumes from its checkpoint, and
-    keeps one now and then. `most` as for :func:`engine_for`; adaptive runs may share the tables of
-    `engine`.
+    all steps. Diagnostics do not change the trajectory. `most` as for
+    :func:`engine_for`; adaptive runs may share the tables of `engine`.
 
     Raises
     ------
@@ -208,15 +205,12 @@ def integrate_scenes(
         # a run without memory for its points fails here: later, a library may end the process
         np.empty((steps.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
         keeps |= keeps_for_momenta(first, method, steps.n_steps)
-        n_reported = steps.n_reported
-        run_key = (method.case, n_reported, first.final_time / max(n_reported, 1))
     else:
         keeps |= has_rough_momenta(first, method)
-        run_key = (method.case, 0, steps.tolerance)
     this = prepare(scenes, method, steps, every=every, with_steps=keeps, most=most, engine=engine)
     this.begin()
     ready = clock.perf_counter()
-    seconds = this.march(checkpoints, run_key, (*scenes, method, steps))
+    seconds = this.march()
     share = 1.0 / len(scenes)
     return [
         trajectory_of(

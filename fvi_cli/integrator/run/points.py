@@ -1,6 +1,6 @@
 """Sources of the steps of a run, and solved steps as points of the scenes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -37,12 +37,6 @@ class Source(Protocol):
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The time at the end of solved steps that begin at `state`; None rejects them."""
-
-    def arrays(self) -> dict[str, Array]:
-        """The state, for a checkpoint."""
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the state from :meth:`arrays`."""
 
 
 class MeshSource:
@@ -82,14 +76,6 @@ class MeshSource:
             return one.begin + self._done * one.step_size
         self._stretch, self._done = self._stretch + 1, 0
         return one.end
-
-    def arrays(self) -> dict[str, Array]:
-        """Number of the stretch, and its steps that are done."""
-        return {"place": np.array([self._stretch, self._done], dtype=float)}
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore both."""
-        self._stretch, self._done = (int(one) for one in arrays["place"])
 
 
 Stops = dict[int, tuple[int, Failure]]

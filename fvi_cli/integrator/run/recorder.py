@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.advance import report_progress
 from fvi_cli.integrator.engine.engine import Engine
@@ -71,7 +67,7 @@ class Recorder:
         self._engine, self._every, self._check = engine, every, check
         self._n_reported = n_reported
         self.with_steps = with_steps
-        self.done = self.reported = self._begun = 0
+        self.done = self.reported = 0
         self.live = np.ones(len(engine.scenes), dtype=bool)
         self.failures: dict[int, Failure] = {}
         self.newton = NewtonLog(len(engine.scenes))
@@ -267,60 +263,7 @@ class Recorder:
     def steps_done(self, scene: int) -> int:
         """Number of steps that a scene did."""
         end = self._endings.get(scene)
-        return (self.done if end is None else end.done) - self._begun
-
-    # for checkpoints
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything that is kept so far, by name."""
-        found: dict[str, NDArray[Any]] = {
-            **{name: self._join(name) for name, pieces in self._rows.items() if pieces},
-            **{f"newton {name}": one for name, one in self.newton.arrays().items()},
-            "is point": self._join_points(),
-            "last time": np.array(self._last[0]),
-            "last position": self._last[1],
-            "last momentum": self._last[2],
-            "done": np.array([self.done, self.reported]),
-        }
-        if self.failures:
-            ends = [(self._endings[scene], self.failures[scene], scene) for scene in self.failures]
-            found["stopped points"] = np.array([(end.position, end.momentum) for end, _, _ in ends])
-            found["stopped"] = np.array(
-                [
-                    json.dumps((scene, end.done, end.rows, end.time, vars(failure)), default=int)
-                    for end, failure, scene in ends
-                ]
-            )
-        return found
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Restore the state from :meth:`arrays`; KeyError if one of them is missing."""
-        # no polynomials where they are not kept
-        names = [name for name in self._rows if name != "v" or self.with_steps]
-        rows = {name: [arrays[name]] for name in names}
-        newton = NewtonLog(self.live.size)
-        newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
-        last = (float(arrays["last time"]), arrays["last position"], arrays["last momentum"])
-        is_point, (done, reported) = arrays["is point"], arrays["done"].tolist()
-        stopped = {}
-        if "stopped" in arrays:
-            points = zip(arrays["stopped"].tolist(), arrays["stopped points"], strict=True)
-            for text, (position, momentum) in points:
-                scene, count, kept, time, failure = json.loads(text)
-                end = _Ending(count, kept, time, position, momentum)
-                stopped[scene] = Failure(**failure), end
-        self._rows |= rows
-        self._is_point, self.newton, self._last = [is_point], newton, last
-        self.done, self.reported = done, reported
-        for scene, (failure, end) in stopped.items():
-            self.live[scene] = False
-            self.failures[scene], self._endings[scene] = failure, end
-
-    def go_on(self, state: State, done: int, reported: int) -> None:
-        """Begin after `done` steps and `reported` points of the run, without recording a start."""
-        position, momentum = self._engine.to_scene(state.x[:, None], state.p[:, None])
-        self._last = (state.t, position[:, 0], momentum[:, 0])
-        self.done, self.reported, self._begun = done, reported, done
+        return self.done if end is None else end.done
 
     def _join(self, name: str) -> Array:
         """Join pieces to one array, which replaces them, so that no value is stored twice."""

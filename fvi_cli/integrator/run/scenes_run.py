@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import time as clock
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.integrator.balances.balance import diagnose_run
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
 from fvi_cli.integrator.loads.jumps import jump_remarks
 from fvi_cli.integrator.meshes.mesh import Mesh
@@ -19,14 +17,6 @@ from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
-from fvi_cli.integrator.run.checkpoint import (
-    OF_ANOTHER_RUN,
-    Arrays,
-    Checkpoint,
-    RunKeeper,
-    RunKey,
-    fingerprint,
-)
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import Source
 from fvi_cli.integrator.run.recorder import Recorder
@@ -52,60 +42,11 @@ class ScenesRun:
     def __post_init__(self) -> None:
         self.state = self.engine.start()
 
-    def march(
-        self,
-        checkpoints: RunKeeper | None,
-        run_key: tuple[str, int, float],
-        determined_by: tuple[object, ...],
-    ) -> float:
-        """Do the steps, from a checkpoint if there is one; returns the seconds that they took.
-
-        `run_key` has the method, the number of steps and their size or tolerance, `determined_by`
-        all else that determines the numbers. Seconds before the checkpoint are included.
-        """
-        began, earlier = clock.perf_counter(), 0.0
-        if checkpoints is None:
-            run(self.engine, self.source, state=self.state, recorder=self.recorder)
-            return clock.perf_counter() - began
-
-        @functools.cache
-        def key() -> RunKey:
-            # computed when needed: a short run is neither resumed nor kept
-            return (*run_key, fingerprint(*determined_by))
-
-        found = checkpoints.load()
-        if found is not None:
-            try:
-                if found.run != key():
-                    raise ValueError(OF_ANOTHER_RUN)
-                self.restore(found.arrays, found.kept)
-                earlier = found.seconds
-            except (KeyError, TypeError, ValueError):
-                checkpoints.reject(OF_ANOTHER_RUN)
-        taken_up = self.recorder.reached
-
-        def seconds() -> float:
-            return earlier + clock.perf_counter() - began
-
-        def save() -> None:
-            if self.recorder.reached > taken_up:
-                checkpoint, spent = self.checkpoint(key()), seconds()
-                kept = self.recorder.arrays()
-                checkpoints.save(replace(checkpoint, kept=kept, seconds=spent))
-
-        def after() -> None:
-            if checkpoints.is_due():
-                save()
-
-        run(self.engine, self.source, state=self.state, recorder=self.recorder, after=after)
-        if not self.recorder.failures and checkpoints.is_kept_whole(seconds()):
-            save()
-        return seconds()
-
-    def checkpoint(self, key: RunKey) -> Checkpoint:
-        """A checkpoint of the present state."""
-        arrays, recorder = self.arrays(), self.recorder
-        return Checkpoint(run=key, done=recorder.reached, reported=recorder.reported, arrays=arrays)
+    def march(self) -> float:
+        """Do the steps; returns the seconds that they took."""
+        began = clock.perf_counter()
+        run(self.engine, self.source, state=self.state, recorder=self.recorder)
+        return clock.perf_counter() - began
 
     def begin(self) -> None:
         """Record the start."""
@@ -115,33 +56,6 @@ class ScenesRun:
             [one.momentum(one.initial_position, one.initial_velocity, 0.0) for one in scenes]
         )
         self.recorder.begin(0.0, position, momentum)
-
-    def arrays(self) -> Arrays:
-        """Everything that later steps depend on."""
-        self.recorder.flush(self.state)
-        source = {f"source {name}": one for name, one in self.source.arrays().items()}
-        forces = np.array([one.largest_force for one in self.engine.loads_of])
-        return {**self.state.arrays(), **source, "largest forces": forces}
-
-    def restore(self, arrays: Arrays, kept: Arrays) -> None:
-        """Restore a checkpoint; the state is kept if something is missing or does not fit."""
-        begun = self.arrays()
-        try:
-            self.go_on(arrays)
-            self.recorder.restore(kept)
-        except (KeyError, TypeError, ValueError):
-            self.go_on(begun)
-            raise
-
-    def go_on(self, arrays: Arrays) -> None:
-        """Take over the state of :meth:`arrays`, without the points that are kept."""
-        state = State.from_arrays({n: one for n, one in arrays.items() if " " not in n})
-        if any(getattr(state, n).shape != getattr(self.state, n).shape for n in "xpz"):
-            raise ValueError("state: it has other shapes")
-        self.source.restore({n.removeprefix("source "): one for n, one in arrays.items()})
-        self.state = state
-        for loads, force in zip(self.engine.loads_of, arrays["largest forces"], strict=True):
-            loads.largest_force = float(force)
 
 
 def trajectory_of(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.config.memory import machine_bytes
-from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.jobs import Job, References, Results
 from fvi_cli.studies.reference import refined_references
 from fvi_cli.studies.study import execute_batch
@@ -13,20 +12,14 @@ from fvi_cli.studies.study import execute_batch
 _logger = logging.getLogger(__name__)
 
 
-def execute_job(
-    job: Job, references: References = (), checkpoints: CheckpointFolder | None = None
-) -> Results:
+def execute_job(job: Job, references: References = ()) -> Results:
     """The results of a job: of its runs with given references, or new references."""
     if job.is_reference:
         return refined_references(job.runs)
-    first, kept = job.runs[0], None
-    if checkpoints is not None:
-        is_stored_next = first.experiment.observations.is_empty
-        kept = checkpoints.of(job.runs, is_stored_next=is_stored_next)
+    first = job.runs[0]
     return execute_batch(
         job.runs,
         references,
-        kept,
         available_bytes=machine_bytes() if first.is_search else None,
         log=lambda line: _logger.info("%s: %s", first.name, line),
     )

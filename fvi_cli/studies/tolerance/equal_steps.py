@@ -14,7 +14,6 @@ from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
@@ -57,7 +56,6 @@ def solve_on_equal_steps(
     norm: Norm = "max",
     available_bytes: int | None = None,
     log: Callable[[str], object] = lambda line: None,
-    checkpoints: RunKeeper | None = None,
 ) -> tuple[AnyMethod, Trajectory, Trajectory]:
     """Find a method and a number of equal steps whose error is below a tolerance.
 
@@ -68,8 +66,8 @@ def solve_on_equal_steps(
     of steps whose grid contains all break points of the forcing.
 
     The tolerance holds in `norm`, the first of equal methods is preferred, and where the tolerance
-    is out of reach the best run is returned. `log` is called with a line for every run; every run
-    has a part of `checkpoints`. Returned are the method, its run and the adaptive run.
+    is out of reach the best run is returned. `log` is called with a line for every run.
+    Returned are the method, its run and the adaptive run.
     """
     unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
     witness = solve(
@@ -77,7 +75,6 @@ def solve_on_equal_steps(
         tolerance=None if tolerance is None else WITNESS * tolerance / unit,
         relative=None if relative is None else WITNESS * relative,
         log=log,
-        checkpoints=checkpoints,
     )
     known = witness.assessment
     if known is None:  # pragma: no cover - a solved run has one
@@ -110,8 +107,7 @@ def solve_on_equal_steps(
     ]
     while one := _next_candidate(candidates, scene, available_bytes):
         n_steps = one.next_steps
-        kept = keeper_of_run(checkpoints, f"{one.method!r} N = {n_steps}")
-        run = integrate(scene, one.method, n_steps, checkpoints=kept)
+        run = integrate(scene, one.method, n_steps)
         before, error, words = one.error, math.inf, str(run.status)
         if run.status == "ok":
             error = error_norm(run.position, witness(run.time), run.step_size, norm)

@@ -12,7 +12,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.observe import integrate_requested, observe_members
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
@@ -29,7 +28,6 @@ def run_for_tolerance(
     *,
     available_bytes: int | None = None,
     log: Callable[[str], object] = lambda line: None,
-    checkpoints: RunKeeper | None = None,
 ) -> FinishedRun:
     """Find the steps that the experiment's tolerance needs, and finish their run.
 
@@ -57,7 +55,6 @@ def run_for_tolerance(
             norm=experiment.norm,
             available_bytes=available_bytes,
             log=log,
-            checkpoints=checkpoints,
         )
     else:
         unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
@@ -66,16 +63,15 @@ def run_for_tolerance(
             tolerance=None if tolerance is None else tolerance / unit,
             relative=accuracy.relative,
             log=log,
-            checkpoints=checkpoints,
         )
         method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
     known = found.assessment
     if known is None:  # pragma: no cover - a solved run has one
         raise ValueError(f"{experiment.name}: no run was made")
     run = experiment.chosen_run(method, max(found.n_steps, 1), search.member)
-    on_mesh = trajectory = _diagnosed(run, found, keeper_of_run(checkpoints, "diagnosed"))
+    on_mesh = trajectory = _diagnosed(run, found)
     if not run.observations.is_empty and found.status == "ok":
-        trajectory = _observed(run, on_mesh, keeper_of_run(checkpoints, "observed"))
+        trajectory = _observed(run, on_mesh)
         if accuracy.mesh != "uniform" or experiment.norm == "max":
             truth = other if accuracy.mesh == "uniform" else found
             known = _between_points(trajectory, truth, known)
@@ -119,7 +115,7 @@ def run_for_tolerance(
     )
 
 
-def _diagnosed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Trajectory:
+def _diagnosed(run: Run, found: Trajectory) -> Trajectory:
     """The run; if diagnostics are requested it is computed again on its own mesh, with them."""
     request = run.experiment.diagnostics
     if request.is_empty or found.status != "ok" or not isinstance(run.method, Method):
@@ -130,18 +126,15 @@ def _diagnosed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Tr
         found.n_steps if found.steps is None else found.steps.mesh(run.scene.break_points),
         diagnostics=request,
         with_steps=found.steps is not None,
-        checkpoints=checkpoints,
     )
     return replace(again, assessment=found.assessment, doubts=found.doubts)
 
 
-def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Trajectory:
+def _observed(run: Run, found: Trajectory) -> Trajectory:
     """The run at the requested times, with its quantities and events."""
     request, diagnostics = run.observations, run.experiment.diagnostics
     if found.steps is not None:
-        ((_, reported),) = observe_members(
-            [run.scene], run.method, [found], [request], checkpoints=checkpoints
-        )
+        ((_, reported),) = observe_members([run.scene], run.method, [found], [request])
         return reported
     ((_, reported),) = integrate_requested(
         [run.scene],
@@ -149,7 +142,6 @@ def _observed(run: Run, found: Trajectory, checkpoints: RunKeeper | None) -> Tra
         [run.n_steps],
         [request],
         diagnostics=diagnostics,
-        checkpoints=checkpoints,
     )
     return reported
 

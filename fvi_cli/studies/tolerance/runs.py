@@ -15,7 +15,6 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.run.on_mesh import engine_for, integrate_scenes
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -48,9 +47,7 @@ class AdaptiveRuns:
         *,
         points: tuple[float, ...] = (),
         most_steps: int = MOST_STEPS,
-        checkpoints: RunKeeper | None = None,
     ) -> None:
-        self._checkpoints = checkpoints
         self._scene, self._method = scene, gauss(scene, degree)
         self._points, self._most_steps = points, most_steps
         self._engines: dict[float | None, Engine] = {}
@@ -70,20 +67,13 @@ class AdaptiveRuns:
         if first_step not in self._engines:
             self._engines[first_step] = engine_for([scene], method, steps)
         engine = self._engines[first_step]
-        part = f"{method.case} {local!r} {first_step!r} {may_miss!r}"
-        own = keeper_of_run(self._checkpoints, part)
-        (found,) = integrate_scenes(
-            [scene], method, steps, with_steps=True, engine=engine, checkpoints=own
-        )
+        (found,) = integrate_scenes([scene], method, steps, with_steps=True, engine=engine)
         return found
 
 
-def run_on(
-    scene: Scene, degree: int, mesh: Mesh, checkpoints: RunKeeper | None = None
-) -> Trajectory:
+def run_on(scene: Scene, degree: int, mesh: Mesh) -> Trajectory:
     """A run on a given mesh, with its polynomials."""
-    own = keeper_of_run(checkpoints, f"{degree} stages on {mesh.n_steps} steps")
-    return integrate(scene, gauss(scene, degree), mesh, with_steps=True, checkpoints=own)
+    return integrate(scene, gauss(scene, degree), mesh, with_steps=True)
 
 
 def knots_of(scene: Scene) -> tuple[float, ...]:

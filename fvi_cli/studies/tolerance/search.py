@@ -16,7 +16,6 @@ from typing import Final
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
-from fvi_cli.integrator.run.checkpoint import RunKeeper, keeper_of_run
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.accuracy_settings import Accuracy
@@ -90,14 +89,12 @@ def solve(
     tolerance: float | None = None,
     relative: float | None = None,
     log: Callable[[str], object] = lambda line: None,
-    checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
     The limit for any component is `tolerance`, a length, or the share `relative` of the largest
     position of the run. Steps are chosen during the run, and a second run measures the error
-    (``docs/explanation/tolerances.md``). `log` is called with a line about every run, and every run
-    has a part of `checkpoints`.
+    (``docs/explanation/tolerances.md``). `log` is called with a line about every run.
 
     The best run is returned. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at
     any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
@@ -109,9 +106,7 @@ def solve(
     ValueError
         If not exactly one of the two is given, or it is not a positive number.
     """
-    return solve_by_two_runs(
-        scene, tolerance=tolerance, relative=relative, log=log, checkpoints=checkpoints
-    )[0]
+    return solve_by_two_runs(scene, tolerance=tolerance, relative=relative, log=log)[0]
 
 
 def solve_by_two_runs(
@@ -120,11 +115,10 @@ def solve_by_two_runs(
     tolerance: float | None = None,
     relative: float | None = None,
     log: Callable[[str], object] = lambda line: None,
-    checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, Trajectory | None]:
     """As :func:`solve`, and the second, less accurate run; None: there is none."""
     wanted = Accuracy(tolerance=tolerance, relative=relative)
-    search = _Search(scene=scene, wanted=wanted, log=log, checkpoints=checkpoints)
+    search = _Search(scene=scene, wanted=wanted, log=log)
     run = search.result()
     return run, None if search.given is None else search.given.other
 
@@ -136,7 +130,6 @@ class _Search:
     scene: Scene
     wanted: Accuracy
     log: Callable[[str], object]
-    checkpoints: RunKeeper | None = None
     best: Round | None = None
     given: Round | None = None  # the round of the result
     worst_since: float = 0.0
@@ -183,9 +176,7 @@ class _Search:
         local = first_local(self.target(self.guess), self.guess)
         most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
         runs, finer = (
-            AdaptiveRuns(
-                self.scene, one, points=knots, most_steps=most_steps, checkpoints=self.checkpoints
-            )
+            AdaptiveRuns(self.scene, one, points=knots, most_steps=most_steps)
             for one in (degree, degree + 2)
         )
         # on one mesh two runs may miss the same feature
@@ -202,7 +193,7 @@ class _Search:
                 if is_rough:
                     run = finer.run(SECOND_RUN_FACTOR * local, self.first_step, may_miss=may_miss)
                 else:
-                    run = run_on(self.scene, degree + 2, mesh, self.checkpoints)
+                    run = run_on(self.scene, degree + 2, mesh)
                     run = replace(run, doubts=coarse.doubts, rejected=coarse.rejected)
             if run.status != "ok" or run.steps is None or coarse.steps is None:
                 self._note(Round(run=run, line=f"{words}; {run.status}: {run.message}"))
@@ -215,8 +206,7 @@ class _Search:
             target = self.target(amplitude)
             is_probed = self.scene.is_linear or self.rounding is not None
             if not is_probed and target < PROBED * amplitude:
-                own = keeper_of_run(self.checkpoints, "moved")
-                moved = run_on(perturb_start(self.scene, run), degree, mesh, own)
+                moved = run_on(perturb_start(self.scene, run), degree, mesh)
                 self.rounding = differences_of(coarse, moved)
             gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)
             one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
@@ -291,12 +281,12 @@ class _Search:
         per_interval, before = 1, math.inf
         while per_interval <= MOST_PER_INTERVAL and per_interval * len(knots) <= MOST_STEPS:
             mesh = knot_mesh(self.scene, knots, per_interval)
-            coarse = run_on(self.scene, degree, mesh, self.checkpoints)
+            coarse = run_on(self.scene, degree, mesh)
             line = f"Gauss{degree}, {mesh.n_steps} steps between the samples"
             if coarse.status != "ok" or coarse.steps is None:
                 self._note(Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
                 return None
-            fine = run_on(self.scene, degree + 2, mesh, self.checkpoints)
+            fine = run_on(self.scene, degree + 2, mesh)
             if fine.status != "ok" or fine.steps is None:
                 return None
             one = self._compared(coarse, fine, SAMPLED_GAIN, line)

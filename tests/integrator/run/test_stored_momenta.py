@@ -14,7 +14,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run import regular, scenes_run
-from fvi_cli.integrator.run.parts import integrate_part
 
 Array = NDArray[np.float64]
 
@@ -112,8 +111,6 @@ def test_what_keeps_the_error_is_said():
     assert said.startswith("dissipated work and energies of the balance keep an error")
     assert "h**0.25 " in said
     assert "order 1.75 " in said
-    part = integrate_part(scene, EQUAL, 40).trajectory
-    assert part.remarks[0].startswith("momenta and energies keep an error like h**0.25 of")
     assert not fvi.integrate(scene, EQUAL, 40).remarks
     both = scene_of("riemann-liouville", (1.75, 0.4), (0.6, 0.1))
     works = {"w": "work_1 + work_2", "v": "vx"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import astuple
 
 import numpy as np
 
@@ -43,7 +42,6 @@ START, IMPACT, BREAK = range(3)
 LEAST_IN_ULPS = 256
 """Shortest step after an impact, in units in the last place of its time."""
 
-_NO_CONTACT = Contact(math.nan, math.nan, math.nan, math.nan)
 _ONE_STEP = np.zeros(2, dtype=np.intp)
 _ENDS = np.array([0.5, 1.0])
 
@@ -338,39 +336,3 @@ class Bouncing:
             f"at rest on {name} from t = {end:.10g} on: after {len(self.times[name])} impacts the "
             f"next come within {flight:.2g}"
         )
-
-    # checkpoints
-
-    def arrays(self) -> dict[str, Array]:
-        """The state after a step, for a checkpoint."""
-        ends, sizes, stages = zip(*self._last, strict=True) if self._last else ((), (), ())
-        contacts = [astuple(self._contacts.get(name, _NO_CONTACT)) for name in self._surfaces]
-        found = {
-            "place": np.array([self._passed, self._behind, self._begin, self._time]),
-            "contacts": np.array(contacts),
-            "jumps": np.array(self.jumps),
-            "late": np.array(list(self.late), dtype=float),
-            "late pushes": np.array(list(self.late.values())),
-            "ends": np.array(ends),
-            "sizes": np.array(sizes),
-            "stages": np.array(stages),
-            "reach": self._reach,
-        }
-        return found | {f"impacts {k}": np.array(v) for k, v in enumerate(self.times.values())}
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the state from :meth:`arrays`."""
-        passed, behind, self._begin, self._time = arrays["place"].tolist()
-        self._passed, self._behind = int(passed), int(behind)
-        for name, kept in zip(self._surfaces, arrays["contacts"].tolist(), strict=True):
-            if not math.isnan(kept[0]):
-                self._contacts[name] = Contact(*kept)
-        self.jumps = list(arrays["jumps"])
-        numbers = arrays["late"].astype(int).tolist()
-        self.late = dict(zip(numbers, arrays["late pushes"], strict=True))
-        ends, sizes = arrays["ends"].tolist(), arrays["sizes"].tolist()
-        self._last = list(zip(ends, sizes, arrays["stages"], strict=True))
-        self._reach = arrays["reach"]
-        for k, moments in enumerate(self.times.values()):
-            moments[:] = arrays[f"impacts {k}"].tolist()
-        self._aim()

@@ -34,7 +34,6 @@ from fvi_cli.integrator.observations.request import Impact
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.adaptive import MOST_SHORTEST
-from fvi_cli.integrator.run.checkpoint import RunKeeper
 from fvi_cli.integrator.run.points import MeshSource
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
@@ -51,7 +50,6 @@ def integrate_with_impacts(
     *,
     coordinates: Sequence[str],
     parameters: Mapping[str, float],
-    checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, dict[str, Array]]:
     """Integrate a scene with surfaces that it bounces off, by a Runge-Kutta method.
 
@@ -80,8 +78,7 @@ def integrate_with_impacts(
     this = ScenesRun(engine, source, Recorder(engine, with_steps=True, check=check))
     this.begin()
     ready = clock.perf_counter()
-    run_key = (method.case, n_steps, scene.final_time / n_steps)
-    seconds = this.march(checkpoints, run_key, (scene, method, tuple(surfaces.items())))
+    seconds = this.march()
     steps = this.recorder.steps(0)
     momentum, jump = steps.momentum.copy(), np.array(source.jumps[: steps.n_steps + 1])
     for point, push in source.late.items():
@@ -105,17 +102,14 @@ def integrate_with_impacts(
     return trajectory, {name: np.array(times) for name, times in source.times.items()}
 
 
-def replayed(
-    scene: Scene, method: Method, steps: RunSteps, checkpoints: RunKeeper | None = None
-) -> RunSteps | None:
+def replayed(scene: Scene, method: Method, steps: RunSteps) -> RunSteps | None:
     """The steps of a run with impacts by another method: the same sizes and pushes."""
     engine = _engine(scene, method)
     jumps = np.zeros_like(steps.momentum) if steps.jump is None else steps.jump
     source = _Replay(scene, steps, jumps)
     this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
     this.begin()
-    run_key = (method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
-    this.march(checkpoints, run_key, (scene, method, steps.time, steps.step_size, jumps))
+    this.march()
     if this.recorder.failures:
         return None
     return replace(this.recorder.steps(0), jump=jumps)
