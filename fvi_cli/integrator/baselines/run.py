@@ -5,6 +5,7 @@ from __future__ import annotations
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.threads import in_one_thread
 
 
 def baseline_objection(scene: Scene, method: Baseline) -> str:
@@ -24,6 +25,7 @@ def baseline_objection(scene: Scene, method: Baseline) -> str:
     return ""
 
 
+@in_one_thread
 def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     """The trajectory of a baseline on t_k = k T / N.
 

@@ -21,6 +21,7 @@ from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.threads import in_one_thread
 
 
 class RunFailedError(ValueError):
@@ -54,6 +55,7 @@ def run_steps(scene: Scene, method: Method, steps: AnySteps) -> RunSteps:
     return trajectory.steps
 
 
+@in_one_thread
 def gradient_of(
     scene: Scene,
     method: Method,

@@ -23,8 +23,10 @@ from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.threads import in_one_thread
 
 
+@in_one_thread
 def integrate_requested(
     scenes: Sequence[Scene],
     method: AnyMethod,

@@ -26,6 +26,7 @@ from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.run.soundness import Soundness
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.threads import in_one_thread
 
 AnySteps = int | Mesh | AdaptiveSteps
 
@@ -173,6 +174,7 @@ def path_from(
     return recorder.points(0)[1]
 
 
+@in_one_thread
 def integrate_scenes(
     scenes: Sequence[Scene],
     method: Method,

@@ -31,6 +31,7 @@ from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.threads import in_one_thread
 
 START_POWER = 0.5
 """Power for the grading after a kink: every step is a fixed share of its distance; measured in
@@ -43,6 +44,7 @@ FEWEST, MOST = 64, 2**14
 """Fewest and most steps with which the polynomials of a displacement are resolved."""
 
 
+@in_one_thread
 def integrate_prescribed(
     scene: Scene,
     motion: PrescribedMotion,

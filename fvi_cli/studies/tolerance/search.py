@@ -18,6 +18,7 @@ from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.threads import in_one_thread
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.tolerance.differences import (
     EPSILON,
@@ -109,6 +110,7 @@ def solve(
     return solve_by_two_runs(scene, tolerance=tolerance, relative=relative, log=log)[0]
 
 
+@in_one_thread
 def solve_by_two_runs(
     scene: Scene,
     *,
