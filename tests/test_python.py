@@ -8,8 +8,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
 
 import fvi_cli as fvi
 from fvi_cli.errors import ArgumentError
@@ -34,24 +32,6 @@ def test_every_kind_is_a_function_of_its_name(name):
     assert scene.final_time == 1.0
     assert function.__doc__
     assert name.replace("-", "_") in dir(fvi)
-
-
-@pytest.mark.few(3)
-@pytest.mark.parametrize("name", SCENES)
-@given(data=st.data())
-def test_misspelt_arguments_are_refused_with_those_that_there_are(name, data):
-    function = getattr(fvi, name.replace("-", "_"))
-    known = list(inspect.signature(function).parameters)
-    assert "final_time" in known
-    meant = data.draw(st.sampled_from([one for one in known if len(one) > 3]))
-    place = data.draw(st.integers(0, len(meant) - 1))
-    letter = data.draw(st.sampled_from(["", "q", meant[place] * 2]))
-    written = f"{meant[:place]}{letter}{meant[place + 1 :]}"
-    assume(written not in known)
-    given_ = {**NEEDED.get(name, {}), "final_time": 1.0, written: 1.0}
-    with pytest.raises(TypeError, match=f"'{written}' is no argument; did you mean ") as caught:
-        function(**given_)
-    assert f"(arguments: {', '.join(known)})" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -51,9 +51,7 @@ Examples
 
 from __future__ import annotations
 
-import functools
 import importlib
-import inspect
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -65,17 +63,4 @@ def __getattr__(name: str) -> Any:
     names = importlib.import_module("fvi_cli.api.names")
     if name == "__all__":
         return [one for one in vars(names) if not one.startswith("_")]
-    return _public(name, getattr(names, name))
-
-
-@functools.cache
-def _public(name: str, found: Any) -> Any:
-    """The object of a public name; errors of wrong calls list the arguments of a function."""
-    if not inspect.isfunction(found) or hasattr(found, "__signature__"):
-        return found
-    from fvi_cli.keys.arguments import explained
-
-    public = explained(found, name)
-    # its public place, where other processes find it when it is sent to them
-    public.__module__, public.__qualname__ = __name__, name
-    return public
+    return getattr(names, name)

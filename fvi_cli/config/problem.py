@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
@@ -13,7 +12,6 @@ import numpy as np
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, PLAIN, Cursor, is_complete
-from fvi_cli.keys.nodes import ScalarNode
 from fvi_cli.keys.settings import Setting
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
@@ -108,28 +106,9 @@ def _check_sizes(problem: Kind, at: Cursor) -> None:
     for path, size in sized[1:]:
         if size != sized[0][1]:
             first = ".".join(map(str, sized[0][0])) or f"kind {problem.kind}"
-            comma = _decimal_comma(at.under(*path), sized[0][1])
-            comma = comma or _decimal_comma(at.under(*sized[0][0]), size)
             words = f"is for {_coordinates(size)}, but {first} for {sized[0][1]}"
             many = "as many in both" if sized[0][0] else sized[0][1]
-            at.refuse(words + (comma or f"; give {many}"), *path)
-
-
-def _decimal_comma(at: Cursor, count: int) -> str:
-    """What to write where numbers with a decimal comma made a list too long; else nothing."""
-    nodes = [one.node for one in at.items() if isinstance(one.node, ScalarNode)]
-    tight = [
-        (one.text, other.text)
-        for one, other in itertools.pairwise(nodes)
-        if (one.text + other.text[:1]).isdecimal()
-        and one.place.line == other.place.line > 0
-        and other.place.column == one.place.column + len(one.text) + 1
-    ]
-    # in [0,5, 1,2] blanks separate the numbers, and a comma without a blank is a decimal one
-    if len(nodes) != len(at.items()) or not tight or len(nodes) - len(tight) != count:
-        return ""
-    first = ",".join(tight[0])
-    return f"; {first} is read as two numbers, write {first.replace(',', '.')}"
+            at.refuse(f"{words}; give {many}", *path)
 
 
 def _sized(problem: Kind) -> Iterator[tuple[KeyPath, object]]:

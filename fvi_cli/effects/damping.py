@@ -21,7 +21,6 @@ from fvi_cli.effects.matrices import (
     symmetric_form,
 )
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array
 
 Coefficient = ArrayLike | SparseMatrix | Factored
@@ -110,7 +109,6 @@ def distinct_directions(forces: Sequence[MatrixForce]) -> list[Form]:
     return found
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FractionalDamping(MatrixForce):
     r"""The force :math:`-\mu D^{\gamma} q`.

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.singularities import pole_inside
@@ -65,7 +64,6 @@ class ForcingPiece:
         return result
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forcing:
     """A force f(t) in R^d, smooth inside each piece except at the knots of samples.

@@ -19,12 +19,10 @@ from fvi_cli.effects.matrices import (
     symmetric_form,
 )
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import singular_words
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class Inertia(MatrixEffect):
     r"""Kinetic energy :math:`T(v) = v^T M v / 2`.

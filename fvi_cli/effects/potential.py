@@ -21,7 +21,6 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.algebra.builder import join
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
@@ -54,7 +53,6 @@ class Potential(Protocol):
         """The second derivatives of V, shape ``(..., d)`` to ``(..., d, d)``."""
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class QuadraticPotential(MatrixEffect):
     r"""Potential energy :math:`V(q) = q^T K q / 2` with a symmetric, possibly indefinite K.
@@ -117,7 +115,6 @@ class _StiffenedPotential:
         return found if self.stiffness is None else found + dense(self.stiffness)
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpressionPotential(_StiffenedPotential):
     r"""Potential energy V(q) by formulas for V, its gradient and its Hessian.

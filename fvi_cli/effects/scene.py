@@ -24,7 +24,6 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
@@ -54,7 +53,6 @@ def listed_effects(name: str, given: object) -> tuple[Any, ...]:
     return tuple(given)
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
     r"""The effects and initial data of a motion q(t) in R^d on [0, T].

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 TRIALS = 16  # random states at which a symmetry is tested
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Symmetry:
     r"""The flow of :math:`\xi(q) = G q + g`, with the momentum map :math:`J = p \cdot \xi(q)`.

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
@@ -86,7 +85,6 @@ class RuleSpecification:
         return f"{self.rule}{self.points}"
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True)
 class Method:
     """A Galerkin variational integrator with convolution quadrature for the damping.

@@ -8,7 +8,7 @@ from typing import Any
 
 from fvi_cli.keys.complaints import excerpt, listed
 from fvi_cli.keys.cursor import PLAIN, Cursor
-from fvi_cli.keys.nodes import ListNode, MappingNode, ScalarNode, read_scalar
+from fvi_cli.keys.nodes import ListNode, MappingNode, ScalarNode
 from fvi_cli.keys.scalars import Schema, Shape, referred
 
 
@@ -29,7 +29,7 @@ class ListOf(Shape):
     def read(self, at: Cursor) -> Any:
         """A list."""
         if not isinstance(at.node, ListNode):
-            return at.needs(self.expected, self.meant(at))
+            return at.needs(self.expected)
         items = at.items()
         if not self.least <= len(items) <= self.most:
             number = f"{self.least}" if self.least == self.most else f"{self.least} to {self.most}"
@@ -42,16 +42,6 @@ class ListOf(Shape):
             return value
         is_plain = type(self.shape).build is Shape.build
         return tuple(value if is_plain else (self.shape.build(one) for one in value))
-
-    def meant(self, at: Cursor) -> str:
-        """How to write an entry, or entries without brackets, as a list."""
-        word = self.shape.word_at(at)
-        parts = at.scalar.split(",") if isinstance(at.scalar, str) else []
-        numbers = [read_scalar(one.strip()) for one in parts]
-        if len(parts) > 1 and all(isinstance(one, int | float) for one in numbers):
-            return f"; write [{at.scalar}]"
-        written = f"[{', '.join([word] * max(self.least, 1))}]" if self.least < 4 else ""
-        return f"; write {written}" if word and written and written != self.example else ""
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
@@ -163,8 +153,7 @@ class ByForm(Shape):
         elif isinstance(at.node, MappingNode):
             shape = self.means(at.node) or next(iter(self.mappings), None)
         if shape is None or (isinstance(at.node, ScalarNode) and at.node.value is None):
-            hint = self.several.meant(at) if isinstance(self.several, ListOf) else ""
-            return at.needs(self.expected, hint)
+            return at.needs(self.expected)
         astray = self._unknown_mapping(at)
         if astray is None:
             return shape.read(at)

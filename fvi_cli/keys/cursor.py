@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import Complaints, KeyPath
-from fvi_cli.keys.meant_numbers import meant_number
 from fvi_cli.keys.nodes import ListNode, MappingNode, Node, ScalarNode, describe, node_at
 
 
@@ -113,4 +112,4 @@ def needed(node: Node, expected: str) -> str:
     """The complaint that another value is needed."""
     if isinstance(node, ScalarNode) and node.value is None:
         return f"the value is missing; it must be {expected}"
-    return f"{describe(node)} is not allowed; it must be {expected}{meant_number(node)}"
+    return f"{describe(node)} is not allowed; it must be {expected}"

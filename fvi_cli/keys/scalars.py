@@ -12,22 +12,19 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from fvi_cli.keys.complaints import Complaints, listed, show_path, suggestion
-from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
-from fvi_cli.keys.meant_numbers import meant_number
+from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe, plain
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import MOST_LISTED, Expression
 
 _logger = logging.getLogger(__name__)
-_WITH_NAMES = re.compile(r"(?=.*(?<![\w.])[A-Za-z])[$\w.+*/(){}-]+(?<!\d[A-Za-z])")
-"""Matches a name, or an expression with names, but no number with a unit."""
 Schema = dict[str, Any]
 
 
@@ -46,14 +43,6 @@ class Shape(ABC):
     def build(self, value: Any) -> Any:
         """The value that plain values, which were read, make."""
         return value
-
-    def word_at(self, at: Cursor) -> str:
-        """The number or word at a cursor if it has this shape; else an empty text."""
-        node, trial = at.node, replace(at, complaints=Complaints())
-        if not isinstance(node, ScalarNode) or node.value is None:
-            return ""
-        fits = self.read(trial) is not INVALID and not len(trial.complaints)
-        return node.text if fits else ""
 
     def has_any(self, names: Container[str]) -> bool:
         """Whether any key of this shape (of mappings) is among `names`."""
@@ -110,16 +99,7 @@ class Number(Shape):
             and (self.below is None or number < self.below)
             and (self.least is None or number >= self.least)
         )
-        return number if allowed else at.needs(self.expected, self._of_names(at))
-
-    def _of_names(self, at: Cursor) -> str:
-        """Advice for a name, or an expression with names, in place of a number."""
-        is_named = isinstance(at.scalar, str) and _WITH_NAMES.fullmatch(at.scalar)
-        if not is_named or meant_number(at.node):
-            return ""
-        can_vary = at.path[:1] == ("problem",) and at.path[-1] != "final_time"
-        vary = f"; to vary it sweep {show_path(at.path)}" if can_vary else ""
-        return f"; names stand in expressions only, here write the number itself{vary}"
+        return number if allowed else at.needs(self.expected)
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
@@ -148,10 +128,7 @@ class Integer(Shape):
         value = _number(at)
         if isinstance(value, int) and self.least <= value <= self.most:
             return value
-        is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
-        return at.refuse(
-            needed(at.node, self.expected) + (f"; write {int(value or 0)}" if is_whole else "")
-        )
+        return at.needs(self.expected)
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
@@ -264,8 +241,6 @@ class FormulaText(Shape):
                 if len(error.known) > MOST_LISTED:
                     hint += "; fvi check -v lists all names"
                     _logger.debug("%s: names here: %s", node.place, listed(error.known))
-            if re.fullmatch(r"[\w./\\-]+\.(at2|csv|txt|dat)", str(value), re.IGNORECASE):
-                hint = f"; for a file write {{file: {value}}}, with its column if it is a CSV"
             if error.column is None or exact is None or not exact.line:
                 column = "" if error.column is None else f"column {error.column}: "
                 return at.refuse(column + message + hint)

@@ -11,7 +11,6 @@ in defaults, builds the value, and describes the key in the JSON schema and in t
 
 from __future__ import annotations
 
-import re
 import types
 import typing
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
@@ -29,9 +28,8 @@ from fvi_cli.keys.complaints import (
 )
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Built, Cursor, Missing, is_complete
-from fvi_cli.keys.nodes import MappingNode, ScalarNode, node_at, node_of
+from fvi_cli.keys.nodes import MappingNode, node_of
 from fvi_cli.keys.scalars import Choice, Flag, Number, Schema, Shape, Text, referred
-from fvi_cli.mathematics.algebra.syntax import difference_of_sides
 
 Positive = Annotated[float, Number(above=0.0)]
 NotNegative = Annotated[float, Number(least=0.0)]
@@ -201,10 +199,10 @@ class Record(Shape):
     def read(self, at: Cursor) -> Any:
         """A dict with every key that is given or has a default."""
         if not isinstance(at.node, MappingNode):
-            return at.needs(self.expected, self._meant(at))
+            return at.needs(self.expected)
         for name, under in at.entries():
             if name not in self.keys:
-                at.refuse_key(name, self._unknown(name, under, at.node))
+                at.refuse_key(name, self._unknown(name, under))
         values: dict[str, Any] = {}
         declares = self.of.declares
         if declares and at.has(declares):
@@ -225,48 +223,11 @@ class Record(Shape):
         """The value that a mapping makes."""
         return self.of.of(value).value() if isinstance(value, Mapping) else value
 
-    def _meant(self, at: Cursor) -> str:
-        """Advice to write a number or word under the first key if it fits there; else empty."""
-        first = next(iter(self.keys.values()))
-        word = first.shape.word_at(at)
-        # an equation is not allowed there: write the difference of its sides
-        word = difference_of_sides(word) or word
-        return f"; write {{{first.name}: {word}}}" if word else ""
-
-    def _unknown(self, name: str, under: Cursor, node: MappingNode) -> str:
+    def _unknown(self, name: str, under: Cursor) -> str:
         reason = self.of.refused.get(name)
         if reason is not None:
             return reason if isinstance(reason, str) else reason(under)
-        if name.isdecimal() and (meant := self._with_comma(name, node)):
-            return f"not known; {meant}"
-        declared = node_at(node, (self.of.declares, name))[1] if self.of.declares else ()
-        if len(declared) == 2:
-            return f"not a key: write {self.of.declares}.{name}"
-        texts = [node_at(node, (one,))[0] for one in self.keys if one in node.entries]
-        if self.of.declares and any(
-            re.search(rf"\b{re.escape(name)}\b", one.text)
-            for one in texts
-            if isinstance(one, ScalarNode) and isinstance(one.value, str)
-        ):
-            value = f"{self.of.declares}: {{{name}: {under.scalar}}}"
-            return f"not a key: to define a name of expressions write {value}"
         return not_known(name, self.keys)
-
-    def _with_comma(self, name: str, node: MappingNode) -> str:
-        """Advice where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
-        names = list(node.entries)
-        before = names[names.index(name) - 1] if name != names[0] else ""
-        one, single = node.entries[before].node if before else None, node.entries[name].node
-        if not (isinstance(one, ScalarNode) and isinstance(single, ScalarNode)) or single.text:
-            return ""
-        if not isinstance(one.value, int) or isinstance(one.value, bool):
-            return ""
-        number, several = f"{one.text}.{name}", [one.value, int(name)]
-        shape = self.keys[before].shape if before in self.keys else Number()
-        trial = Cursor(node=node_of(several), complaints=Complaints())
-        if shape.read(trial) == several and not len(trial.complaints):
-            return f"a list has brackets: write {before}: {several}"
-        return f"numbers have a decimal point, no comma: write {number}"
 
     def schema(self, defs: Schema) -> Schema:
         """A reference."""

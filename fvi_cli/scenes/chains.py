@@ -17,6 +17,7 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import (
     Damper,
     SceneData,
+    given_force,
     linear_oscillator,
     per_coordinate,
     scene_function,
@@ -81,8 +82,9 @@ def chain(
     )
 
 
-def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
+def ground_force(acceleration: Forcing | str, masses: Array) -> Forcing:
     r"""The force :math:`-m_i a(t)` on every storey, in coordinates that move with the ground."""
+    acceleration = given_force(acceleration, "ground_acceleration")
     if acceleration.dimension != 1:
         raise ArgumentError(
             "ground_acceleration", f"{acceleration.dimension} components, but the ground has one"
@@ -109,7 +111,7 @@ def frame(
     storeys: int = 3,
     mass: ArrayLike = 1.0,
     stiffness: ArrayLike = 1.0,
-    ground_acceleration: Forcing | None = None,
+    ground_acceleration: Forcing | str | None = None,
     dampers: Sequence[Damper] = (),
     rayleigh: tuple[Sequence[float], Sequence[int]] | None = None,
     **data: Unpack[SceneData],

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Required, TypedDict, TypeVar, Unpack, cast
+from typing import Final, Required, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +21,8 @@ from fvi_cli.effects.potential import (
     Potential,
     QuadraticPotential,
 )
-from fvi_cli.effects.scene import Derivative, Scene, listed_effects
+from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import check_arguments
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -62,46 +60,25 @@ derivative
 
 Raises
 ------
-TypeError
-    For arguments that there are not, with those that there are.
 ValueError
     For values that are not allowed.
 """
 """Section of the docstring of every scene on the shared arguments."""
 
 _Make = TypeVar("_Make", bound=Callable[..., Scene])
-_NUMBERS = ("float", "int", "ArrayLike")
 
 
 def scene_function(make: _Make) -> _Make:
-    """The function with every argument in its signature; it refuses other arguments."""
+    """The function with every argument in its signature and docstring."""
     own = inspect.signature(make).parameters.values()
     known = [one for one in own if one.kind is one.KEYWORD_ONLY]
     every = inspect.signature(make_scene).parameters
     known += [every[name] for name in SceneData.__annotations__]
-    signature = inspect.Signature(known, return_annotation="Scene")
-    numbers = {one.name for one in known if str(one.annotation).startswith(_NUMBERS)}
-    allowed, needed = (
-        {one.name for one in known if is_any or one.default is one.empty}
-        for is_any in (True, False)
+    make.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        known, return_annotation="Scene"
     )
-
-    @functools.wraps(make)
-    def checked(*unnamed: Any, **given: Any) -> Scene:
-        if unnamed or not needed <= given.keys() <= allowed:
-            check_arguments(make.__name__, unnamed, given, signature)
-        for name in given.keys() & {"damping", "laws"}:
-            given[name] = listed_effects(name, given[name])
-        for name in given.keys() & {"forcing", "ground_acceleration"}:
-            given[name] = given_force(given[name], name)
-        for name in given.keys() & numbers:
-            if isinstance(given[name], str):
-                raise ArgumentError(name, f"{excerpt(given[name])!r} is not a number")
-        return make(**given)
-
-    checked.__signature__ = signature  # type: ignore[attr-defined]
-    checked.__doc__ = f"{inspect.cleandoc(make.__doc__ or '')}\n{MEANING}"
-    return cast("_Make", checked)
+    make.__doc__ = f"{inspect.cleandoc(make.__doc__ or '')}\n{MEANING}"
+    return make
 
 
 def given_force(given: object, name: str = "forcing") -> Forcing | None:
@@ -114,8 +91,6 @@ def given_force(given: object, name: str = "forcing") -> Forcing | None:
             return Forcing.from_text(*texts)
         except ValueError as error:
             raise ArgumentError(name, str(error)) from None
-    if callable(given):
-        raise ArgumentError(name, "a function; write fvi.Forcing.from_functions(function)")
     raise ArgumentError(
         name,
         f"{excerpt(repr(given))} is no force; write a formula in t such as '0.3*cos(1.2*t)', a "

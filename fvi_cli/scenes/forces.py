@@ -54,8 +54,6 @@ _SCALES: Final = {
     "cm/s^2": "write scale: 0.01 for metres and seconds, or scale: 1 if lengths are in cm",
 }
 """Advice for a record in these units."""
-_FACTORS: Final = {"m/s2": "1", "cm/s2": "0.01", "gal": "0.01", "mm/s2": "0.001"}
-"""Scale to write by unit of a record."""
 _COLUMN: Final = Text(what="the name of a column")
 
 
@@ -128,9 +126,6 @@ class Scale(Number):
 
     def read(self, at: Cursor) -> Any:
         """A float."""
-        unit = re.sub(r"[\s^*]", "", str(at.scalar)).replace("²", "2")
-        if factor := _FACTORS.get(unit.lower()):
-            return at.needs(self.expected, f"; write {factor}, with lengths in metres")
         return STANDARD_GRAVITY if at.scalar == "g" else super().read(at)
 
     def schema(self, defs: Schema) -> Schema:

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import check_arguments
 from fvi_cli.keys.complaints import not_known
 from fvi_cli.keys.cursor import OPTIONAL, REQUIRED
 from fvi_cli.keys.kinds import ByKind
@@ -121,9 +120,8 @@ def kind_title(name: str) -> str:
     return (KINDS[name].title or name.replace("-", " ")) if name in KINDS else name
 
 
-def sandwich_beam(*unnamed: Any, **keys: Any) -> Scene:
+def sandwich_beam(**keys: Any) -> Scene:
     """Scene of a clamped beam with a viscoelastic core, by the keys of ``kind: sandwich-beam``."""
-    check_arguments("sandwich_beam", unnamed, keys, _BEAM)
     return build_scene({"kind": "sandwich-beam", **keys})
 
 

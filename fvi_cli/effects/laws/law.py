@@ -19,7 +19,6 @@ from fvi_cli.effects.damping import Coefficient as Coefficient
 from fvi_cli.effects.damping import MatrixForce
 from fvi_cli.effects.matrices import Form
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.arguments import explained_class
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -70,7 +69,6 @@ class RelaxationKernel(Protocol):
         """
 
 
-@explained_class
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Law(MatrixForce):
     r"""The force :math:`A\,(G_0 q + g\, k * \dot q)` of a relaxation law; A is its coefficient.

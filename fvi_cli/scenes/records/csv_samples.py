@@ -27,7 +27,6 @@ from fvi_cli.scenes.records.data_files import (
 LARGEST_FILE: Final = 20_000_000
 MOST_MISTAKES: Final = 5
 _DELIMITERS: Final = (",", ";", "\t")
-_WHOLE: Final = re.compile(r"[-+]?\d+([eE][-+]?\d+)?")
 _ARCHIVE: Final = b"PK\x03\x04"
 """First bytes of a file of a spreadsheet program."""
 SPREADSHEETS: Final = (".xlsx", ".xls", ".xlsm", ".ods", ".numbers")
@@ -94,9 +93,9 @@ def read_csv_columns(
     found: list[tuple[float, ...]] = []
     lines: list[int] = []
     for line, row in rows:
-        if len(row) > len(header) and (hint := _decimal_commas(row, len(header))):
-            # one message: every line has decimal commas
-            raise DataFileError(f"{name}:{line}: {hint}")
+        if any(cell.strip() for cell in row[len(header) :]):
+            message = f"{len(row)} cells, but {len(header)} names of columns"
+            raise DataFileError(f"{name}:{line}: {message}")
         cells = [row[place].strip() if place < len(row) else "" for place in places]
         numbers = tuple(number_or_nan(cell) for cell in cells)
         wrong = [
@@ -157,19 +156,6 @@ def _place(header: list[str], wanted: str, where: str) -> int:
     )
 
 
-def _decimal_commas(row: list[str], count: int) -> str:
-    """Advice where numbers with decimal commas seem to be separated by commas; else empty."""
-    cells = [cell.strip() for cell in row]
-    if not all(_WHOLE.fullmatch(cell) for cell in cells):
-        return ""
-    words = f"{len(cells)} cells, but {count} names of columns"
-    if len(cells) != 2 * count:
-        return f"{words}; write numbers with a decimal point, and a name for every column"
-    first = f"{cells[0]},{cells[1]}"
-    point = first.replace(",", ".")
-    return f"{words}: {first} is read as two numbers; write {point}, with a decimal point"
-
-
 def number_or_nan(cell: str) -> float:
     """The number in a cell; nan for any other cell."""
     try:
@@ -181,9 +167,7 @@ def number_or_nan(cell: str) -> float:
 def _complaint(label: str, cell: str) -> str:
     if not cell:
         return f"column {label!r} is empty; every sample needs a value"
-    bare = cell.replace(",", ".")
-    hint = f"; write {bare}" if bare != cell and math.isfinite(number_or_nan(bare)) else ""
-    return f"column {label!r} holds {excerpt(cell)!r}; it must be a finite number{hint}"
+    return f"column {label!r} holds {excerpt(cell)!r}; it must be a finite number"
 
 
 SUFFIX: Final = ".at2"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import numpy as np
 
@@ -13,25 +12,12 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Form, as_csc, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ListOf
-from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Setting, key
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_DENSE: Final = 400
 """Degrees of freedom up to which all modes are computed at once."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Ratio(Number):
-    """A damping ratio; explains a number that seems to be in percent."""
-
-    def read(self, at: Cursor) -> Any:
-        """A float."""
-        value = at.scalar
-        if type(value) in (int, float) and 1 <= value < 100:
-            return at.needs(self.expected, f"; {value:g} % is {value / 100:g}")
-        return super().read(at)
 
 
 class Rayleigh(
@@ -47,7 +33,7 @@ class Rayleigh(
 
     ratios: Annotated[
         tuple[float, float],
-        ListOf(shape=_Ratio(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
+        ListOf(shape=Number(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
     ] = key("Damping ratios of the two modes (no unit).")
     modes: Annotated[
         tuple[int, int],

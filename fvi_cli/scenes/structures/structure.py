@@ -45,7 +45,7 @@ def structure(
     proportional: Proportional | None = None,
     modal_damping: Sequence[float] = (),
     rayleigh: Rayleigh | None = None,
-    ground_acceleration: Forcing | None = None,
+    ground_acceleration: Forcing | str | None = None,
     ground_direction: ArrayLike = 1.0,
     **data: Unpack[SceneData],
 ) -> Scene:
