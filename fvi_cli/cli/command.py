@@ -206,7 +206,7 @@ class Call:
         name = None if request is None else request.name
         formats, paths = self.formats or (), list[Path]()
         if self.check:
-            self.differences += compare(results, self.output, name=name, formats=formats)
+            self.differences += compare(results, self.output, name=name)
         elif is_kept:
             paths = write(results, self.output, name=name, anew=self.fresh, formats=formats)
             paths += also()
@@ -218,14 +218,10 @@ class Call:
             print("", *paths, "", sep="\n")
 
     def show_figures(self, drawn: Mapping[str, Figure]) -> None:
-        """Write figures, or with ``--check`` find differences from stored ones."""
-        from fvi_cli.render.figures import compare_figures, write_figures
+        """Write figures."""
+        from fvi_cli.render.figures import write_figures
 
-        formats = self.formats or ()
-        if self.check:
-            self.differences += compare_figures(drawn, self.output, formats=formats)
-            return
-        paths = write_figures(drawn, self.output, formats=formats, anew=self.fresh)
+        paths = write_figures(drawn, self.output, formats=self.formats or ())
         self.files += paths
         if not self.json:
             print(*paths, sep="\n")

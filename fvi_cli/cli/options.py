@@ -41,11 +41,11 @@ Check = Annotated[
 ]
 Formats = Annotated[
     list[str] | None,
-    typer.Option("--format", metavar="pdf|png|svg", help="Format of figures; repeatable."),
+    typer.Option("--format", metavar="png|pdf|svg", help="Format of figures; repeatable."),
 ]
 Style = Annotated[
-    Path | None,
-    typer.Option("--style", metavar="FILE", help="Matplotlib style file: fonts, sizes, lines."),
+    str | None,
+    typer.Option("--style", metavar="STYLE", help="A Matplotlib style: its name, or a file."),
 ]
 Overrides = Annotated[
     list[str] | None,

@@ -56,7 +56,6 @@ def convergence(call: Call, sources: UsualSources = None) -> int:
 @command(
     *COMPUTED,
     *DRAWN,
-    "check",
     examples="""
     fvi plot damped-oscillator
     fvi plot results/damped-oscillator.h5 --format svg --style thesis.mplstyle

@@ -1,27 +1,16 @@
 """Figures of finished runs, made without pyplot and without global state."""
 
-from fvi_cli.plotting.drawn import (
-    FORMATS,
-    USUAL_FORMS,
-    compare_drawn,
-    drawn_data,
-    drawn_text,
-    save_figure,
-)
 from fvi_cli.plotting.interpolation import interpolation_figure
 from fvi_cli.plotting.ladders.convergence import Study, convergence_figure, saturation_figure
 from fvi_cli.plotting.motions.time_series import error_figure, trajectory_figure
 from fvi_cli.plotting.planner import figure_kinds, figures_for, left_out
-from fvi_cli.plotting.style import style_file
+from fvi_cli.plotting.save import FORMATS, save_figure
+from fvi_cli.plotting.style import styled
 
 __all__ = [
     "FORMATS",
-    "USUAL_FORMS",
     "Study",
-    "compare_drawn",
     "convergence_figure",
-    "drawn_data",
-    "drawn_text",
     "error_figure",
     "figure_kinds",
     "figures_for",
@@ -29,6 +18,6 @@ __all__ = [
     "left_out",
     "saturation_figure",
     "save_figure",
-    "style_file",
+    "styled",
     "trajectory_figure",
 ]

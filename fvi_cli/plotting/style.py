@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import functools
 import itertools
-import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from difflib import get_close_matches
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties, findfont, fontManager
+from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.legend_handler import HandlerLine2D
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from fvi_cli.mathematics.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.typing import RcKeyType
 
 LineStyle = Literal["-"] | tuple[float, Sequence[float]]
 
@@ -53,129 +48,47 @@ LINE_STYLES: tuple[LineStyle, ...] = (
 DECORATION: Mapping[str, Any] = {"gid": "decoration", "scalex": False, "scaley": False}
 """Properties of lines without data: they do not change limits and are not compared."""
 
-# settings that concern programs, not the look of figures
-_NOT_LOOKS: tuple[str, ...] = (
-    "backend",
-    "date",
-    "docstring",
-    "interactive",
-    "keymap",
-    "timezone",
-    "tk",
-    "toolbar",
-)
-_NOT_LOOKS += ("webagg", "savefig.directory", "savefig.format")
 _FEW_ROWS = 3  # a legend with more rows has short samples of lines
 _LINES = 1.05  # distance of lines, relative to their height in the sheet's font
 _DOTS = 100.0  # dots per inch for measuring text; with few text gets broader
-_FAMILIES = ("serif", "sans-serif", "cursive", "fantasy", "monospace")
-_OWN: ContextVar[Mapping[RcKeyType, object]] = ContextVar(
-    "settings of a style file", default=MappingProxyType({})
-)
-
-
-def _is_look(key: str) -> bool:
-    return not any(
-        key == name or key.startswith(f"{name}.") for name in (*_NOT_LOOKS, "backend_fallback")
-    )
+_OWN: ContextVar[str] = ContextVar("a style of matplotlib", default="default")
 
 
 @functools.cache
-def _packaged() -> Mapping[RcKeyType, Any]:
-    """Matplotlib's defaults and the sheet, independent of a user's own settings file."""
-    defaults = {key: value for key, value in mpl.rcParamsDefault.items() if _is_look(key)}
-    return {**defaults, **mpl.rc_params_from_file(SHEET, use_default_template=False)}
+def _sheet() -> mpl.RcParams:
+    return mpl.rc_params_from_file(SHEET, use_default_template=False)
 
 
 @contextmanager
 def journal_style() -> Iterator[None]:
     """A context in which figures are made and drawn with the packaged sheet.
 
-    Inside :func:`style_file` the settings of that file take precedence.
+    A user's own settings file is left out; inside :func:`styled` that style takes precedence.
     """
-    with mpl.rc_context({**_packaged(), **_OWN.get()}):
+    own = [] if _OWN.get() == "default" else [_OWN.get()]
+    with style.context(["default", _sheet(), *own]):
         yield
 
 
 @contextmanager
-def style_file(path: Path) -> Iterator[None]:
-    """A context in which the settings of a style file of matplotlib apply to figures.
+def styled(name: str) -> Iterator[None]:
+    """A context in which figures follow a style of matplotlib: its name, or a file.
 
-    ``figure.figsize`` is the size of a figure with one panel: all figures have its width, and
-    heights scale with its height. Colours and marks of methods stay, since they identify methods.
+    All figures have the width of ``figure.figsize``, and heights scale with its height. Colours and
+    marks of methods stay, since they identify methods.
 
     Raises
     ------
-    ValueError
-        For a file that cannot be read, a key that is unknown or does not concern the look, a value
-        that matplotlib refuses, or a font that is not installed.
+    OSError, ValueError
+        Those of ``matplotlib.style.context``.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: cannot be read as a style file: {error}") from None
-    for number, line in enumerate(lines, start=1):
-        key, colon, _ = line.split("#", 1)[0].partition(":")
-        key = key.strip()
-        if not key:
-            continue
-        if not (colon and key in mpl.rcParams):
-            meant = get_close_matches(key, list(mpl.rcParams), 1)
-            meant_too = (
-                f"did you mean {meant[0]!r}?" if meant else "a line reads like `font.size: 8`"
-            )
-            raise ValueError(
-                f"{path}, line {number}: {key!r} is not a setting of matplotlib; {meant_too}"
-            )
-        if not _is_look(key):
-            advice = " and write --format" if key == "savefig.format" else ""
-            raise ValueError(
-                f"{path}, line {number}: {key!r} is not a property of the drawing; remove the "
-                f"line{advice}"
-            )
-    try:
-        found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
-        _require_fonts(found)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    token = _OWN.set(dict(found))
+    with style.context(name):
+        pass
+    token = _OWN.set(name)
     try:
         yield
     finally:
         _OWN.reset(token)
-
-
-def _require_fonts(found: Mapping[Any, Any]) -> None:
-    """Raise a ValueError unless a font of every family that a style file names is installed."""
-    usual: Any = mpl.rcParamsDefault
-    for family in found.get("font.family", ()):
-        key = f"font.{family}"
-        names = found.get(key, usual[key]) if family in _FAMILIES else [family]
-        if not any(map(_is_installed, names)):
-            installed = sorted({font.name for font in fontManager.ttflist})
-            near = get_close_matches(names[0], installed, 3) or installed[:3]
-            raise ValueError(
-                f"font.family: {', '.join(names)} is not installed; write another, such as "
-                f"{', '.join(near)}"
-            )
-
-
-def _is_installed(name: str) -> bool:
-    # without its logger: matplotlib would log missing fonts before it raises
-    logger = logging.getLogger("matplotlib.font_manager")
-    before, logger.disabled = logger.disabled, True
-    try:
-        findfont(FontProperties(family=[name]), fallback_to_default=False)
-    except ValueError:
-        return False
-    finally:
-        logger.disabled = before
-    return True
-
-
-def own_style() -> str:
-    """The settings of a style file in one line; empty without one."""
-    return "; ".join(f"{key}: {value}" for key, value in sorted(_OWN.get().items()))
 
 
 def new_figure(height: float) -> Figure:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fvi_cli import reports
 from fvi_cli.errors import RequestError
-from fvi_cli.render.figures import compare_figures, write_figures
+from fvi_cli.render.figures import write_figures
 from fvi_cli.render.json import fit_as_json, run_as_json
 from fvi_cli.render.plans import plans_as_text
 from fvi_cli.render.runs import contents_as_text, runs_as_text
@@ -235,7 +235,7 @@ def write(
     Of outcomes: the tables of ``fvi convergence`` and the figures of ``fvi plot``. Of everything
     else: what its command writes, of modes also their shapes, ``<name>-modes.h5``. Files begin with
     `name`, by default that of the only experiment. Those that agree with what is stored are left as
-    they are, unless all are wanted `anew`. Pictures are PDF and PNG, or in these `formats`.
+    they are, unless all are wanted `anew`. Pictures are PNG, or in these `formats`.
 
     Raises
     ------
@@ -250,20 +250,12 @@ def write(
     folder, title = Path(output), name or _only_name(found)
     drawn = kind.figures(title, found) if kind.figures else {}
     paths = reports.write(folder / kind.folder, report_on(results, title), anew=anew)
-    paths += write_figures(drawn, folder, formats=formats, anew=anew)
+    paths += write_figures(drawn, folder, formats=formats)
     return paths + kind.further(folder / title, found)
 
 
-def compare(
-    results: Results,
-    output: Path | str,
-    *,
-    name: str | None = None,
-    formats: Sequence[str] = (),
-) -> list[str]:
-    """One line for everything in which stored tables and figures differ, as ``--check`` reports.
-
-    They are what :func:`write` would write; pictures in `formats`, by default PNG, must be there.
+def compare(results: Results, output: Path | str, *, name: str | None = None) -> list[str]:
+    """One line for everything in which stored tables differ, as ``--check`` reports.
 
     Raises
     ------
@@ -276,10 +268,8 @@ def compare(
             "costs cannot be compared, as times differ from run to run, nor plans and what a "
             "result file holds"
         )
-    folder, title = Path(output), name or _only_name(found)
-    drawn = kind.figures(title, found) if kind.figures else {}
-    differences = reports.compare(folder / kind.folder, report_on(results, title))
-    return differences + compare_figures(drawn, folder, formats=formats)
+    title = name or _only_name(found)
+    return reports.compare(Path(output) / kind.folder, report_on(results, title))
 
 
 def _only_name(found: Found) -> str:

@@ -255,18 +255,6 @@ def test_everything_is_legible_and_told_apart_without_colour(oscillator, planet)
             assert len(set(looks)) == len(looks)
 
 
-def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator):
-    experiment, finished = oscillator
-    old = plotting.drawn_data(balance_figure(experiment, finished))
-    assert (
-        plotting.compare_drawn(old, plotting.drawn_data(balance_figure(experiment, finished))) == []
-    )
-    coarse = plotting.drawn_data(
-        balance_figure(experiment, [f for f in finished if f.run.n_steps == 32])
-    )
-    assert plotting.compare_drawn(old, coarse)
-
-
 def test_the_factor_of_numbers_does_not_stand_on_the_label():
     problem = (
         "kind: frame, masses: [1, 1], stiffnesses: [10, 10], dampers: [{order: 0.5, "

@@ -14,10 +14,10 @@ from matplotlib.lines import Line2D
 from spread import spread
 
 from fvi_cli.plotting.curves import FEW_POINTS, MOST_POINTS, Curve, Panel
-from fvi_cli.plotting.drawn import save_figure
 from fvi_cli.plotting.fits import residual_limits
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import ladders, over_time, plane
+from fvi_cli.plotting.save import save_figure
 from fvi_cli.plotting.style import LINE_STYLES
 
 

@@ -12,7 +12,7 @@ from command_line import MANY
 
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.method_names import method_names
-from fvi_cli.plotting import drawn_data, figures_for, left_out
+from fvi_cli.plotting import figures_for, left_out
 from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
@@ -182,17 +182,17 @@ def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, 
         "many: no energy figure, since a sweep has convergence, trajectory, quantities, "
         "section, hysteresis and spectrum; leave out sweep for one scene"
     ]
-    drawn = drawn_data(figures["many-convergence"])
-    assert len(drawn["legend"]) == labels
-    assert len(drawn["panels"]) == 2
+    figure = figures["many-convergence"]
+    assert len(figure.legends[0].get_texts()) == labels
+    assert len(figure.axes) == 2
     if study == "two_keys":
         errors = [
             one.error
             for one in finished
             if one.run.n_steps == 128 and one.run.method == experiment.methods[1]
         ]
-        (median,) = [line for line in drawn["panels"][1]["lines"] if line["label"] == "median"]
-        assert median["y"][0] == pytest.approx(np.median(errors), rel=0.01)
+        (median,) = [line for line in figure.axes[1].lines if line.get_label() == "median"]
+        assert median.get_ydata()[0] == pytest.approx(np.median(errors), rel=0.01)
 
 
 @pytest.mark.parametrize(("error", "status"), [(0.0, "floor"), (np.nan, "diverged")])

@@ -1,0 +1,56 @@
+"""Figures as files: PNG, PDF and SVG."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from fvi_cli.plotting.style import journal_style
+from fvi_cli.storage.atomic import replace_file
+
+FORMATS = ("png", "pdf", "svg")
+"""Kinds of pictures; the first is the usual one."""
+
+_NO_METADATA: Mapping[str, Mapping[str, str | None]] = {
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+}
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+
+
+def save_figure(
+    figure: Figure, directory: Path, name: str, formats: Sequence[str] = FORMATS[:1]
+) -> list[Path]:
+    """Write pictures into `directory`, which is created.
+
+    The files contain no date and no version, so that equal figures give equal bytes. Every file is
+    complete or does not appear: all are rendered before the first one is moved to its place.
+
+    Raises
+    ------
+    ValueError
+        For a name with other characters than letters, digits, ``-`` and ``_``, or an unknown
+        format.
+    """
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"name: {name!r} is not allowed; use letters, digits, - and _")
+    for kind in formats:
+        if kind not in FORMATS:
+            raise ValueError(f"format: {kind!r} is not one of {', '.join(FORMATS)}")
+    contents = {directory / f"{name}.{kind}": _rendered(figure, kind) for kind in formats}
+    directory.mkdir(parents=True, exist_ok=True)
+    for path, content in contents.items():
+        replace_file(path, content)
+    return list(contents)
+
+
+def _rendered(figure: Figure, kind: str) -> bytes:
+    buffer = io.BytesIO()
+    with journal_style():
+        figure.savefig(buffer, format=kind, metadata=dict(_NO_METADATA[kind]))
+    return buffer.getvalue()
