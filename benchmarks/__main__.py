@@ -10,47 +10,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
-from benchmarks.adaptive import adaptive_table, run_adaptive
-from benchmarks.constants import run_constants
-from benchmarks.executors import executors_page
-from benchmarks.fits import N_BENCH, N_FITS, N_STARTS, run_bench, run_fits
-from benchmarks.floors import floor_table, run_floors
-from benchmarks.forecasts import forecast_table, run_forecasts
-from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
-from benchmarks.robustness import robustness_table, run_robustness
 from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
-from benchmarks.structures import run_structures, structures_table
 from benchmarks.tolerances import PULSE_REMARK, run_tolerances, tolerance_table
 from benchmarks.truth import run_truth, truth_table
 from fvi_cli.storage.provenance import package_versions, platform_name
 
 SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
     "stepping": ("Time and error", lambda exponent: stepping_table(run_stepping(exponent))),
-    "adaptive": ("Adaptive steps", lambda exponent: adaptive_table(run_adaptive())),
-    "many": ("Many oscillators", lambda exponent: many_table(run_many(exponent))),
     "memory": ("Memory", lambda exponent: memory_table(run_memory(exponent))),
     "accuracy": ("What accuracy costs", lambda exponent: accuracy_table(run_accuracy())),
 }
 
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
-    "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
-    "bench-fits": (
-        "What fits of a damper on the bench are worth",
-        lambda asked: run_bench(asked.output, min(asked.fits, N_BENCH)),
-    ),
-    "constants": (
-        "What constants steer",
-        lambda asked: run_constants(most=asked.most),
-    ),
-    "executors": ("Who computes side by side", lambda asked: executors_page()),
-    "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
-    "forecasts": (
-        "What a dry run forecasts",
-        lambda asked: forecast_table(run_forecasts(asked.seed)),
-    ),
     "pulses": (
         "Whether tolerances are kept where forces are narrow pulses",
         lambda asked: tolerance_table(
@@ -64,15 +38,10 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
             PULSE_REMARK,
         ),
     ),
-    "robustness": (
-        "What attacks leave",
-        lambda asked: robustness_table(run_robustness(asked.per_mille)),
-    ),
     "startup": (
         "What a command takes before it begins",
         lambda asked: startup_table(run_startup()),
     ),
-    "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
     "truth": ("Whether printed numbers are true", lambda asked: _truth_page(asked)),
     "tolerances": (
         "Whether tolerances are kept",
@@ -122,20 +91,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="tolerances: every N-th scene is solved by hand as well, 0: none",
     )
     parser.add_argument(
-        "--fits",
-        type=int,
-        default=N_FITS,
-        metavar="N",
-        help="fits, bench-fits: noisy fits whose intervals are looked at",
-    )
-    parser.add_argument(
-        "--most",
-        type=int,
-        metavar="N",
-        help="floors: measure at most so many cases that are not there yet; constants: so many, 0: "
-        "make the page of what is known",
-    )
-    parser.add_argument(
         "--seconds",
         type=float,
         default=math.inf,
@@ -148,15 +103,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=int,
         default=1000,
         metavar="N",
-        help="robustness, truth: so many thousandths of all attacks or scenes (default 1000)",
+        help="truth: so many thousandths of all scenes (default 1000)",
     )
     parser.add_argument(
         "--seed",
         type=int,
         default=secrets.randbelow(10**9),
         metavar="S",
-        help="forecasts, truth: of the random scenes; default: another one every time, which is "
-        "printed",
+        help="truth: of the random scenes; default: another one every time, which is printed",
     )
     parser.add_argument(
         "--most-wrong",
@@ -164,9 +118,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=0,
         metavar="N",
         help="truth: up to so many wrong scenes end the command with 0 (default 0)",
-    )
-    parser.add_argument(
-        "--starts", type=int, default=N_STARTS, metavar="N", help="fits: fits from bad starts"
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments, argparse.Namespace(is_wrong=False))
@@ -177,14 +128,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in set(asked.sections) & set(PAGES):
         title, measure = PAGES[name]
         command = name
-        if name == "fits":
-            command += f" --fits {asked.fits} --starts {asked.starts}"
-        if name == "bench-fits":
-            command += f" --fits {min(asked.fits, N_BENCH)}"
-        if name in ("robustness", "truth"):
-            command += f" --per-mille {asked.per_mille}"
-        if name in ("forecasts", "truth"):
-            command += f" --seed {asked.seed}"
+        if name == "truth":
+            command += f" --per-mille {asked.per_mille} --seed {asked.seed}"
         if name == "pulses":
             command += f" --per-kind {asked.per_kind}"
         if name == "tolerances":

@@ -17,6 +17,18 @@ problem:
   final_time: 4.0
 """
 """The problem of a sweep."""
+LADDER = """\
+name: quick
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  initial: {position: 0.0, velocity: 0.0}
+  final_time: 1.0
+  exact: t**2.5
+method: {bdf: [1, 2, 3], sampling: nodes, degree: 1}
+ladder: {steps: [4, 8, 16, 24, 32, 48]}
+"""
 
 
 def configuration(

@@ -10,8 +10,6 @@ from cost_tables import COUNTS, GAUSS, row, table
 
 from benchmarks import __main__ as page
 from benchmarks.accuracy import cost_goals
-from benchmarks.adaptive import adaptive_cases, adaptive_table, measure_adaptive
-from benchmarks.many import many_cases, many_table, measure_many
 from benchmarks.measuring import in_own_process
 from benchmarks.memory import measure_memory, memory_cases
 from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
@@ -51,19 +49,6 @@ class TestStepping:
             # nobody writes out the sums of Runge-Kutta methods
             assert math.isnan(measured.speed_up) == case.method.is_runge_kutta
         assert columns(stepping_table(rows))["N"] == ["2^6"] * len(rows)
-
-
-class TestMany:
-    def test_every_case_at_a_small_size(self):
-        rows = [measure_many(case, 16, 256) for case in many_cases()]
-        for measured in rows:
-            assert measured.alone_seconds > 0 < measured.together_seconds
-            assert measured.difference <= 1e-12
-        members, swings, *_, uncoupled, dampers, _ = (r.history_operations for r in rows)
-        # the past of a step is the same work, whatever pulls
-        assert members == swings
-        assert uncoupled == dampers
-        assert columns(many_table(rows))["components"] == ["16"] * len(rows)
 
 
 class TestMemory:
@@ -111,18 +96,6 @@ def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypa
 def test_a_process_of_its_own_has_one_core():
     assert in_own_process(os.getenv, "OMP_NUM_THREADS") == "1"
     assert in_own_process(os.getpid) != os.getpid()
-
-
-class TestAdaptive:
-    def test_figures_are_met_but_for_time(self):
-        cases = {case.name: case for case in adaptive_cases()}
-        measured = measure_adaptive(cases["mu = 20, gamma = 1.5, k = 30"], 1)
-        assert measured.is_met
-        assert measured.seconds > 0 < measured.yardstick_seconds
-        missed = dataclasses.replace(
-            measured, case=dataclasses.replace(measured.case, most_steps=1)
-        )
-        assert columns(adaptive_table([measured, missed]))["met"] == ["yes", "no"]
 
 
 class TestTruth:

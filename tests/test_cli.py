@@ -8,13 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import fvi
+from command_line import LADDER, fvi
 from every_process import change_every_process
 from spread import spread
 from typer.testing import CliRunner
 
 import fvi_cli
-from benchmarks.robustness import LADDER
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.observations import observe
 from fvi_cli.runner import request

@@ -9,13 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from command_line import configuration, fvi
+from command_line import LADDER, configuration, fvi
 from cost_tables import GAUSS, committed_tables, row, table
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from spread import spread
 
-from benchmarks.robustness import LADDER
 from fvi_cli.integrator.baselines import peers
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method

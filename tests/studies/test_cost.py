@@ -5,8 +5,8 @@ import io
 import math
 
 import pytest
+from command_line import LADDER
 
-from benchmarks.robustness import LADDER
 from fvi_cli.config import parse_config
 from fvi_cli.effects import inertia
 from fvi_cli.integrator.integrate import integrate

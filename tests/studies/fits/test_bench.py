@@ -1,16 +1,11 @@
 """Laws from a damper on the bench: force against displacement, and complex stiffness."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from benchmarks.fit_benches import smooth_bench
-from fvi_cli.studies.fits.fitting import fit_model
-from fvi_cli.studies.fits.settings import FitSettings
-from fvi_cli.studies.members import with_values
 
 TRUTH = {"order": 0.6, "time": 0.3, "relaxed": 5.0e4, "unrelaxed": 4.0e5}
 """What benchmarks/fit_data.py made the shipped measurements with."""
@@ -99,42 +94,3 @@ def test_straight_lines_between_coarse_samples_of_a_smooth_motion_are_told(tmp_p
         (5e4 - stiffness.value) / stiffness.standard_error, rel=0.1
     )
     assert "write interpolation: cubic under displacement" in words
-
-
-def moves_said(per_period, noise, interpolation):
-    """The remark of a fit to a smooth displacement, and the estimates over their errors."""
-    kind = smooth_bench(per_period, noise)
-    changed = {"problem.displacement.interpolation": interpolation}
-    specification = with_values(kind.model.specification, changed)
-    (data,) = kind.data
-    (series,) = data.series
-    drawn = np.random.default_rng(6).standard_normal(series.values.size)
-    noisy = replace(series, values=series.values + kind.deviations[0] * drawn)
-    settings = FitSettings(data=(replace(data, series=(noisy,)),), models=())
-    model = replace(kind.model, specification=specification)
-    found = fit_model(settings, model, with_scan=False)
-    return found.between, np.array([one.value for one in found.estimates]), found
-
-
-@pytest.mark.slow
-def test_a_bias_is_said_also_where_the_noise_hides_the_difference_of_the_forces():
-    said, straight, found = moves_said(20, 0.005, "linear")
-    (words,) = said
-    share, moved = (float(one) for one in re.findall(r"by (?:some )?([\d.]+) standard", words))
-    assert share < 0.3 < moved
-    silent, smooth, _ = moves_said(20, 0.005, "cubic")
-    assert silent == ()
-    errors = np.array([one.standard_error for one in found.estimates])
-    assert np.abs((straight - smooth) / errors).max() == pytest.approx(moved, rel=0.3)
-
-
-@pytest.mark.slow
-def test_a_cubic_spline_through_too_few_samples_is_said():
-    (words,) = moves_said(8, 3e-4, "cubic")[0]
-    assert "with a spline of degree 5" in words
-    assert words.endswith("measure with more samples")
-
-
-@pytest.mark.slow
-def test_straight_lines_that_are_the_displacement_or_nearly_so_are_left_alone():
-    assert moves_said(80, 0.02, "linear")[0] == ()
