@@ -15,8 +15,6 @@ from shown_numbers import differences_of_texts
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.operators import left_operator
-from fvi_cli.planning.seconds import Timing
-from fvi_cli.runner import plan
 from fvi_cli.scenes.registry import PROBLEM
 
 ROOT = Path(__file__).parents[1]
@@ -47,10 +45,7 @@ def test_the_two_commands_stand_at_the_top_and_start_from_nothing():
     assert "fvi" in extras["scripts"]
 
 
-def test_the_first_command_says_nothing_that_the_program_does_not_know(tmp_path, monkeypatch):
-    # seconds are no matter here, and to measure them takes longer than all else
-    timing = Timing(n_steps=(4,), seconds=(1.0,), is_quadratic=False)
-    monkeypatch.setattr(plan, "time_job", lambda *_, **__: timing)
+def test_the_first_command_says_nothing_that_the_program_does_not_know(tmp_path):
     _, _, *uses = first_commands()[0].split(" && ")
     for use in uses:
         program, *arguments = shlex.split(use)

@@ -132,7 +132,7 @@ class Call:
         # commands that store no runs do not use stored ones either
         options = self.options_of(plan) | {"fresh": self.fresh or not self.stores_runs}
         plans = [one for request in self.requests for one in plan(request, **options)]
-        print(plans_as_json(plans) if self.json else plans_as_text(plans, in_full=self.verbose))
+        print(plans_as_json(plans) if self.json else plans_as_text(plans))
         return DONE
 
     def show_tasks(self, tasks_of: Callable[[Request], Sequence[Task]]) -> int:

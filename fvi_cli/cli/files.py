@@ -37,9 +37,7 @@ def show(
     """List what a result file holds, or print the configuration that made it."""
     from fvi_cli.config import find_config
     from fvi_cli.render.json import contents_as_json
-    from fvi_cli.render.plans import machinery_as_text
     from fvi_cli.render.runs import contents_as_text
-    from fvi_cli.runner.plan import engine_plans
     from fvi_cli.runner.request import STORED_SUFFIX
     from fvi_cli.storage import escape_text, list_runs, read_configuration
 
@@ -61,11 +59,6 @@ def show(
         print(contents_as_json(list_runs(file)))
     else:
         print(contents_as_text(list_runs(file)))
-        if call.verbose:
-            (request,) = call.gather([str(file)])
-            every = (run for one in request.loaded.experiments for run in one.runs())
-            known = [run for run in every if not run.is_search]
-            print(f"\n{machinery_as_text(engine_plans(known))}")
     return DONE
 
 

@@ -11,44 +11,30 @@ from typing import Final
 
 from fvi_cli.config.keys.ladder import refuse_step
 from fvi_cli.config.keys.sweep import BYTES_PER_RUN, SWEEP
-from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment
 
 ROOT: Final = Path("/")
 UNLIMITED: Final = 1 << 60
 """Limits from here on count as none: version 1 of control groups states 2^63 bytes."""
-# numbers per step: trajectory, samples, weights, their transforms, and copies while storing
-DOUBLES_PER_STEP: Final = 20
-GENEROUS_DOUBLES: Final = 200
-"""Numbers per step, stage and coordinate: more than any method keeps."""
-GENEROUS_BYTES: Final = 2**28
-"""Bytes: more than the tables of any method take for any number of steps."""
 
 
 def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, members: int = 1) -> int:
-    """Peak memory in bytes of a run, or of so many members that are computed together."""
-    if isinstance(experiment.problem, DerivativeProblem):
-        return 8 * DOUBLES_PER_STEP * n_steps
-    # plans import the whole engine, which takes long
-    from fvi_cli.planning.plan import plan_run
+    """Memory in bytes that a run keeps, or so many members that are computed together.
 
-    return plan_run(
-        experiment.problem.scene,
-        method,
-        n_steps,
-        every=experiment.store_every,
-        members=members,
-        is_diagnosed=not experiment.diagnostics.is_empty,
-    ).memory_bytes
-
-
-def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:
-    """An upper bound in bytes on the plan of any run, without making the plan."""
-    degree = 1 if isinstance(method, Baseline) else method.degree
-    moving = GENEROUS_DOUBLES * degree * dimension * n_steps
-    return GENEROUS_BYTES + 8 * (moving + 10 * (degree * dimension) ** 2)
+    The time, position, momentum and energy of every point that is kept, twice while they are
+    joined; and what is kept of every step: its samples by methods without exponentials, and its
+    stages for observations and diagnostics.
+    """
+    d, every = experiment.problem.dimension, experiment.store_every
+    own = experiment.observations
+    kept = 2 * (2 + 2 * d) * (n_steps // every if own.is_empty else n_steps)
+    if not isinstance(method, Method):
+        kept += 6 * d * n_steps
+    elif not (own.is_empty and experiment.diagnostics.is_empty):
+        kept += method.degree * d * n_steps
+    return 8 * members * kept
 
 
 def shortage(needed: int, when: str = "") -> str:
@@ -63,18 +49,15 @@ def shortage(needed: int, when: str = "") -> str:
 def check_memory(experiment: Experiment, at: Cursor) -> None:
     """Refuse runs that do not fit in memory, and sweeps whose finished runs do not fit."""
     steps, methods, members = experiment.steps, experiment.methods, len(experiment.members)
-    dimension = experiment.problem.dimension
     # memory grows with the number of steps
     for index in sorted(range(len(steps)), key=lambda index: -steps[index]):
         n_steps = steps[index]
-        if not any(shortage(bytes_at_most(one, n_steps, dimension)) for one in methods):
-            break
         words = shortage(max(run_bytes(experiment, one, n_steps) for one in methods))
         if not words:
             break
         refuse_step(at, index, f"{n_steps} steps {words}")
     points = sum(n_steps // experiment.store_every + 2 for n_steps in steps)
-    each = 8 * (1 + 3 * dimension) * points + BYTES_PER_RUN * len(steps)
+    each = 8 * (1 + 3 * experiment.problem.dimension) * points + BYTES_PER_RUN * len(steps)
     if words := shortage(members * len(methods) * each, " in all"):
         less = "store: {every: n}, fewer numbers of steps, or several files need less"
         at.refuse(f"{members} members {words}; {less}", SWEEP)

@@ -59,7 +59,7 @@ def integrate_members(
     if isinstance(n_steps, int):
         check_counts(n_steps, every)
     found: dict[int, Trajectory] = {}
-    for indices in _groups(scenes, method, n_steps):
+    for indices in groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
         if len(indices) > 1 and isinstance(method, Method):
             batch = integrate_batch(together, method, n_steps, every=every, with_steps=with_steps)
@@ -83,7 +83,7 @@ def integrate_batch(
     A scene whose numbers cease to be finite is integrated again individually, which distinguishes
     overflow in blocks from a run that left its bound before.
     """
-    mesh, block = mesh_for(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
+    mesh, block = mesh_for(scenes[0], method, n_steps), _block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
     together = max(1, MOST_TOGETHER // _width(scenes[0]))
     for first in range(0, len(scenes), together):
@@ -99,27 +99,13 @@ def integrate_batch(
     return found
 
 
-def block_in_batch(scene: Scene, method: Method) -> int:
+def _block_in_batch(scene: Scene, method: Method) -> int:
     """Steps of the longest block of a scene in a batch, whatever others are in it."""
     inputs = len(step_tables(method).to_inputs) * scene.dimension // _width(scene)
     return longest_in_batch(inputs, is_linear=scene.is_linear)
 
 
-def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[int]:
-    """How many scenes `integrate_members` puts into the batch of each scene, itself included."""
-    found = [1] * len(scenes)
-    for indices in _groups(scenes, method, n_steps):
-        for index in indices:
-            found[index] = len(indices)
-    return found
-
-
-def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
-    """Whether a scene may be one of a batch."""
-    return isinstance(method, Method) and batch_kind(scene, method, n_steps) is not None
-
-
-def fewest(scene: Scene, n_steps: int) -> int:
+def _fewest(scene: Scene, n_steps: int) -> int:
     """Fewest scenes of one kind that are quicker in a batch."""
     if scene.is_linear:
         return FEWEST_LINEAR
@@ -131,7 +117,7 @@ def _count(n_steps: int | Mesh) -> int:
     return n_steps.n_steps if isinstance(n_steps, Mesh) else n_steps
 
 
-def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> list[list[int]]:
+def groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> list[list[int]]:
     """Places of the scenes that are integrated together; a single place for individual scenes."""
     if not isinstance(method, Method):
         return [[place] for place in range(len(scenes))]
@@ -141,7 +127,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int | Mesh) -> 
         found.setdefault(("alone", index) if kind is None else kind, []).append(index)
     groups: list[list[int]] = []
     for places in found.values():
-        if len(places) >= fewest(scenes[places[0]], _count(n_steps)):
+        if len(places) >= _fewest(scenes[places[0]], _count(n_steps)):
             groups.append(places)
         else:
             groups += [[place] for place in places]

@@ -8,8 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from fvi_cli.render.plans import effects_of
-from fvi_cli.runner.plan import Forecast, PlannedRun, forecast_runs
+from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
 from fvi_cli.storage.records.fields import ObservedSummary, summary_of
@@ -26,9 +25,8 @@ def document(content: Mapping[str, object]) -> str:
 
 
 def plans_as_json(plans: Sequence[PlannedRun]) -> str:
-    """For every run the action, its reason, and the forecast of its cost."""
-    forecasts = forecast_runs(plans)
-    return document({"runs": [_plan(one, forecasts.get(one.run)) for one in plans]})
+    """For every run the action, its reason, and the memory that it takes."""
+    return document({"runs": [_plan(one) for one in plans]})
 
 
 def contents_as_json(stored: StoredFile) -> str:
@@ -166,8 +164,7 @@ def _observed(summary: ObservedSummary) -> dict[str, object]:
     }
 
 
-def _plan(plan: PlannedRun, forecast: Forecast | None) -> dict[str, object]:
-    engine = None if forecast is None else forecast.plan
+def _plan(plan: PlannedRun) -> dict[str, object]:
     unknown = {"case": None, "n_steps": None, "step_size": None} if plan.finds_steps else {}
     return {
         **_run(plan.run),
@@ -175,8 +172,5 @@ def _plan(plan: PlannedRun, forecast: Forecast | None) -> dict[str, object]:
         "action": plan.action,
         "reason": plan.reason,
         "predicted": plan.predicted,
-        "effects": effects_of(plan.run.problem),
-        "history_operations": None if engine is None else engine.history_operations,
-        "memory_bytes": None if engine is None else engine.memory_bytes,
-        "seconds": None if forecast is None else forecast.seconds,
+        "memory_bytes": plan.memory_bytes,
     }

@@ -11,12 +11,10 @@ QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
 @pytest.mark.few(2)
 @pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost", "stability"])
-def test_a_dry_run_prints_plans_in_full_when_asked(command, tmp_path):
-    arguments = [command, *QUICK, "--dry-run", "--output", str(tmp_path)]
-    brief = fvi(*arguments)
-    full = fvi(*arguments, "-v")
-    assert brief.exit_code == full.exit_code == 0
-    assert len(full.stdout.splitlines()) > len(brief.stdout.splitlines()) + 10
+def test_a_dry_run_writes_nothing(command, tmp_path):
+    result = fvi(command, *QUICK, "--dry-run", "--output", str(tmp_path))
+    assert result.exit_code == 0
+    assert "memory" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
 

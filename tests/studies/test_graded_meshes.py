@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
@@ -14,7 +13,6 @@ from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.plan import plan_run
 from fvi_cli.storage.digests import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
@@ -150,17 +148,6 @@ def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path):
         (again,) = fvi.recall(tmp_path / f"sweep-{start}.h5")
         assert np.array_equal(again.finished[1].trajectory.time, alone.time)
         assert again.finished[1].error == middle.error
-
-
-@spread(**{"start, grading": [("graded", 1.0), ("none", 2.0)]}, kind=["linear", "nonlinear"])
-def test_the_plan_tells_the_work_of_the_mesh(start, grading, kind):
-    problem = PULSE if kind == "nonlinear" else free(0.5)
-    ladder = {"steps": 73, "grading": grading}
-    (run,) = experiment(ladder, problem, degree=3, start=start).runs()
-    planned = plan_run(run.problem.scene, run.method, 73, grading=grading)
-    done = integrate(run.problem.scene, run.method, run.steps)
-    assert planned.history_operations == done.history_operations > 0
-    assert ("halved" in planned.start) == (start == "graded")
 
 
 def test_the_norm_l2_weighs_every_point_by_its_step():

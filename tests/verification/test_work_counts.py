@@ -1,6 +1,6 @@
 """Only the effects that a scene calls for are simulated: work is counted, never timed.
 
-Every row of the plan's table has a test here, and a control in which the work does appear.
+Every test has a control in which the work does appear.
 """
 
 import itertools
@@ -19,9 +19,10 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.planning.plan import plan_run
+from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 NODES = Method(cq="bdf2", degree=1, sampling="nodes")
@@ -52,7 +53,7 @@ class TestDamping:
         trajectory = integrate(scene, method, 600)
         assert trajectory.status == "ok"
         assert trajectory.history_operations == 0
-        assert plan_run(scene, method, 600).n_directions == 0
+        assert not pattern_of(scene)
         assert integrate(oscillator(0.5), method, 600).history_operations > 0
 
     def test_of_first_order_takes_a_stencil_and_others_more(self, method):
@@ -79,7 +80,7 @@ def test_scalar_terms_together_cost_as_much_as_one(method):
     works = [integrate(scene, method, 1000).history_operations for scene in (one, two)]
     # states that serve both orders are a few more
     assert works[0] <= works[1] <= works[0] * 1.1
-    assert plan_run(two, method, 1000).n_directions == 1
+    assert len(pattern_of(two)) == 1
     # the control: different matrices have a sum each
     apart = spring(
         (0.5, np.diag([1.0, 0.5])),
@@ -90,7 +91,7 @@ def test_scalar_terms_together_cost_as_much_as_one(method):
         x=np.ones(2),
         v=np.zeros(2),
     )
-    assert plan_run(apart, method, 1000).n_directions == 2
+    assert len(pattern_of(apart)) == 2
     assert integrate(apart, method, 300).history_operations > (
         integrate(oscillator(0.5, dimension=2), method, 300).history_operations
     )
@@ -124,14 +125,14 @@ def test_quadratic_potentials_take_no_iterations(method, n_steps):
 
 def test_a_smooth_start_is_not_graded():
     rest = spring((1.0, 0.3), T=6.0, x=1.0)
-    assert "100 steps in all" in plan_run(rest, GAUSS, 100).start
-    assert "100 steps in all" not in plan_run(oscillator(0.5), GAUSS, 100).start
+    assert mesh_for(rest, GAUSS, 100).n_steps == 100
+    assert mesh_for(oscillator(0.5), GAUSS, 100).n_steps > 100
 
 
 def test_uncoupled_degrees_of_freedom_are_a_batch():
     one, four = oscillator(0.5), oscillator(0.5, dimension=4)
-    plan = plan_run(four, PLAIN, 1000)
-    assert (plan.systems, plan.mesh.coupled) == (4, 1)
+    engine = engine_for([four], PLAIN, mesh_for(four, PLAIN, 1000))
+    assert (engine.width, engine.e) == (4, 1)
     works = [integrate(scene, PLAIN, 1000).history_operations for scene in (one, four)]
     assert works[1] <= 4 * works[0]
     works = [integrate(scene, POINTS, 1000).history_operations for scene in (one, four)]

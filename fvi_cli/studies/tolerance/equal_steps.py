@@ -16,7 +16,6 @@ from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.plan import plan_run
 from fvi_cli.studies.norms import Norm, error_norm
 from fvi_cli.studies.tolerance.search import solve
 
@@ -152,7 +151,8 @@ def _next_candidate(
     options: list[tuple[float, _Candidate]] = []
     for one in candidates:
         if 0 < one.next_steps <= MOST_STEPS:
-            plan = plan_run(scene, one.method, one.next_steps)
-            if available_bytes is None or plan.memory_bytes <= available_bytes:
-                options.append((-1.0 if one.run is None else plan.work, one))
+            n_steps, size = one.next_steps, 32 * (1 + scene.dimension) * one.next_steps
+            if available_bytes is None or size <= available_bytes:
+                work = n_steps * getattr(one.method, "degree", 1)
+                options.append((-1.0 if one.run is None else work, one))
     return min(options, key=lambda option: option[0])[1] if options else None

@@ -27,7 +27,6 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.planning.plan import effects_of_scene, plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
@@ -187,14 +186,6 @@ def test_springpots_and_laws_share_their_rates_and_point_masses_are_their_own():
     assert states(0.5, masses) == alone + 2
     # narrow peaks take a few more rates, and not a finer rule
     assert states(ColeCole(order=0.99, time=0.3)) <= 2 * alone
-
-
-def test_the_plan_counts_what_a_run_with_laws_does():
-    method = Method(cq="gauss", degree=3, start="graded")
-    assert plan_run(SCENE, method, 300).history_operations == (
-        integrate(SCENE, method, 300).history_operations
-    )
-    assert effects_of_scene(SCENE)[-1] == "relaxation of order 0.675 in 0.3"
 
 
 @pytest.mark.parametrize(
