@@ -1,12 +1,7 @@
 """Whatever the command line does is one call away, and costs nothing until it is asked for."""
 
 import base64
-import dataclasses
 import doctest
-import os
-import pickle
-import random
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,11 +11,9 @@ import pytest
 import yaml
 from command_line import fvi as here
 from letters import spring
-from spread import SEED
 
 import fvi_cli as fvi
 from fvi_cli import api, reports
-from fvi_cli.cli.app import COMMANDS as COMMANDS_OF_THE_LINE
 from fvi_cli.reports.kinds.orders import order_report
 
 ROOT = Path(__file__).parents[1]
@@ -192,13 +185,6 @@ def test_hard_cases_are_measured_by_name():
     assert "stiff" in fvi.as_text(report)
 
 
-def test_every_command_has_a_call():
-    named = set(re.findall(r"``fvi ([a-z-]+)``", api.__doc__ or ""))
-    assert named == {command.name for command in COMMANDS_OF_THE_LINE}
-    called = set(re.findall(r":(?:func|class):`(\w+)`", api.__doc__ or ""))
-    assert called <= set(api.__all__)
-
-
 def test_a_starter_and_the_schema_are_given():
     assert fvi.load(yaml.safe_load(fvi.starter_config("pendulum"))).name == "my-pendulum"
     assert "$defs" in fvi.json_schema()
@@ -217,23 +203,6 @@ def test_a_scene_is_integrated_without_any_configuration():
     coarse, fine = (fvi.integrate(scene, method, n) for n in (32, 64))
     assert np.abs(fine.position[::2] - coarse.position).max() < 1e-6
     assert fvi.predict_stability(scene, method, 32).verdict == "stable"
-
-
-def test_methods_are_found_by_every_name_that_they_have():
-    """What a method is called in files says it in full; short names take defaults."""
-    names = random.Random(os.environ[SEED]).sample(fvi.shipped_configurations(), 12)
-    for name in names:
-        for experiment in fvi.load(name).experiments:
-            for method in experiment.methods:
-                if isinstance(method, fvi.Method) and not method.start_exponents:
-                    assert fvi.method_named(method.case) == method
-    short = {"gauss3": {"rk": "gauss", "degree": 3}, "bdf4": {"bdf": 4}}
-    short["bdf2-nodes"] = {"bdf": 2, "sampling": "nodes"}
-    short["product-integration"] = {"baseline": "product-integration"}
-    for name, keys in short.items():
-        (experiment,) = fvi.load({**CONFIG, "method": keys}).experiments
-        assert experiment.methods == (fvi.method_named(name),)
-    assert fvi.method_named("Gauss 3") == fvi.method_named("gauss3")
 
 
 def test_a_scene_is_integrated_by_the_name_of_a_method():
@@ -291,28 +260,3 @@ def test_an_outcome_is_short_and_has_a_table_and_a_figure_for_notebooks():
     assert list(fvi.figures(outcome)) == list(fvi.figures([outcome])) == ["free-convergence"]
     assert fvi.as_text(outcome) == fvi.as_text([outcome])
     assert len(fvi.order_tables(outcome)) == 1
-
-
-def test_an_attribute_that_is_elsewhere_is_told_with_its_place():
-    more = {"quantities": {"way": "x"}, "store": {"diagnostics": ["energy-balance"]}}
-    (outcome,) = fvi.run({**CONFIG, **more})
-    first = outcome.finished[0]
-    for owner, parts in (
-        (outcome, (first, first.run, first.trajectory)),
-        (first.trajectory, (first.trajectory.observed, first.trajectory.diagnostics)),
-    ):
-        told: set[str] = set()
-        for part in parts:
-            for name in {one.name for one in dataclasses.fields(part)} - set(dir(owner)) - told:
-                with pytest.raises(AttributeError, match=f"no attribute '{name}'; write ") as error:
-                    getattr(owner, name)
-                place = str(error.value).partition("; write ")[2].partition(",")[0]
-                path, _, index = place.partition("[0]")
-                value = owner.finished[0] if index else owner
-                for step in (index or path).strip(".").split("."):
-                    value = getattr(value, step)
-                assert value is getattr(part, name)
-                told.add(name)
-    with pytest.raises(AttributeError, match=r"^Trajectory has no attribute 'hight'$"):
-        _ = first.trajectory.hight
-    assert pickle.loads(pickle.dumps(first.trajectory)).n_steps == first.trajectory.n_steps

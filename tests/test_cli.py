@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from command_line import LADDER, fvi
-from every_process import change_every_process
 from spread import spread
 from typer.testing import CliRunner
 
@@ -65,32 +64,6 @@ def test_the_command_line_loads_nothing_heavy():
     assert not heavy & modules_after("import fvi_cli.cli.app")
     # control: the same look at a module that does need NumPy
     assert "numpy" in modules_after("import fvi_cli.runner.compute")
-
-
-ASK_FOR_HELP = """
-import sys
-from fvi_cli.__main__ import main
-
-sys.argv[1:] = ["--help"]
-try:
-    main()
-except SystemExit:
-    pass
-"""
-
-
-@pytest.mark.processes
-def test_help_loads_few_modules():
-    def count(statement):
-        code = statement + "\nimport sys; print(len(sys.modules), file=sys.stderr)"
-        command = [sys.executable, "-c", code]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-        return int(done.stderr)
-
-    bare, of_help, of_numpy = count("pass"), count(ASK_FOR_HELP), count("import numpy")
-    assert of_help - bare < 2 * (of_numpy - bare)
-    # control: what a command needs is much more
-    assert count("import fvi_cli.runner.compute") - bare > 2 * (of_numpy - bare)
 
 
 @pytest.mark.processes
@@ -166,11 +139,6 @@ def test_fail_fast_stops_at_a_search_that_fails(folder):
     stopped = fvi("run", "both.yaml", "--fail-fast", "--output", "stopped", code=1)
     assert "ladder" not in stopped.stdout
     assert "stopped at the first unexpected failure (--fail-fast)" in stopped.stderr
-
-
-# the direct sum over the history: the longest run takes minutes, in little memory
-SLOW = QUICK.replace("[4, 8, 16, 32]", "[8, 16, 400000]").replace("[1, 2]", "1")
-SLOW = SLOW.replace("degree: 1", "degree: 1, history: direct")
 
 
 def reasons(result):
@@ -334,61 +302,3 @@ def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
     assert "8/8" not in stdout
     # control: no terminal, no bar
     assert "8/8" not in in_a_process("run", "quick.yaml", "--fresh").stderr
-
-
-@pytest.mark.processes
-def test_on_80_columns_the_bar_is_whole_with_many_runs_of_long_names(folder):
-    text = QUICK.replace("name: quick", "name: a-configuration-whose-name-is-quite-long")
-    text = text.replace("bdf: [1, 2]", "bdf: [1, 2, 3]").replace("[4, 8, 16, 32]", "{to: 5}")
-    ladder = ", ".join(str(n) for n in range(4, 36, 2))
-    (folder / "quick.yaml").write_text(text.replace("{to: 5}", f"[{ladder}]"))
-    drawn, _ = on_a_terminal("run", "quick.yaml", columns=80)
-    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", drawn))
-    bars = [line for line in lines if "━" in line]
-    assert any(re.match("━{20} 48/48 ", line) for line in bars)
-    for line in bars:
-        assert re.match(r"[━╸╺ ]{20} \d+/48 \d+:\d\d:\d\d (\d\d|--):(\d\d|--) left \S", line)
-        assert len(line) <= 80
-
-
-TOLD_AND_DRAWN_AT_ONCE = """\
-import functools
-from fvi_cli.integrator import advance
-from rich.progress import Progress
-
-advance.SECONDS_BETWEEN = 0.0
-Progress.update = functools.partialmethod(Progress.update, refresh=True)
-"""
-"""All progress is told and drawn, not what it is like ten times a second."""
-
-
-@pytest.mark.processes
-@pytest.mark.parametrize("workers", ["1", "2"])
-def test_within_a_long_run_the_bar_says_how_far_it_is(folder, monkeypatch, workers):
-    n_steps = 20_000
-    (folder / "quick.yaml").write_text(SLOW.replace("400000", str(n_steps)))
-    change_every_process(folder, monkeypatch, TOLD_AND_DRAWN_AT_ONCE)
-    drawn, _ = on_a_terminal("run", "quick.yaml", "--workers", workers)
-    shares = [int(share) for share in re.findall(rf"N={n_steps}: +(\d+) %", drawn)]
-    assert set(shares) >= set(range(100))
-    if workers == "1":
-        # beside another run they are drawn in turn
-        assert shares == sorted(shares)
-    assert "3/3" in drawn
-    assert re.search(r" \d\d:\d\d left", re.sub(r"\x1b\[[\d;]*m", "", drawn))
-
-
-def test_remarks_on_motions_are_shown_when_they_are_computed(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    problem = (
-        "{kind: lagrangian, coordinates: [x], lagrangian: vx**2/2 - 9.81*x, "
-        "initial: {position: 1.0}, final_time: 4.0, exact: none}"
-    )
-    Path("ball.yaml").write_text(
-        f"name: ball\nproblem: {problem}\nmethod: gauss3\nladder: {{steps: [40, 80]}}\n"
-        "impacts: {floor: {when: x, restitution: 0.6}}\n"
-    )
-    told = fvi("run", "ball.yaml").stderr
-    # alike for both numbers of steps, and nothing is computed the second time
-    assert told.count("at rest on floor from t = ") == 1
-    assert "at rest" not in fvi("run", "ball.yaml", "--quiet", "--fresh").stderr

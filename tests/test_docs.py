@@ -1,7 +1,5 @@
 """Pages of docs/ say what the program does: they are compared, run, or made by it."""
 
-import csv
-import itertools
 import json
 import re
 import runpy
@@ -11,21 +9,15 @@ import pytest
 import typer
 import yaml
 from command_line import fvi as here
-from cost_tables import committed_tables
 from letters import spring
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
 from fvi_cli.cli.app import app
-from fvi_cli.config import configuration_reference, json_schema, parse_config, shipped_configs
+from fvi_cli.config import configuration_reference, json_schema, parse_config
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.reports import rendered
-from fvi_cli.reports.document import Bullets, Grid
-from fvi_cli.reports.kinds.cost import cost_report
-from fvi_cli.reports.writers.text import to_markdown
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.storage.export import FORMATS
-from fvi_cli.studies.cost_curves import ACCURACIES
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -47,21 +39,6 @@ def test_the_generated_reference_is_up_to_date():
     assert PAGES["reference/configuration.md"] == configuration_reference()
     printed = here("schema", "--markdown")
     assert printed.stdout == configuration_reference()
-
-
-def test_the_reference_names_every_key_of_the_schema():
-    def keys(schema: object) -> set[str]:
-        if isinstance(schema, list):
-            return set().union(*map(keys, schema))
-        if not isinstance(schema, dict):
-            return set()
-        found = schema.get("properties", {})
-        return set(found).union(*map(keys, schema.values()))
-
-    cells = re.findall(r"^\| `([^`]+)` \|", configuration_reference(), re.MULTILINE)
-    named = {part.removesuffix("[]") for cell in cells for part in cell.split(".")}
-    assert keys(json_schema()) - named == {"kind", "experiments"}
-    assert all(f"\n### {kind}\n" in configuration_reference() for kind in KINDS)
 
 
 @pytest.mark.parametrize("page", sorted(WITH_README))
@@ -147,51 +124,6 @@ def cells(page: str, header: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
-COSTS = {
-    name: committed_tables(name) for name in ("cost-paper", "cost-step-forced", "cost-pendulum")
-}
-
-
-def test_which_method_is_cheapest_follows_from_the_measured_costs():
-    columns = {}
-    for table in itertools.chain(*COSTS.values()):
-        sheets = {sheet.name: sheet for sheet in cost_report("all", [table]).sheets}
-        cheapest = [row["method"] for row in sheets["cheapest"].rows]
-        columns[table.experiment.removeprefix("cost-")] = cheapest
-    expected = [
-        [f"{error:.0e}", *methods]
-        for error, *methods in zip(ACCURACIES, *columns.values(), strict=True)
-    ]
-    assert cells("explanation/which-method.md", f"| error | {' | '.join(columns)} |") == expected
-
-
-def numbers(table: str) -> list[list[object]]:
-    """The cells of a CSV file, numbers to nine digits."""
-
-    def read(cell: str) -> object:
-        try:
-            return f"{float(cell):.9e}"
-        except ValueError:
-            return cell
-
-    return [[read(cell) for cell in row] for row in csv.reader(table.splitlines())]
-
-
-def test_the_page_of_costs_says_what_was_measured():
-    page = (ROOT / "results/cost.md").read_text(encoding="utf-8")
-    for name, tables in COSTS.items():
-        report = cost_report(name, tables)
-        stored = (ROOT / f"results/tables/{name}-cost-summary.csv").read_text(encoding="utf-8")
-        # slopes are fitted: their last digits are the machine's
-        assert numbers(rendered(report)[f"{name}-cost-summary.csv"]) == numbers(stored)
-        # what errors are measured against is no part of the measured numbers
-        said = [block for block in report.summary if isinstance(block, Grid | Bullets)]
-        assert len(said) == 3 * len(tables)
-        for block in said:
-            assert to_markdown([block]).strip() in page
-    assert to_markdown([Bullets(items=("1.0e+00 to 1.0e-13: nobody",))]).strip() not in page
-
-
 def test_expected_orders_are_those_of_the_program():
     def free(order: float) -> fvi.Scene:
         return spring((order, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
@@ -263,30 +195,6 @@ def test_the_shell_completes(typed, proposed):
     }
     done = CliRunner().invoke(app(), [], prog_name="fvi", env=environment)
     assert set(done.stdout.split()) == proposed
-
-
-def test_every_shipped_configuration_is_proposed():
-    from fvi_cli.cli.completion import shipped_names
-
-    assert shipped_names("") == list(shipped_configs())
-
-
-def test_formulas_in_docstrings_stand_in_one_line_each():
-    # the reference that is made from them shows others as they are written
-    broken = [
-        f"{path.relative_to(ROOT)}: {line.strip()}"
-        for path in sorted((ROOT / "fvi_cli").rglob("*.py"))
-        for line in path.read_text(encoding="utf-8").splitlines()
-        if re.search(r":math:`[^`]*$", line)
-    ]
-    assert broken == []
-
-
-@pytest.mark.parametrize("page", [*sorted(PAGES), "../CONTRIBUTING.md"])
-def test_files_that_are_named_are_there(page):
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    for path in re.findall(r"`((?:fvi_cli|configs|docs|tests)/[\w./-]*)`", text):
-        assert (ROOT / path).exists(), path
 
 
 def test_the_citation_is_complete():

@@ -1,8 +1,5 @@
 """Dry runs, and runs for which there is no memory."""
 
-import json
-
-import pytest
 from command_line import configuration, fvi
 
 SCENE = configuration(
@@ -35,17 +32,3 @@ def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, m
     other = fvi(*diagnosed, "--set", "claims={bdf2: 2}", code=2).stderr
     assert "claims" in other
     assert "steps need" not in other
-
-
-@pytest.mark.parametrize("members", [1, 40])
-def test_a_dry_run_says_the_same_as_json_and_as_text(folder, members):
-    sweep = f"sweep: {{problem.stiffness: {{from: 1, to: 5, number: {members}}}}}\n"
-    (folder / "planned.yaml").write_text(SCENE + (sweep if members > 1 else ""))
-    header, *rows = fvi("run", "planned.yaml", "--dry-run").stdout.splitlines()
-    runs = json.loads(fvi("run", "planned.yaml", "--dry-run", "--json").stdout)["runs"]
-    assert len(runs) == members * len(rows)
-    for row, run in zip(rows, runs[::members], strict=True):
-        assert (f"compute {members} members" in row) == (members > 1)
-        size, unit = row[header.index("memory") :].split()[:2]
-        assert float(size) == pytest.approx(run["memory_bytes"] / 1e6, rel=5e-3)
-        assert unit == "MB"

@@ -1,9 +1,5 @@
 """From Python: kinds as functions, tables and frames of outcomes, derivatives by parameters."""
 
-import inspect
-import pydoc
-import re
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas
@@ -11,7 +7,6 @@ import pytest
 
 import fvi_cli as fvi
 from fvi_cli.errors import ArgumentError
-from fvi_cli.scenes.data import MEANING, SceneData, make_scene
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.registry import KINDS
 
@@ -32,21 +27,6 @@ def test_every_kind_is_a_function_of_its_name(name):
     assert scene.final_time == 1.0
     assert function.__doc__
     assert name.replace("-", "_") in dir(fvi)
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_help_names_every_argument(name):
-    shown = pydoc.render_doc(getattr(fvi, name.replace("-", "_")), renderer=pydoc.plaintext)
-    assert "final_time" in shown
-    assert "**" not in shown.split("-> 'Scene'")[0]
-
-
-def test_the_shared_arguments_are_those_of_the_scene_they_make():
-    made = inspect.signature(make_scene).parameters
-    # the constant part of the potential is known to scenes of Lagrangians only
-    shared = [name for name in made if name != "linear_potential"]
-    assert shared[3:] == list(SceneData.__annotations__)
-    assert set(SceneData.__annotations__) <= set(re.findall(r"\w+", MEANING))
 
 
 @pytest.mark.parametrize("force", ["0.3*cos(1.2*t)", ["0.3*cos(1.2*t)"]])
@@ -157,19 +137,6 @@ def test_an_outcome_draws_one_figure(outcome):
     with pytest.raises(fvi.RequestError, match="did not happen after t = 5\\.999"):
         outcome.plot({"section": "zero", "after": 5.999})
     plt.close("all")
-
-
-@pytest.mark.parametrize(
-    ("figure", "message"),
-    [
-        ("peak_angle", """figure: .* write {"plot": "peak_angle", "against": "problem.omega"}"""),
-        ("portrait", "figure: the text 'portrait' is not allowed; it must be convergence"),
-        ({"plt": "peak_angle"}, "figure.plt: not known; did you mean 'plot'"),
-    ],
-)
-def test_a_figure_that_there_is_not_says_what_to_write(outcome, figure, message):
-    with pytest.raises(ArgumentError, match=f"^{message}"):
-        outcome.plot(figure)
 
 
 def double_pendulum(l2, g):
