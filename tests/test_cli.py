@@ -1,6 +1,5 @@
 """What the command line promises: results on stdout, talk on stderr, exit codes, no tracebacks."""
 
-import dataclasses
 import os
 import re
 import subprocess
@@ -16,7 +15,6 @@ import fvi_cli
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.observations import observe
 from fvi_cli.runner import request
-from fvi_cli.storage.code import own_code
 from fvi_cli.storage.digests import SOLVER_VERSION
 from fvi_cli.studies.tolerance import runs as tolerance_runs
 
@@ -148,53 +146,25 @@ def reasons(result):
     return [(row.split()[4], row[place:]) for row in rows]
 
 
-def becomes_another(monkeypatch, solver=SOLVER_VERSION, **code):
-    """What is stored so far is that of another version of the program."""
-    own = dataclasses.replace(own_code(), **code)
-    for module in ("digests", "records.runs", "comparison.reasons"):
-        monkeypatch.setattr(f"fvi_cli.storage.{module}.SOLVER_VERSION", solver)
-        monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: own)
+def becomes_another(monkeypatch):
+    """What is stored so far is that of another version of the solver."""
+    for module in ("digests", "records.runs", "records.references", "records.layout"):
+        monkeypatch.setattr(f"fvi_cli.storage.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
 
 
-def test_a_dry_run_tells_older_solvers_and_refusals(folder, monkeypatch):
+def test_runs_of_another_solver_are_computed_again(folder, monkeypatch):
     fvi("run", "quick.yaml", "-q")
-    becomes_another(monkeypatch, solver=SOLVER_VERSION + 1)
-    changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.final_time=0.5")
-    assert reasons(changed) == 8 * [("compute", "changed: problem.final_time; older solver")]
-    assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("compute", "older solver")]
-    told = fvi("run", "quick.yaml", "-v").stderr
-    assert "quick: computed again: 8 runs, older solver" in told
-    assert "quick BDF1 nodes, degree 1, N=4: older solver" in told
-    (folder / "diverging.yaml").write_text(DIVERGING.replace("allow_unstable: true\n", ""))
-    found = reasons(fvi("run", "diverging.yaml", "--dry-run"))
-    assert [action for action, _ in found] == 2 * ["refuse"] + 2 * ["compute"]
-    assert all(reason.startswith("refused: ") for _, reason in found[:2])
+    assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("reuse", "stored")]
+    becomes_another(monkeypatch)
+    assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("compute", "new")]
+    assert "quick: 8 runs, 0 of them stored" in fvi("run", "quick.yaml").stderr
+    shown = fvi("show", "results/quick.h5").stdout
+    assert shown.count(f"solver_version = {SOLVER_VERSION}") == 8
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"numpy": "9.9"}, "numpy 9.9 in place of "),
-        ({"scipy": "9.9"}, "scipy 9.9 in place of "),
-        ({"mpmath": "9.9"}, "mpmath 9.9 in place of "),
-        ({"sources": "0" * 64}, "other source files of fvi "),
-    ],
-)
-def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, change, reason):
-    few = ("run", "quick.yaml", "--set", "ladder.steps=[4]")
-    fvi(*few, "-q")
-    becomes_another(monkeypatch, **change)
-    found = reasons(fvi(*few, "--dry-run"))
-    assert all(action == "compute" and why.startswith(reason) for action, why in found)
-    assert found
-    fvi(*few, "-q")
-    assert {action for action, _ in reasons(fvi(*few, "--dry-run"))} == {"reuse"}
-
-
-@spread(few=1, command=["convergence", "plot"], change=["numpy", "sources", "solver"])
-def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
-    folder, monkeypatch, command, change
+@spread(few=1, command=["convergence", "plot"])
+def test_a_file_of_another_solver_is_refused_and_never_empties_a_table(
+    folder, monkeypatch, command
 ):
     fvi("run", "quick.yaml", "-q")
     fvi(command, "results/quick.h5", code=0)
@@ -204,17 +174,11 @@ def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
         if path.is_file() and path.suffix != ".h5"
     }
     assert before
-    becomes_another(monkeypatch, **{change: SOLVER_VERSION + 1 if change == "solver" else "9.9"})
+    becomes_another(monkeypatch)
     refused = fvi(command, "results/quick.h5", code=2)
-    assert "none of the 8 runs of quick can be used" in refused.stderr
+    assert "none of the 8 runs of quick is stored for these settings" in refused.stderr
     assert "fvi show results/quick.h5 --config" in refused.stderr
     assert {path: path.read_bytes() for path in before} == before
-
-
-def test_files_without_the_versions_of_all_libraries_say_so():
-    """Files of earlier versions do not name all libraries."""
-    older = dataclasses.replace(own_code(), mpmath="")
-    assert own_code().differences(older) == ""
 
 
 # --- convergence ----------------------------------------------------------------------------------

@@ -27,13 +27,11 @@ from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.request import Source, gather, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import (
-    FRESH,
-    Why,
     report_missing,
     reusable,
     stored_runs,
 )
-from fvi_cli.storage import NEW, Store
+from fvi_cli.storage import Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.reference import Reference, needs_refined_run
@@ -101,7 +99,7 @@ def run(
     request = requested(source, allow_unstable=allow_unstable)
     check_memory_together(request, settings)
     is_kept = settings.keep and request.stored is None
-    with stored_runs(request, settings, writes=is_kept) as (store, why):
+    with stored_runs(request, settings, writes=is_kept) as store:
         listed = settings.runs_of(request)
         kept = (lambda one: one) if settings.keeps_motions else without_motion
         done: dict[Run, FinishedRun] = {}
@@ -125,7 +123,7 @@ def run(
 
         try:
             if request.stored is None:
-                _log_waiting(request.name, len(done), waiting, why)
+                _log_waiting(request.name, len(done), waiting)
                 compute_jobs(
                     jobs_of(waiting, store.has_reference),
                     settings,
@@ -281,17 +279,9 @@ def _named(words: str, title: str) -> str:
     return words.removeprefix(f"{title} ")
 
 
-def _log_waiting(title: str, stored: int, waiting: Sequence[Run], why: Why) -> None:
-    """Log how many runs are computed, and for which reasons."""
+def _log_waiting(title: str, stored: int, waiting: Sequence[Run]) -> None:
+    """Log how many runs are computed."""
     _logger.info("%s: %d runs, %d of them stored", title, stored + len(waiting), stored)
-    counts: Counter[str] = Counter()
-    for run in waiting:
-        reason = NEW if run.is_search else why(run)
-        if reason not in (NEW, FRESH):
-            _logger.debug("%s: %s", run.title, reason)
-            counts[reason] += 1
-    for reason, count in counts.items():
-        _logger.info("%s: computed again: %d runs, %s", title, count, reason)
     for words in {one_by_one_words(one.experiment) for one in waiting} - {""}:
         _logger.warning("%s: %s", title, words)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, gather
 from fvi_cli.storage import Entry, open_results, read_results
-from fvi_cli.storage.digests import refusal_of, request_of
+from fvi_cli.storage.digests import identity_of, refusal_of
 
 
 def forget_runs(
@@ -47,13 +47,13 @@ def forget_runs(
     # errors in the file or the changes are raised before the file is locked
     (request,) = gather([str(path)], overrides)
     runs = (run for one in request.loaded.experiments for run in one.runs())
-    requests = {request_of(run) for run in runs}
-    requests |= {refusal_of(one) for one in requests}
+    identities = {identity_of(run) for run in runs}
+    identities |= {refusal_of(one) for one in identities}
 
     def is_meant(one: Entry) -> bool:
         if case is not None and not f"{one.kind.case}-".startswith(f"{case}-"):
             return False
-        return (one.request in requests) != others if overrides or others else True
+        return (one.identity in identities) != others if overrides or others else True
 
     held = read_results(path) if is_tried else open_results(path.parent, path.stem)
     with held as store:

@@ -13,7 +13,7 @@ from fvi_cli.runner.executors.jobs import crash
 from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.request import Request, Source, requested
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Why, reusable, stored_runs
+from fvi_cli.runner.stored import reusable, stored_runs
 from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
@@ -28,8 +28,7 @@ class PlannedRun:
     # "reuse" a stored result, "compute", "refuse", or "leave out" (a run that is missing in the
     # result file of the request)
     action: str
-    # to reuse: stored; to compute: new, older solver, changed: problem.stiffness (see
-    # fvi_cli.storage.Reasons), or --fresh; to refuse: refused: and
+    # to reuse: stored; to compute: new; to refuse: refused: and
     # the prediction; to leave out: not in the file
     reason: str
     predicted: Predicted
@@ -60,7 +59,7 @@ def plan(
     request = requested(source, allow_unstable=allow_unstable)
     check_memory_together(request, settings)
     plans = []
-    with stored_runs(request, settings) as (store, why):
+    with stored_runs(request, settings) as store:
         runs = [run for own in settings.runs_of(request).values() for run in own]
         for run in runs:
             earlier = reusable(store.finished(run), request)
@@ -72,23 +71,23 @@ def plan(
                 action = "compute" if request.stored is None else "leave out"
                 reason = _SEARCH.format(run.experiment.accuracy.words)
             else:
-                action, reason, predicted = _missing(run, why, request)
+                action, reason, predicted = _missing(run, request)
             plans.append(PlannedRun(run=run, action=action, reason=reason, predicted=predicted))
     return plans
 
 
-def _missing(run: Run, why: Why, request: Request) -> tuple[str, str, Predicted]:
+def _missing(run: Run, request: Request) -> tuple[str, str, Predicted]:
     """Action, reason and prediction for a run that is not stored."""
     try:
         prediction = prediction_of(run)
     except Exception as error:
-        return "compute", f"{why(run)}; no prediction: {crash(error).message}", "unknown"
+        return "compute", f"no prediction: {crash(error).message}", "unknown"
     verdict = prediction.verdict
     if request.stored is not None:
         return "leave out", "not in the file", verdict
     if verdict == "unstable" and not run.experiment.allow_unstable:
         return "refuse", f"refused: {prediction.reason}", verdict
-    return "compute", why(run), verdict
+    return "compute", "new", verdict
 
 
 def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:

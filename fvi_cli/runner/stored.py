@@ -1,24 +1,19 @@
-"""The result file of a request: which runs are stored, and why others are computed."""
+"""The result file of a request: which runs are stored, and which are missing."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from fvi_cli.errors import StorageError
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import Reasons, Store, open_results, read_results
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.storage import Store, open_results, read_results
+from fvi_cli.studies.experiment import FinishedRun
 
 _logger = logging.getLogger(__name__)
-
-FRESH = "--fresh"
-
-Why = Callable[[Run], str]
-"""Returns the reason why a run that is not stored is computed."""
 
 
 def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
@@ -28,10 +23,8 @@ def reusable(found: FinishedRun | None, request: Request) -> FinishedRun | None:
 
 
 @contextlib.contextmanager
-def stored_runs(
-    request: Request, settings: Settings, *, writes: bool = False
-) -> Iterator[tuple[Store, Why]]:
-    """The result file of a request, opened once, and the reasons for runs that it lacks.
+def stored_runs(request: Request, settings: Settings, *, writes: bool = False) -> Iterator[Store]:
+    """The result file of a request.
 
     A command that `writes` locks the file, and may add runs.
     """
@@ -43,13 +36,7 @@ def stored_runs(
         else read_results(path, fresh=is_fresh, may_be_missing=request.stored is None)
     )
     with opened as store:
-
-        def requested() -> Iterator[Run]:
-            listed = settings.runs_of(request).values()
-            return (run for runs in listed for run in runs if not run.is_search)
-
-        reasons = Reasons(stored=store, requested=requested)
-        yield store, (lambda run: FRESH) if is_fresh else reasons.of
+        yield store
 
 
 def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
@@ -62,7 +49,11 @@ def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
     """
     for outcome in outcomes:
         if outcome.missing and not outcome.finished:
-            raise StorageError(_unusable(outcome.experiment, results))
+            raise StorageError(
+                f"{results.path}: none of the {outcome.missing} runs of {outcome.experiment.name} "
+                "is stored for these settings and this version of fvi; compute them with fvi run "
+                f"and their configuration, which fvi show {results.path} --config prints"
+            )
         if outcome.missing:
             _logger.warning(
                 "%s: %d runs of %s are missing; run its configuration to compute them",
@@ -70,15 +61,3 @@ def report_missing(outcomes: Sequence[Outcome], results: Store) -> None:
                 outcome.missing,
                 outcome.experiment.name,
             )
-
-
-def _unusable(experiment: Experiment, results: Store) -> str:
-    """A message: why no run of an experiment can be used, and what to do."""
-    runs = experiment.runs()
-    reasons = Reasons(stored=results, requested=lambda: runs)
-    found = sorted({reasons.of(run) for run in runs})
-    return (
-        f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "
-        f"({'; '.join(found)}); compute them with fvi run and their configuration, which "
-        f"fvi show {results.path} --config prints"
-    )

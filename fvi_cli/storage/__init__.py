@@ -9,7 +9,6 @@ same way below ``/<experiment>@1a2b3c4d/``, long lists of numbers of configurati
 ``/@inputs/``, and ``/@index/`` lists the paths of all runs. Attributes of the root hold provenance.
 """
 
-from fvi_cli.storage.comparison.reasons import NEW, Reasons
 from fvi_cli.storage.contents import (
     StoredConfiguration,
     StoredFile,
@@ -23,10 +22,8 @@ from fvi_cli.storage.records.record import Entry
 from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
-    "NEW",
     "PARTS_SUFFIX",
     "Entry",
-    "Reasons",
     "Store",
     "StoredConfiguration",
     "StoredFile",

@@ -16,11 +16,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.code import own_code
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import with_values, without_values
 
-FORMAT = 3
+FORMAT = 4
 """Number of the file format; a program reads files of its own number."""
 
 SOLVER_VERSION = 19
@@ -47,28 +46,17 @@ def sha256(text: str) -> str:
 
 
 def identity_of(run: Run) -> str:
-    """SHA-256 of all that determines the numbers of a run: its request and the code.
+    """SHA-256 of what was asked: the settings and the problem of a run, and the solver's version.
 
-    The code is the format, the version of the solver, its sources and the libraries that compute.
     A run for a tolerance has the identity of the search that chooses its method and steps.
     """
-    return identity_for(request_of(run))
-
-
-def identity_for(request: str) -> str:
-    """The identity of a request that this code computes: SHA-256 of both."""
-    return sha256(f"{FORMAT} {SOLVER_VERSION} {own_code().digest} {request}")
-
-
-def request_of(run: Run) -> str:
-    """SHA-256 of the settings and the problem of a run, independent of the code."""
     settings = _settings_text(run.experiment, run.method, run.n_steps)
-    return sha256(settings + canonical_json(problem_of(run)))
+    return sha256(f"{SOLVER_VERSION} {settings}{canonical_json(problem_of(run))}")
 
 
-def refusal_of(request: str) -> str:
-    """The request under which the refusal of a run is stored that is predicted to blow up."""
-    return sha256(f"refused {request}")
+def refusal_of(identity: str) -> str:
+    """The identity of the refusal of a run that is predicted to blow up."""
+    return sha256(f"refused {identity}")
 
 
 def specification_of(run: Run) -> tuple[str, Inputs]:
@@ -85,7 +73,8 @@ def _specification(
 ) -> tuple[str, Inputs]:
     settings = Run(experiment=experiment, method=method, n_steps=n_steps).settings()
     problem, inputs = _stowed_template(template, _changed(keys))
-    return canonical_json({"problem": without_values(problem, keys), **settings}), inputs
+    own = {"problem": without_values(problem, keys), "solver_version": SOLVER_VERSION}
+    return canonical_json({**own, **settings}), inputs
 
 
 @functools.lru_cache(maxsize=1024)

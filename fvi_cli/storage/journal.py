@@ -34,7 +34,8 @@ SUFFIX: Final = ".journal"
 SECONDS_UNSYNCED: Final = 1.0
 """A loss of power may lose runs of so many seconds; a killed process loses no appended run."""
 
-_MAGIC: Final = b"fvi1"
+_MAGIC: Final = b"fvi4"
+_OLD: Final = b"fvi1"
 _LENGTHS: Final = struct.Struct("<4sQQ32s")
 _FRAMES_KEPT: Final = 4
 
@@ -78,6 +79,11 @@ class Journal:
     def _open(self, mode: Literal["rb", "r+b"]) -> FileIO:
         self._file = file = self.path.open(mode, buffering=0)
         size = os.fstat(file.fileno()).st_size
+        if self._bytes(0, len(_OLD)) == _OLD:
+            raise StorageError(
+                f"{self.path}: was written by fvi 0.3; it is left as it is: run its configuration "
+                "once more with that version, or move it away"
+            )
         while (found := self._frame(self._end, size)) is not None:
             self._learn(self._end, *found)
         if self._end < size:
@@ -114,11 +120,11 @@ class Journal:
 
     def _learn(self, place: int, head: Head, begin: int, end: int) -> None:
         """Add the runs of a frame to the entries."""
-        for row, (identity, request, checksum, own, _) in enumerate(head["runs"]):
+        for row, (identity, checksum, own, _) in enumerate(head["runs"]):
             attributes = {**head["common"], **own}
             kind, is_unstable = kind_of(attributes), attributes["predicted"] == "unstable"
             self.entries.append(
-                Entry(identity, request, checksum, self, kind.path, row, kind, is_unstable, place)
+                Entry(identity, checksum, self, kind.path, row, kind, is_unstable, place)
             )
         at = end - sum(8 * math.prod(shape) for _, _, shape in head["inputs"])
         for digest, dtype, shape in head["inputs"]:
@@ -169,7 +175,7 @@ class Journal:
                 [[n, a.dtype.str, a.shape, one.axes[n]] for n, a in one.arrays.items()]
             )
             number = layouts.setdefault(layout, len(layouts))
-            runs.append([one.identity, one.request, one.checksum, own, number])
+            runs.append([one.identity, one.checksum, own, number])
             body += [np.ascontiguousarray(a).tobytes() for a in one.arrays.values()]
         body += [np.ascontiguousarray(a).tobytes() for a in inputs.values()]
         head = {
@@ -204,18 +210,18 @@ class Journal:
     def attributes(self, entry: Entry) -> dict[str, Any]:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.attributes`."""
         head, _ = self._known(entry.place)
-        return {**head["common"], **head["runs"][entry.row][3]}
+        return {**head["common"], **head["runs"][entry.row][2]}
 
     def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         head, _ = self._known(entry.place)
-        layout = head["layouts"][head["runs"][entry.row][4]]
+        layout = head["layouts"][head["runs"][entry.row][3]]
         return [(name, tuple(shape), tuple(axes)) for name, _, shape, axes in layout]
 
     def read(self, entry: Entry) -> StoredRecord:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read`."""
         head, begins = self._known(entry.place)
-        layout = head["layouts"][head["runs"][entry.row][4]]
+        layout = head["layouts"][head["runs"][entry.row][3]]
         raw, at = self._bytes(begins[entry.row], _size_of(layout)), 0
         arrays = {}
         for name, dtype, shape, _ in layout:
@@ -224,7 +230,6 @@ class Journal:
             at += 8 * size
         return StoredRecord(
             identity=entry.identity,
-            request=entry.request,
             attributes=self.attributes(entry),
             arrays=arrays,
             axes={name: tuple(axes) for name, _, _, axes in layout},

@@ -12,11 +12,11 @@ from importlib import metadata
 from pathlib import Path
 
 import fvi_cli
-from fvi_cli.storage.code import LIBRARIES
 
 UNKNOWN = "unknown"
 
-_PACKAGES = (*LIBRARIES, "h5py", "PyYAML", "matplotlib")
+_LIBRARIES = ("numpy", "scipy", "mpmath")
+_PACKAGES = (*_LIBRARIES, "h5py", "PyYAML", "matplotlib")
 _GIT_SECONDS = 10.0
 _PACKAGE = Path(fvi_cli.__file__).resolve().parent
 _GENERATED = ":(top,exclude)results"
@@ -32,6 +32,12 @@ def package_versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             versions[name] = UNKNOWN
     return versions
+
+
+def libraries() -> str:
+    """The libraries that compute: ``numpy 2.4.1, scipy 1.17.0, mpmath 1.3.0``."""
+    versions = package_versions()
+    return ", ".join(f"{name} {versions[name]}" for name in _LIBRARIES)
 
 
 def platform_name() -> str:

@@ -45,7 +45,7 @@ HELD_BYTES: Final = 2**26
 """Most bytes of arrays that are cached of an open file, for members that are not read in order."""
 GROUPS_KEPT: Final = 8
 
-DIGESTS: Final = ("identity", "request", "checksum")
+DIGESTS: Final = ("identity", "checksum")
 """Datasets of the index with 32 bytes per run."""
 
 NUMBERS: Final = ("group", "row", "is_unstable")
@@ -121,9 +121,9 @@ class ResultFile:
         digests = ([bytes(row).hex() for row in self._index.pop(name)] for name in DIGESTS)
         numbers = (self._index.pop(name).tolist() for name in NUMBERS)
         for row in zip(*digests, *numbers, strict=True):
-            identity, request, checksum, group, number, is_unstable = row
+            identity, checksum, group, number, is_unstable = row
             path, kind = groups[group]
-            yield Entry(identity, request, checksum, self, path, number, kind, bool(is_unstable))
+            yield Entry(identity, checksum, self, path, number, kind, bool(is_unstable))
 
     def group(self, path: str) -> StoredGroup:
         """A group of runs, not verified."""
@@ -157,7 +157,6 @@ class ResultFile:
             arrays, axes = group.arrays_of(entry.row, *self._blocks[key])
             return StoredRecord(
                 identity=entry.identity,
-                request=entry.request,
                 attributes=group.attributes_of(entry.row),
                 arrays=arrays,
                 axes=axes,
@@ -237,7 +236,7 @@ def write_file(
             checked = zip(rows, group.checksums, group.survey.column("predicted"), strict=True)
             for row, (one, own_checksum, predicted) in enumerate(checked):
                 is_unstable = predicted == "unstable"
-                own = (one.identity, one.request, own_checksum, number, row, is_unstable)
+                own = (one.identity, own_checksum, number, row, is_unstable)
                 for column, value in zip(index.values(), own, strict=True):
                     column.append(value)
             kinds.append(kind_of(rows[0].attributes()))

@@ -21,9 +21,8 @@ from fvi_cli.storage.contents import (
 )
 from fvi_cli.storage.digests import (
     Inputs,
-    identity_for,
+    identity_of,
     refusal_of,
-    request_of,
     specification_of,
 )
 from fvi_cli.storage.files import (
@@ -41,13 +40,12 @@ from fvi_cli.storage.records.record import (
     Entry,
     StoredRecord,
     group_path,
-    has_same_numbers,
     swept_by,
 )
 from fvi_cli.storage.records.references import (
+    reference_identity_of,
     reference_of_record,
     reference_record_of,
-    reference_request_of,
 )
 from fvi_cli.storage.records.runs import finished_of, run_of, stored_record
 from fvi_cli.storage.result_file import ResultFile, write_file
@@ -97,7 +95,6 @@ class Store:
     def __init__(self, path: Path, *, writes: bool = False, is_fresh: bool = False) -> None:
         self.path, self.is_fresh = path, is_fresh
         self._entries: dict[str, Entry] = {}
-        self._by_request: dict[str, Entry] = {}
         self._requested: dict[str, dict[str, int]] = {}
         self._descriptions: dict[tuple[str, str], Description] = {}
         self._merged: list[Store] = []
@@ -139,7 +136,7 @@ class Store:
 
     def _learn(self, entries: Iterable[Entry]) -> None:
         for entry in entries:
-            self._entries[entry.identity] = self._by_request[entry.request] = entry
+            self._entries[entry.identity] = entry
 
     def entries(self) -> list[Entry]:
         """The entries of all runs."""
@@ -152,11 +149,11 @@ class Store:
 
     def _find(self, run: Run) -> Entry | None:
         """The entry of a run; for a run that would blow up, unless this is allowed, its refusal."""
-        request = request_of(run)
-        entry = self._entries.get(identity_for(request))
+        identity = identity_of(run)
+        entry = self._entries.get(identity)
         if run.experiment.allow_unstable or (entry is not None and not entry.is_unstable):
             return entry
-        return self._entries.get(identity_for(refusal_of(request)))
+        return self._entries.get(refusal_of(identity))
 
     def finished(self, run: Run) -> FinishedRun | None:
         """The stored run, or for a search the run that it chose; None: it is not stored."""
@@ -190,7 +187,7 @@ class Store:
         return not self.is_fresh and self._reference_of(run) is not None
 
     def _reference_of(self, run: Run) -> Entry | None:
-        return self._entries.get(identity_for(reference_request_of(run)))
+        return self._entries.get(reference_identity_of(run))
 
     def reference(self, run: Run) -> Reference | None:
         """The stored reference of a run, or None."""
@@ -239,21 +236,11 @@ class Store:
         return count, missing
 
     def merge(self, other: Store) -> None:
-        """Add the runs of another file of the configuration, for :meth:`consolidate`."""
+        """Add the runs of another file that this one lacks, for :meth:`consolidate`."""
         self._merged.append(other)
         for entry in other._entries.values():
-            held = self._by_request.get(entry.request)
-            if held is None:
+            if entry.identity not in self._entries:
                 self._learn([entry])
-            elif entry.is_reference:
-                continue
-            elif held.identity != entry.identity or (
-                held.checksum != entry.checksum and not has_same_numbers(held, entry)
-            ):
-                raise StorageError(
-                    f"{other.path}: {entry.path} has other numbers than the same run in "
-                    f"{held.source.path}: other code made them; compute one of them again (--fresh)"
-                )
 
     def consolidate(
         self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
@@ -275,7 +262,7 @@ class Store:
         attributes = (
             self._root_attributes() if is_described else described(configuration, self._inputs)
         )
-        layout = layout_of(self._entries, self._by_request, self._requested, self._descriptions)
+        layout = layout_of(self._entries, self._requested, self._descriptions)
         if not self._is_current(layout, attributes):
             others = sum(
                 VARIANT_MARK in path and not one.is_reference
@@ -309,9 +296,7 @@ class Store:
                 own.setdefault(one.kind.path, {})[one.identity] = number
         self._entries = {one.identity: one for one in remaining}
         if self.entries():
-            self._write(
-                layout_of(self._entries, self._by_request, own, {}), self._root_attributes()
-            )
+            self._write(layout_of(self._entries, own, {}), self._root_attributes())
         elif self.path.exists():
             self.close()
             with explain_os_error(self.path):

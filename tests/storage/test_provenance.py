@@ -64,10 +64,9 @@ def test_identity_ignores_the_layout_of_the_text():
     assert identity_of(run_of(text=text)) == identity_of(run_of())
 
 
-@pytest.mark.parametrize("name", ["FORMAT", "SOLVER_VERSION"])
-def test_identity_changes_with_format_and_solver(monkeypatch, name):
+def test_identity_changes_with_the_solver(monkeypatch):
     before = identity_of(run_of())
-    monkeypatch.setattr(digests, name, getattr(digests, name) + 1)
+    monkeypatch.setattr(digests, "SOLVER_VERSION", digests.SOLVER_VERSION + 1)
     assert identity_of(run_of()) != before
 
 

@@ -9,17 +9,20 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
+import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors.executor import compute_soundly
 from fvi_cli.runner.executors.jobs import ComputeJob, Crash, Job, References, Results
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.storage.code import Code, own_code
+from fvi_cli.storage.digests import SOLVER_VERSION
 from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference
 
-PortableJob = tuple[Code, bytes]
-"""The code of the program that sends a job, and the job with its references as a pickle."""
+VERSION = f"fvi {fvi_cli.__version__} (solver {SOLVER_VERSION})"
+
+PortableJob = tuple[str, bytes]
+"""The version of the program that sends a job, and the job with its references as a pickle."""
 
 PortableResults = list[dict[str, Any] | Reference | CostRow | ToleranceRow | Crash | None]
 """Results; finished runs are mappings of their fields without the run."""
@@ -36,7 +39,7 @@ def portable_job(job: Job, references: References) -> PortableJob:
     """The job for another process."""
     buffer = io.BytesIO()
     _Pickler(buffer).dump((replace(job, needs=None), references))
-    return own_code(), buffer.getvalue()
+    return VERSION, buffer.getvalue()
 
 
 @functools.lru_cache(maxsize=8)
@@ -68,11 +71,11 @@ def compute_portable(compute: ComputeJob, portable: PortableJob) -> PortableResu
     Raises
     ------
     ExecutorError
-        If the sender has other code, whose numbers may differ.
+        If the sender has another version, whose numbers may differ.
     """
-    code, content = portable
-    if differences := code.differences(own_code()):
-        raise ExecutorError(f"it has {differences}; install the same on both sides")
+    version, content = portable
+    if version != VERSION:
+        raise ExecutorError(f"it has {VERSION} in place of {version}; install the same everywhere")
     job, references = pickle.loads(content)  # noqa: S301 - made by the parent process
     return [
         _fields_of(one) | {"run": _choice(one.run)} if isinstance(one, FinishedRun) else one

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.integrator.results.observed import Extent
-from fvi_cli.storage.comparison.differences import difference_in_words
+from fvi_cli.storage.differences import difference_in_words
 from fvi_cli.storage.files import escape_text
 from fvi_cli.storage.groups.writing import WrittenGroup
 from fvi_cli.storage.records.fields import EMPTY_SUMMARY, ObservedSummary, observed_summary

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 
-from fvi_cli.storage.digests import identity_for, sha256
+from fvi_cli.storage.digests import SOLVER_VERSION, sha256
 from fvi_cli.storage.records.fields import field_named
 from fvi_cli.storage.records.record import (
     SWEPT,
@@ -42,15 +42,13 @@ def description_of(record: StoredRecord, finished: FinishedRun) -> Description:
 
 def layout_of(
     entries: Mapping[str, Entry],
-    latest: Mapping[str, Entry],
     requested: Mapping[str, Mapping[str, int]],
     descriptions: Mapping[tuple[str, str], Description],
 ) -> dict[str, list[Entry]]:
     """Runs by the path of the group in which they are to be written.
 
-    `entries` are given by identity. Of runs for one request (computed by different code) only the
-    `latest` is kept. `requested` maps path and identity to the number of the member; `descriptions`
-    hold new attributes for some of these.
+    `entries` are given by identity. `requested` maps path and identity to the number of the member;
+    `descriptions` hold new attributes for some of these.
     """
     found: dict[str, list[Entry]] = {}
     variants: dict[str, str] = {}
@@ -73,19 +71,16 @@ def layout_of(
             variants[path.split("/")[1]] = entry.kind.variant
             put(entry, _from(path, entry.kind))
         taken |= numbers.keys()
-    answered = {entries[identity].request for identity in taken}
     for identity, entry in entries.items():
-        if identity in taken or entry.request in answered or latest[entry.request] is not entry:
+        if identity in taken or entry.is_reference:
             continue
         kind = entry.kind
-        if entry.is_reference:
-            continue
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
         put(entry, _from(kind.path, kind) if is_own else _neighbours(kind))
     # sorted, so that the order does not depend on which run was computed first
-    for entry in sorted(entries.values(), key=lambda one: one.request):
-        if entry.is_reference and entry.identity == identity_for(entry.request):
+    for entry in sorted(entries.values(), key=lambda one: one.identity):
+        if entry.is_reference and entry.attributes()["solver_version"] == SOLVER_VERSION:
             put(entry, _numbered(entry.kind.path))
     return found
 

@@ -34,8 +34,7 @@ RUN_KEYS: Final = ("method", "n_steps")
 class StoredRecord:
     """Attributes and arrays that are stored under an identity."""
 
-    identity: str  # digest of the request and of the code that computed it
-    request: str
+    identity: str  # digest of what was asked
     # numbers, texts, lists of numbers; for a member of a sweep also its swept values (JSON)
     attributes: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]  # by name, float64 or int64
@@ -45,7 +44,7 @@ class StoredRecord:
     @functools.cached_property
     def checksum(self) -> str:
         """SHA-256 of all attributes and of every number, independent of how they are stored."""
-        words = [self.identity, self.request, self.attributes]
+        words = [self.identity, self.attributes]
         digest = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
         for name in sorted(self.arrays):
             values = self.arrays[name]
@@ -182,7 +181,6 @@ class Entry:
     """The place of a record: a row of a group of a file, or of a frame of a journal."""
 
     identity: str  # identity of the record
-    request: str
     checksum: str
     # file or journal, path of the group in it (for a journal the path to which it will be written)
     # and number in the group or frame
@@ -225,12 +223,3 @@ class Entry:
     def is_of_configuration(self) -> bool:
         """Whether its path is that of a run which the file's configuration requests."""
         return VARIANT_MARK not in self.path
-
-
-def has_same_numbers(one: Entry, other: Entry) -> bool:
-    """Whether two runs have the same arrays to the last bit."""
-    mine, theirs = one.record(), other.record()
-    return mine.arrays.keys() == theirs.arrays.keys() and all(
-        np.array_equal(values, theirs.arrays[name], equal_nan=True)
-        for name, values in mine.arrays.items()
-    )

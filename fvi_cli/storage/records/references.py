@@ -6,7 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.storage.digests import canonical_json, problem_of, problem_template_of, sha256
+from fvi_cli.storage.digests import (
+    SOLVER_VERSION,
+    canonical_json,
+    problem_of,
+    problem_template_of,
+    sha256,
+)
 from fvi_cli.storage.records.record import REFERENCES, StoredRecord
 from fvi_cli.storage.records.runs import record_for
 from fvi_cli.studies.experiment import Run
@@ -16,9 +22,9 @@ _METHOD: Final = {"cq": REFERENCE_METHOD.cq, "degree": REFERENCE_METHOD.degree}
 _AXES: Final = {"time": ("time",), "position": ("time", "dof")}
 
 
-def reference_request_of(run: Run) -> str:
+def reference_identity_of(run: Run) -> str:
     """SHA-256 of the problem and the ladder, which determine the reference of a run."""
-    return sha256(canonical_json([REFERENCES, problem_of(run), _ladder(run)]))
+    return sha256(canonical_json([REFERENCES, SOLVER_VERSION, problem_of(run), _ladder(run)]))
 
 
 def reference_record_of(run: Run, reference: Reference) -> StoredRecord:
@@ -44,7 +50,7 @@ def reference_record_of(run: Run, reference: Reference) -> StoredRecord:
         "position": np.asarray(reference.values.position, dtype="<f8"),
     }
     specification = canonical_json(answers), inputs
-    return record_for(run, reference_request_of(run), specification, attributes, arrays, _AXES)
+    return record_for(run, reference_identity_of(run), specification, attributes, arrays, _AXES)
 
 
 def reference_of_record(record: StoredRecord) -> Reference:

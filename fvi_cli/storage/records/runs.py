@@ -16,25 +16,23 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
 from fvi_cli.integrator.results.observed import Observed, Occurrences
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.storage.code import own_code
 from fvi_cli.storage.digests import (
     SOLVER_VERSION,
     Inputs,
     extract_inputs,
-    identity_for,
+    identity_of,
     refusal_of,
-    request_of,
     specification_of,
 )
 from fvi_cli.storage.files import escape_text
-from fvi_cli.storage.provenance import origin
+from fvi_cli.storage.provenance import libraries, origin
 from fvi_cli.storage.records.fields import FIELDS, TIME, Field, field_named, named_as, read_extents
 from fvi_cli.storage.records.record import SWEPT, StoredRecord, swept_by
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.norms import Measured
 
-ORIGIN: Final = ("created", "fvi_version", "git_commit", "git_dirty", "code", "solver_version")
+ORIGIN: Final = ("created", "fvi_version", "git_commit", "git_dirty", "libraries", "solver_version")
 """Attributes that say by whom, and not what."""
 
 _MADE: Final[Mapping[tuple[str, ...], type]] = {
@@ -75,32 +73,31 @@ def stored_record(finished: FinishedRun) -> StoredRecord:
         own = _times_on_grid(run, arrays[TIME])
         arrays = {n: v[: own.size] if axes[n][0] == TIME else v for n, v in arrays.items()}
         arrays[TIME] = own
-    request = request_of(run)
+    identity = identity_of(run)
     # asked for again with ``allow_unstable`` it is another request, and is integrated
     if finished.status == "refused" and finished.predicted == "unstable":
-        request = refusal_of(request)
-    return record_for(run, request, specification_of(run), attributes, arrays, axes)
+        identity = refusal_of(identity)
+    return record_for(run, identity, specification_of(run), attributes, arrays, axes)
 
 
 def record_for(
     run: Run,
-    request: str,
+    identity: str,
     specification: tuple[str, Inputs],
     attributes: Mapping[str, Any],
     arrays: Mapping[str, NDArray[Any]],
     axes: Mapping[str, tuple[str, ...]],
 ) -> StoredRecord:
-    """A record that says what was asked for, of which member, and by which code it was answered."""
+    """A record that says what was asked for, of which member, and what it was made with."""
     text, inputs = specification[0], dict(specification[1])
     of_member: dict[str, Any] = {}
     if run.member is not None:
         # long lists of numbers are moved to `inputs`
         of_member = {key: extract_inputs(value, inputs) for key, value in run.member.values.items()}
         of_member[SWEPT] = json.dumps(swept_by(run))
-    made_by = {"solver_version": SOLVER_VERSION, "code": own_code().text, **origin()}
+    made_by = {"solver_version": SOLVER_VERSION, "libraries": libraries(), **origin()}
     return StoredRecord(
-        identity=identity_for(request),
-        request=request,
+        identity=identity,
         attributes={**attributes, **of_member, "specification": text, **made_by},
         arrays=arrays,
         axes=axes,

@@ -1,1 +1,0 @@
-"""Differences between stored runs and requested ones."""
