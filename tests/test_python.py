@@ -13,7 +13,6 @@ from fvi_cli.scenes.registry import KINDS
 NEEDED = {
     "lagrangian": {"coordinates": ["x"], "lagrangian": "vx**2/2 - x**2/2"},
     "structure": {"mass": np.diag([2.0, 1.0]), "stiffness": np.array([[3.0, -1.0], [-1.0, 1.0]])},
-    "sandwich-beam": {"elements": 2},
     "kepler": {"initial_position": [1.0, 0.0]},
 }
 SCENES = [name for name, kind in KINDS.items() if issubclass(kind, SceneKind)]

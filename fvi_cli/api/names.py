@@ -79,7 +79,6 @@ from fvi_cli.scenes.lagrangian import double_pendulum as double_pendulum
 from fvi_cli.scenes.lagrangian import lagrangian_scene as lagrangian_scene
 from fvi_cli.scenes.problem import Problem as Problem
 from fvi_cli.scenes.registry import build_problem as build_problem
-from fvi_cli.scenes.registry import sandwich_beam as sandwich_beam
 from fvi_cli.scenes.structures.structure import structure as structure
 from fvi_cli.storage import StoredConfiguration as StoredConfiguration
 from fvi_cli.storage import StoredFile as StoredFile

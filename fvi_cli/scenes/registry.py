@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final
@@ -10,9 +9,8 @@ from typing import Any, Final
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import not_known
-from fvi_cli.keys.cursor import OPTIONAL, REQUIRED
 from fvi_cli.keys.kinds import ByKind
-from fvi_cli.keys.settings import Key, record_of
+from fvi_cli.keys.settings import record_of
 from fvi_cli.scenes.kinds.fractional_derivative import FractionalDerivative
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.kinds.material import Material
@@ -26,7 +24,7 @@ from fvi_cli.scenes.kinds.oscillators import (
     Pendulum,
 )
 from fvi_cli.scenes.kinds.rows import Chain, FrameKind, String
-from fvi_cli.scenes.kinds.structures import SandwichBeam, Structure
+from fvi_cli.scenes.kinds.structures import Structure
 from fvi_cli.scenes.problem import AnyProblem
 
 KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
@@ -41,7 +39,6 @@ KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
             Chain,
             FrameKind,
             Structure,
-            SandwichBeam,
             String,
             DoublePendulum,
             LagrangianKind,
@@ -118,21 +115,3 @@ def _kind(specification: Mapping[str, Any]) -> type[Kind]:
 def kind_title(name: str) -> str:
     """The title of a kind in figures; an unknown name is its own title."""
     return (KINDS[name].title or name.replace("-", " ")) if name in KINDS else name
-
-
-def sandwich_beam(**keys: Any) -> Scene:
-    """Scene of a clamped beam with a viscoelastic core, by the keys of ``kind: sandwich-beam``."""
-    return build_scene({"kind": "sandwich-beam", **keys})
-
-
-def _argument(of: Key) -> inspect.Parameter:
-    default = None if of.default is OPTIONAL else of.default
-    if default is REQUIRED:
-        default = inspect.Parameter.empty
-    return inspect.Parameter(of.name, inspect.Parameter.KEYWORD_ONLY, default=default)
-
-
-_BEAM: Final = inspect.Signature(
-    [_argument(one) for one in SandwichBeam.keys.values()], return_annotation="Scene"
-)
-sandwich_beam.__signature__ = _BEAM  # type: ignore[attr-defined]

@@ -59,7 +59,7 @@ def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path):
 
 REPORTS = {  # what each command is asked, a table of its document, and whether it can be checked
     ("modes", "sandwich-beam"): ("modes", True),
-    ("response", "sandwich-beam", "--over", "frequency=0.1:1:5", "--force", "w1"): ("peaks", True),
+    ("response", "sandwich-beam", "--over", "frequency=0.1:1:5", "--force", "x1"): ("peaks", True),
     ("stability", *QUICK, "--no-observe"): ("runs", True),
     ("convergence", *QUICK): ("runs", True),
     ("cost", *QUICK, "--set", "method={bdf: [1, 2]}", "--set", "claims={}"): ("summary", False),

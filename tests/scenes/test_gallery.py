@@ -1,6 +1,5 @@
 """Every kind of scene has its equation on a page, a configuration and a committed picture."""
 
-import json
 import re
 from pathlib import Path
 
@@ -29,9 +28,7 @@ def test_every_kind_is_documented_and_pictured(kind):
     path = f"results/figures/gallery-{kind}-{figure}"
     assert f"\n## {kind}\n\n    {KINDS[kind].equation}\n" in PAGE
     assert f"\n![{kind}](../../{path}.png)\n" in PAGE
-    for suffix in (".png", ".json"):
-        assert (ROOT / f"{path}{suffix}").stat().st_size > 100
-    assert json.loads((ROOT / f"{path}.json").read_text(encoding="utf-8"))["panels"]
+    assert (ROOT / f"{path}.png").stat().st_size > 100
 
 
 def test_every_kind_has_a_configuration_beside_the_gallery():

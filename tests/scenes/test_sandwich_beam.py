@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from oracles.sandwich_beam import beam_matrices, sandwich_beam
 from scipy.sparse.linalg import eigsh
 
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
@@ -10,8 +11,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.registry import build_scene
-from fvi_cli.scenes.structures.sandwich_beam import beam_matrices
 
 BEAM = {
     "length": 0.2,
@@ -55,14 +54,9 @@ def test_with_a_stiff_core_they_bend_as_one():
 
 
 def test_the_scene_is_sparse_and_loses_energy_in_every_step():
-    scene = build_scene(
-        {
-            "kind": "sandwich-beam",
-            "elements": 12,
-            "initial": {"position": 0.0, "velocity": {"at": {"w12": 1.0}}},
-            "final_time": 0.002,
-        }
-    )
+    strike = np.zeros(48)
+    strike[44] = 1.0
+    scene = sandwich_beam(12, initial_velocity=strike, final_time=0.002)
     assert scene.dimension == 48
     assert is_sparse(scene.inertia.form)
     method = Method(cq="gauss", degree=2, start="graded")
@@ -74,15 +68,9 @@ def test_the_scene_is_sparse_and_loses_energy_in_every_step():
 
 
 def pushed(elements: int) -> Scene:
-    return build_scene(
-        {
-            "kind": "sandwich-beam",
-            "elements": elements,
-            "initial": {"position": 0.0, "velocity": 0.0},
-            "final_time": 0.01,
-            "forcing": {"at": {f"w{elements}": "exp(-((t-0.002)/0.0004)**2)"}},
-        }
-    )
+    force = ["0"] * (4 * elements)
+    force[-4] = "exp(-((t-0.002)/0.0004)**2)"
+    return sandwich_beam(elements, final_time=0.01, forcing=force)
 
 
 def test_adaptive_steps_follow_the_motion_and_not_the_finest_modes():

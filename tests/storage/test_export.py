@@ -163,8 +163,6 @@ def test_columns_are_called_as_the_coordinates(told, size, names):
         ("kind: kepler, initial: {position: [1, 0], velocity: [0, 1]}, final_time: 1.0",
          "x,y,p_x,p_y"),
         ("kind: chain, masses: 3, final_time: 1.0", "x1,x2,x3,p_x1,p_x2,p_x3"),
-        ("kind: sandwich-beam, elements: 1, final_time: 1.0e-3, exact: none",
-         "w1,r1,a1,b1,p_w1,p_r1,p_a1,p_b1"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("sweep", ["", "sweep: {problem.derivative: [caputo]}\n"])

@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 from letters import spring
 from numpy.typing import NDArray
+from oracles.sandwich_beam import sandwich_beam
 from scipy.linalg import eigh
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.vibration.modes import Mode, find_modes
 
 Array = NDArray[np.float64]
@@ -106,15 +107,9 @@ def test_one_degree_of_freedom_rings_down_as_pole_and_branch_cut(scene):
 
 
 def test_the_beam_rings_down_from_its_first_shape_as_modes_and_branch_cut():
-    plain = build_scene(
-        {
-            "kind": "sandwich-beam",
-            "elements": 6,
-            "initial": {"position": 0.0, "velocity": 0.0},
-            "final_time": 0.05,
-        }
-    )
-    _, shapes = eigh(plain.potential.stiffness, plain.inertia.mass, subset_by_index=[0, 0])
+    plain = sandwich_beam(6, final_time=0.05)
+    forms = (dense(plain.potential.stiffness), dense(plain.inertia.mass))
+    _, shapes = eigh(*forms, subset_by_index=[0, 0])
     scene = replace(plain, initial_position=shapes[:, 0] / np.abs(shapes).max())
     table = find_modes(scene, 24)
     assert table.is_complete

@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 import pytest
 from command_line import configuration, fvi, rows_of
+from oracles.sandwich_beam import SIZES, beam_matrices, sandwich_beam
 from scipy.io import mmwrite
 from scipy.sparse import coo_array
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
@@ -27,21 +27,10 @@ from fvi_cli.mathematics.transforms.characteristic import (
     characteristic_terms,
     characteristic_zeros,
 )
-from fvi_cli.scenes.structures.sandwich_beam import beam_matrices
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.response import harmonic_response
 from fvi_cli.studies.vibration.sector import Sector, count_modes, modes_by_integrals
-
-BEAM = {
-    "length": 0.1778,
-    "width": 0.0127,
-    "face_thickness": 1.524e-3,
-    "core_thickness": 1.27e-4,
-    "face_modulus": 6.9e10,
-    "face_density": 2766.0,
-    "core_density": 968.0,
-}
 
 
 def linear_scene(
@@ -60,11 +49,7 @@ def linear_scene(
 
 
 def sandwich(elements: int) -> Scene:
-    mass, faces, core = beam_matrices(elements, **BEAM)
-    law = fractional_zener(
-        order=0.675, time=8.23e-9, relaxed=3.504e5, unrelaxed=3.062e9, coefficient=core
-    )
-    return linear_scene(mass, faces, law, time=0.1)
+    return sandwich_beam(elements, final_time=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +225,7 @@ def test_nothing_of_size_d_by_d_is_made_for_modes_and_responses():
 
 
 def test_the_commands_from_three_exported_files(tmp_path):
-    mass, faces, core = beam_matrices(4, **BEAM)
+    mass, faces, core = beam_matrices(4, **SIZES)
     for name, form in (("M", mass), ("K", faces), ("C", core)):
         mmwrite(tmp_path / f"{name}.mtx", coo_array(form), symmetry="symmetric", precision=17)
     config = tmp_path / "beam.yaml"

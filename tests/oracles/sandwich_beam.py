@@ -6,35 +6,27 @@ distance of the middle planes (Mead, Markus, *The forced vibration of a three-la
 beam with arbitrary boundary conditions*, J. Sound Vib. 10, 1969).
 """
 
-from __future__ import annotations
-
-from dataclasses import replace
-from typing import Unpack, cast
-
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 
-from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, SparseMatrix
-from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.data import SceneData, make_scene
+from fvi_cli.effects.laws.cole_cole import fractional_zener
+from fvi_cli.scenes.structures.structure import structure
 
 PER_NODE = 4
 """Degrees of freedom of a node: w, w', u_1, u_3."""
 
 
 def beam_matrices(
-    elements: int,
+    elements,
     *,
-    length: float,
-    width: float,
-    face_thickness: float,
-    core_thickness: float,
-    face_modulus: float,
-    face_density: float,
-    core_density: float,
-) -> tuple[Form, Form, Form]:
+    length,
+    width,
+    face_thickness,
+    core_thickness,
+    face_modulus,
+    face_density,
+    core_density,
+):
     """M, K of faces, K of a core with shear modulus 1, each ``(4 elements, 4 elements)``.
 
     Each node except the clamped one has four degrees of freedom: w, w', u_1, u_3. In every element
@@ -60,7 +52,7 @@ def beam_matrices(
     return _assembled(mass, elements), _assembled(faces, elements), _assembled(core, elements)
 
 
-def _shapes(x: float, size: float) -> tuple[Array, ...]:
+def _shapes(x, size):
     """Shape functions: deflection, slope, curvature, axial displacements, stretches at x."""
     zero = np.zeros(2 * PER_NODE)
     w, slope, bend, u1, u3, stretch1, stretch3 = (zero.copy() for _ in range(7))
@@ -89,10 +81,8 @@ def _shapes(x: float, size: float) -> tuple[Array, ...]:
     return w, slope, bend, u1, u3, stretch1, stretch3
 
 
-def _assembled(element: Array, elements: int) -> Form:
+def _assembled(element, elements):
     """The matrix of equal elements in a row, with the first node clamped."""
-    from scipy.sparse import coo_array, csr_array
-
     width = 2 * PER_NODE
     first = PER_NODE * np.arange(elements)[:, None, None]
     rows = np.broadcast_to(first + np.arange(width)[:, None], (elements, width, width)).ravel()
@@ -100,15 +90,24 @@ def _assembled(element: Array, elements: int) -> Form:
     values = np.tile(element.ravel(), elements)
     total = PER_NODE * (elements + 1)
     whole = csr_array(coo_array((values, (rows, columns)), shape=(total, total)))
-    return cast(SparseMatrix, csr_array(whole[PER_NODE:, PER_NODE:]))
+    return csr_array(whole[PER_NODE:, PER_NODE:])
 
 
-def beam_coordinates(elements: int) -> tuple[str, ...]:
-    """Names of the degrees of freedom: w1, r1, a1, b1, w2, ..."""
-    return tuple(f"{kind}{node}" for node in range(1, elements + 1) for kind in "wrab")
+CORE = {"order": 0.675, "time": 8.23e-9, "relaxed": 3.504e5, "unrelaxed": 3.062e9}
+SIZES = {
+    "length": 0.1778,
+    "width": 0.0127,
+    "face_thickness": 1.524e-3,
+    "core_thickness": 1.27e-4,
+    "face_modulus": 6.9e10,
+    "face_density": 2766.0,
+    "core_density": 968.0,
+}
+"""Those of the shipped configuration, whose matrices have 42 elements."""
 
 
-def beam_scene(mass: Form, faces: Form, core: Law, **data: Unpack[SceneData]) -> Scene:
-    """Scene of a beam by its matrices and the law of its core."""
-    scene = make_scene(mass, QuadraticPotential(stiffness=faces), **data)
-    return replace(scene, laws=(*scene.laws, core))
+def sandwich_beam(elements, **data):
+    """The scene of a clamped beam whose core follows a fractional Zener law."""
+    mass, faces, core = beam_matrices(elements, **SIZES)
+    law = fractional_zener(**CORE, coefficient=core)
+    return structure(mass=mass, stiffness=faces, laws=[law], **data)
