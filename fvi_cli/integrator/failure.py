@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Reason = Literal[
-    "diverged", "not finite", "no unique solution", "step failed", "irregular", "most steps"
-]
+Reason = Literal["not finite", "no unique solution", "step failed", "irregular", "most steps"]
 
 
 class StepFailedError(Exception):

@@ -66,9 +66,8 @@ def integrate(
     Returns
     -------
     Trajectory
-        With status ``ok``, ``diverged`` (it left the bound of what the scene can do, or numbers
-        ceased to be finite) or ``failed`` (equations unsolved, or a motion to where the energy is
-        not finite); finished steps are kept.
+        With status ``ok``, or ``failed`` (equations unsolved, or numbers that are not finite);
+        finished steps are kept.
 
     Raises
     ------

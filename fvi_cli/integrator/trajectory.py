@@ -18,7 +18,7 @@ from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.results.showing import dataframe_of, dataset_of, html_of
 from fvi_cli.mathematics.arrays import Array
 
-Status = Literal["ok", "diverged", "failed", "refused"]
+Status = Literal["ok", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
 
 
@@ -242,13 +242,6 @@ class Trajectory:
                 'such as integrate(scene, "gauss3", 100, with_steps=True)'
             )
         return self.steps
-
-
-def status_of(failure: Failure | None, *, finite: bool = True) -> Status:
-    """Status of a run that ended with this failure, or without one."""
-    if failure is None:
-        return "ok"
-    return "diverged" if failure.reason in ("diverged", "not finite") or not finite else "failed"
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:

@@ -76,7 +76,7 @@ def integrate(
     Returns
     -------
     Trajectory
-        With its status; a run that diverges raises no exception.
+        With its status; a run that fails raises no exception.
 
     Raises
     ------

@@ -12,7 +12,6 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.integrator.break_points import interpolation_remarks
-from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import start_only
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_requested
@@ -73,7 +72,7 @@ def execute_batch(
 ) -> list[FinishedRun]:
     """Compute runs by one method on one number of steps, e.g. members of a sweep; or one search.
 
-    A run that diverges does not disturb the others. A run that is predicted to blow up is computed
+    A run that fails does not disturb the others. A run that is predicted to blow up is computed
     only with ``allow_unstable``. References that are not given are found here. A search for a
     tolerance takes at most `available_bytes` of memory and gives `log` a line for every run.
     """
@@ -231,9 +230,6 @@ def _remarks(
         )
     if not (experiment.diagnostics.is_empty or isinstance(run.method, Method)):
         found.append("no diagnostics: the method keeps no increments of its steps")
-    if prediction.verdict == "unstable":
-        # instability was predicted; round-off decides from which N on the energy shows it
-        found = [one for one in found if not one.startswith(GAINS_ENERGY)]
     if scene is not None:
         found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
         # only on the finest steps of a ladder

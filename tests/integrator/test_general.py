@@ -179,7 +179,7 @@ def single(lagrangian: str, **keywords: object) -> Scene:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x*vx**2/2 - x", "definite any more|did not converge|not finite"),
+        ("x*vx**2/2 - x", "not positive definite|did not converge|not finite"),
         ("vx**2*(1 + x**2)/2 - log(x)", "did not converge|not finite"),
         ("vx**2*(1 + x**2)/2 + sqrt(x)*0.1 - x", "not finite|did not converge"),
     ],
@@ -187,7 +187,6 @@ def single(lagrangian: str, **keywords: object) -> Scene:
 def test_a_run_that_cannot_go_on_says_where(text, message):
     run = integrate(single(text), GAUSS3, 64)
     assert run.status == "failed"
-    assert run.message.startswith("step ")
     assert "t = " in run.message
     assert any(part in run.message for part in message.split("|"))
     assert 1 < run.time.size < 65
@@ -197,8 +196,8 @@ def test_a_run_that_cannot_go_on_says_where(text, message):
 @pytest.mark.parametrize(
     ("text", "position", "n_steps", "message"),
     [
-        ("vx**2*(1 + x**2)/2 - log(x)", 1.0, 64, "the Lagrangian is not finite near q = [-0.0"),
-        ("(1 + x)*vx**2/2 - 5*x", 0.2, 16, "definite any more (smallest eigenvalue -0.0"),
+        ("vx**2*(1 + x**2)/2 - log(x)", 1.0, 64, "the energy is not finite near q = [-0.0"),
+        ("(1 + x)*vx**2/2 - 5*x", 0.2, 16, "is not positive definite near q = [-1.0"),
     ],
 )
 def test_a_path_that_leaves_where_the_lagrangian_is_one_says_why(text, position, n_steps, message):

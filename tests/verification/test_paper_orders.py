@@ -15,7 +15,6 @@ from paper_problems import (
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import path_from
 
 PROBLEMS = {
     "damped oscillator": (damped_oscillator, LADDER_OSCILLATOR),
@@ -72,11 +71,4 @@ def test_bdf5_and_bdf6_blow_up_on_the_ladder_of_the_paper():
     assert fifth[:-1].max() > 1e2
     assert fifth[-1] < 1e-4
     sixth = Method(cq="bdf6", sampling="nodes", degree=1)
-    scene = problem.scene
-    momentum = scene.inertia.mass @ scene.initial_velocity
-    whole = path_from(scene, sixth, LADDER_UNIT[-1], scene.initial_position, momentum)
-    assert np.abs(whole).max() > 1e20
-    # integrate does not go that far
-    stopped = integrate(problem.scene, sixth, LADDER_UNIT[-1])
-    assert stopped.status == "diverged"
-    assert stopped.position.shape[0] < whole.shape[0]
+    assert np.abs(integrate(problem.scene, sixth, LADDER_UNIT[-1]).position).max() > 1e20

@@ -11,7 +11,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.domain import check_domain
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.results.diagnostics import NewtonRecord
-from fvi_cli.integrator.trajectory import Trajectory, status_of
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -74,7 +74,7 @@ def baseline_trajectory(
         energy=energy,
         n_steps=n_steps,
         step_size=h,
-        status=status_of(failure),
+        status="ok" if failure is None else "failed",
         message=str(failure or ""),
         failure=failure,
         history_operations=operations,

@@ -15,7 +15,6 @@ from fvi_cli.integrator.advance import STRIDE, report_progress
 from fvi_cli.integrator.baselines.past import Past, caputo_offset, solve_implicit
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.growth_bound import beyond, scene_bound
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -232,7 +231,7 @@ SCHEMES: dict[str, Scheme] = {
 def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     """The trajectory of a baseline of :data:`SCHEMES`."""
     began = time.perf_counter()
-    steps, bound = EqualSteps(scene, n_steps), scene_bound(scene)
+    steps = EqualSteps(scene, n_steps)
     scheme, h = SCHEMES[method.name](steps), steps.h
     # the steps themselves need the newest point alone
     positions, velocities = np.empty((2, n_steps + 1, scene.dimension))
@@ -249,13 +248,13 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
             except StepFailedError as error:
                 failure = Failure.in_step(k, k * h, error)
                 break
-            done, iterations = k + 1, iterations + point.iterations
-            positions[done] = point.position
+            iterations += point.iterations
+            if not np.isfinite(point.position).all():
+                failure = Failure.not_finite(k, (k + 1) * h)
+                break
+            done, positions[k + 1] = k + 1, point.position
             if point.velocity is not None:
                 velocities[done] = point.velocity
-            failure = beyond(point.position, (point.position - positions[k]) / h, bound, done, h)
-            if failure:
-                break
         positions, velocity = positions[: done + 1], None
         if method.name == "gruenwald-letnikov":
             velocity = np.gradient(positions, h, axis=0, edge_order=2 if done > 1 else 1)

@@ -40,7 +40,6 @@ class StepLoads:
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
         self._forcing, self._tables = scene.forcing, tables
         self._rule, self._dimension = method.forcing_quadrature, scene.dimension
-        self.largest_force = 0.0  # the largest mean over a step so far
         # for backward differences: load vectors of the first steps, ``(n, s + 1, d)``
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
         self._jump: list[tuple[float, Array]] = []
@@ -90,8 +89,6 @@ class StepLoads:
         damping = self.of_damping(begin, step_size, n_steps, is_fresh=is_fresh)
         if forcing is None:
             return damping
-        mean = np.abs(forcing).sum(axis=1).max(initial=0.0) / step_size
-        self.largest_force = max(self.largest_force, float(mean))
         return forcing if damping is None else forcing + damping
 
     def of_forcing(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -114,6 +114,18 @@ class RunSteps:
         tau = np.clip((flat - self.time[steps]) / self.step_size[steps], 0.0, 1.0)
         # a point of the mesh is met exactly, whatever the last digit of the step size
         return steps, np.where(flat == self.time[steps + 1], 1.0, tau)
+
+    def first(self, count: int) -> RunSteps:
+        """The first steps alone."""
+        return replace(
+            self,
+            time=self.time[: count + 1],
+            position=self.position[: count + 1],
+            momentum=self.momentum[: count + 1],
+            step_size=self.step_size[:count],
+            velocity=self.velocity[:count],
+            jump=None if self.jump is None else self.jump[: count + 1],
+        )
 
     def mesh(self, breaks: Sequence[float]) -> Mesh:
         """The mesh of the run; successive steps of the same size are one stretch.

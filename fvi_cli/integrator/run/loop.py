@@ -108,7 +108,7 @@ def _steps(
             done += n
             continue
         if overflows:
-            # overflow in later steps of a block would hide where a run leaves its bound
+            # overflow in later steps of a block would hide where numbers cease to be finite
             steps = engine.solve(state, h, 1, None if own is None else own[:, :1])
         else:
             steps = advance(engine, state, h, ahead, proposal.total, own)
@@ -121,13 +121,11 @@ def _steps(
             recorder.newton.add(recorder.reached, steps.attempts)
             return
         recorder.note(state, steps)
-        inputs = unknowns = None
+        inputs = None
         if recorder.with_steps:
             inputs = steps.inputs.reshape(engine.q, steps.count, -1, engine.e)
-        if not engine.law.is_linear:
-            unknowns = steps.unknowns
         x, p = state.x[:, None] + steps.dx, state.p[:, None] + steps.dp
-        recorder.add(Solved(at, end, x, p, inputs, unknowns))
+        recorder.add(Solved(at, end, x, p, inputs))
         engine.accept(state, steps, end)
         done += steps.count
         if steps.has_failed and not state.live.any():

@@ -23,7 +23,6 @@ from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.regular import has_rough_momenta, keeps_for_momenta
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
-from fvi_cli.integrator.run.soundness import Soundness
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
@@ -112,7 +111,6 @@ def prepare(
         every=every,
         with_steps=with_steps,
         n_reported=None if mesh is None else mesh.n_reported,
-        check=Soundness(scenes, engine.loads_of),
     )
     return ScenesRun(engine, source, recorder, mesh, remarks)
 
@@ -149,7 +147,7 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
 def path_from(
     scene: Scene, method: Method, n_steps: int, position: Array, momentum: Array
 ) -> Array:
-    """Positions on the grid from any state, without a bound on them, ``(n + 1, d)``.
+    """Positions on the grid from any state, ``(n + 1, d)``.
 
     They end at the first that is not finite. Derivatives subtract the initial data of the scene.
 

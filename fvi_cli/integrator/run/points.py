@@ -91,15 +91,6 @@ class Points:
     sizes: Array
     position: Array  # at the ends, shape (scenes, n, d)
     momentum: Array
-    before: Array  # position where they begin, shape (scenes, d)
-    unknowns: Array | None  # polynomials of scenes that are not linear, (scenes, n, s, d)
-
-
-class Check(Protocol):
-    """Criteria by which runs are wrong from some step on."""
-
-    def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
-        """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
 
 
 class Solved(NamedTuple):
@@ -110,7 +101,6 @@ class Solved(NamedTuple):
     position: Array  # at their ends, (q, n, e)
     momentum: Array
     inputs: Array | None  # inputs of the memory, (q, n, i, e), where polynomials are kept
-    unknowns: Array | None = None  # U, (q, n, s, e), where scenes are not linear
 
     @property
     def n_steps(self) -> int:
@@ -125,10 +115,10 @@ class Solved(NamedTuple):
 
 
 def points_of(
-    engine: Engine, solved: Sequence[Solved], done: int, before: Array
+    engine: Engine, solved: Sequence[Solved], done: int
 ) -> tuple[Points, NDArray[np.bool_]]:
     """Successive steps in the coordinates of the scenes, and which of their ends are reported."""
-    proposals, ends, position, momentum, _, unknowns = zip(*solved, strict=True)
+    proposals, ends, position, momentum, _ = zip(*solved, strict=True)
     counts = [one.n_steps for one in solved]
 
     def spread(values: list[float] | list[int]) -> Array:
@@ -154,8 +144,6 @@ def points_of(
         sizes=np.broadcast_to(sizes, number.shape),
         position=x,
         momentum=p,
-        before=before,
-        unknowns=None if engine.law.is_linear else join(unknowns),
     )
     return found, reported
 

@@ -13,7 +13,6 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, no_unique_solution
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.points import (
-    Check,
     Points,
     Solved,
     Stops,
@@ -24,7 +23,7 @@ from fvi_cli.integrator.run.points import (
 from fvi_cli.mathematics.arrays import Array
 
 WAITING = 256
-"""Steps whose points are converted to the coordinates of their scenes and checked together."""
+"""Steps whose points are converted to the coordinates of their scenes together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +41,7 @@ class Recorder:
     """Reported points of all scenes, thinned, and on request all steps as polynomials.
 
     Every n-th of `n_reported` points is kept, the first and the last; with steps, all points of the
-    mesh and the polynomials. `check` stops runs that cannot be right, in addition to runs with
-    numbers that are not finite.
+    mesh and the polynomials. Runs stop where numbers cease to be finite.
 
     Attributes
     ----------
@@ -62,9 +60,8 @@ class Recorder:
         every: int = 1,
         with_steps: bool = False,
         n_reported: int | None = None,
-        check: Check | None = None,
     ) -> None:
-        self._engine, self._every, self._check = engine, every, check
+        self._engine, self._every = engine, every
         self._n_reported = n_reported
         self.with_steps = with_steps
         self.done = self.reported = 0
@@ -130,7 +127,7 @@ class Recorder:
         return self._count >= WAITING or bool(self._stops)
 
     def flush(self, state: State) -> None:
-        """Check and keep the added steps; members of scenes that stop here are solved no more."""
+        """Keep the added steps; members of scenes that stop here are solved no more."""
         self.newton.count()
         stops, self._stops = self._stops, {}
         if self._waiting:
@@ -143,12 +140,10 @@ class Recorder:
 
     def _take(self, stops: Stops) -> None:
         """Keep the points of waiting steps, of every scene up to where it stops."""
-        points, reported = points_of(self._engine, self._waiting, self.done, self._last[1])
+        points, reported = points_of(self._engine, self._waiting, self.done)
         # a sum is finite only if all terms are
         if not np.isfinite(points.position.sum() + points.momentum.sum()):
             self._stop_at_infinity(points, stops)
-        if self._check is not None:
-            self._check(points, np.flatnonzero(self.live).tolist(), stops)
         numbers = self.reported + 1 + np.arange(np.count_nonzero(reported))
         is_point = reported
         if self._every > 1:
@@ -174,14 +169,14 @@ class Recorder:
         self._waiting, self._count, self._inside_chunk = [], 0, 0
 
     def _stop_at_infinity(self, points: Points, stops: Stops) -> None:
-        """Stop scenes after their first step to numbers that are not finite."""
+        """Stop scenes before their first step to numbers that are not finite."""
         every = np.concatenate([points.position, points.momentum], axis=2)
         finite = np.asarray(np.isfinite(every).all(axis=2))
         for scene in np.flatnonzero(self.live & ~finite.all(axis=1)).tolist():
             at = int(finite[scene].argmin())
             if scene not in stops or at < stops[scene][0]:
                 failure = Failure.not_finite(points.done + at, float(points.times[at]))
-                stops[scene] = (at + 1, failure)
+                stops[scene] = (at, failure)
 
     def _end(
         self, scene: int, failure: Failure, count: int, rows: int, last: tuple[float, Array, Array]

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.balance import diagnose_run
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.growth_bound import energy_remarks
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.loads.jumps import jump_remarks
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.results.diagnostics import Diagnostics
@@ -20,13 +21,10 @@ from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import Source
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.regular import (
-    has_rough_momenta,
-    regular_until,
-    rough_remarks,
-    with_singular_mass,
-)
-from fvi_cli.integrator.trajectory import Trajectory, status_of
+from fvi_cli.integrator.run.regular import has_rough_momenta, rough_remarks
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 
 
 @dataclass(eq=False)
@@ -75,8 +73,6 @@ def trajectory_of(
     are given, `bounced`, with their momenta, and the number of steps that were not cut.
     """
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
-    if n_steps is None:
-        n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
     time, position, momentum = recorder.points(index)
     failure = recorder.failures.get(index)
     steps = recorder.steps(index) if recorder.with_steps else None
@@ -88,38 +84,26 @@ def trajectory_of(
             every_momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
             momentum = every_momentum[np.searchsorted(steps.time, time)]
         remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
-    with np.errstate(all="ignore"):
-        if scene.lagrangian is None:
-            energy = scene.energy(position, momentum, time)
-        else:
-            velocity = scene.lagrangian.velocity(position, momentum, time)
-            energy = scene.lagrangian.energy(position, velocity, time)
-    if scene.lagrangian is not None:
-        kept, irregular = regular_until(scene.lagrangian, position, velocity, energy, time)
-        if irregular:
-            if kept == 0:
-                # no velocity was found from the momentum at the start; there the velocity is given
-                kept, start = 1, (scene.initial_position, scene.initial_velocity)
-                energy[0] = scene.lagrangian.energy(*start, 0.0)
-            time, position, momentum, energy = (
-                one[:kept] for one in (time, position, momentum, energy)
+    energy, end, irregular = _energies(scene, time, position, momentum)
+    if irregular is not None:
+        failure = irregular
+        if steps is not None:
+            # ends of the shortest steps may be equal to the last bit
+            is_whole = steps.time.size == time.size
+            steps = steps.first(
+                end - 1 if is_whole else int(np.searchsorted(steps.time, time[end - 1]))
             )
-            failure = irregular
-        elif failure is not None and failure.reason == "step failed":
-            step = scene.final_time / max(n_steps, 1)
-            failure = with_singular_mass(failure, scene.lagrangian, position, time, step)
-    finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
+        time, position, momentum = time[:end], position[:end], momentum[:end]
     found = None
     if steps is not None and not diagnostics.is_empty and steps.n_steps:
         found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
-    if failure is None:
-        force = this.engine.loads_of[index].largest_force
-        # surfaces that move give energy
-        if steps is None or steps.jump is None:
-            remarks += energy_remarks(scene, position, energy, force)
-        if scene.forcing is not None and scene.forcing.has_functions:
-            # all points of a mesh take memory
-            remarks += jump_remarks(scene, time if this.mesh is None else this.mesh.times)
+    if failure is None and scene.forcing is not None and scene.forcing.has_functions:
+        # all points of a mesh take memory
+        remarks += jump_remarks(scene, time if this.mesh is None else this.mesh.times)
+    if n_steps is None and this.mesh is not None:
+        n_steps = this.mesh.n_reported
+    elif n_steps is None:
+        n_steps = recorder.steps_done(index) if steps is None else steps.n_steps
     found_steps = this.source if isinstance(this.source, AdaptiveSource) else None
     return Trajectory(
         time=time,
@@ -128,7 +112,7 @@ def trajectory_of(
         energy=energy,
         n_steps=n_steps,
         step_size=scene.final_time / max(n_steps, 1),
-        status=status_of(failure, finite=finite),
+        status="ok" if failure is None else "failed",
         message=str(failure or ""),
         failure=failure,
         history_operations=memory_operations(this.engine, recorder.steps_done(index)),
@@ -142,6 +126,42 @@ def trajectory_of(
         rejected=0 if found_steps is None else found_steps.controller.rejected,
         doubts=() if found_steps is None else found_steps.doubts,
     )
+
+
+def _energies(
+    scene: Scene, time: Array, position: Array, momentum: Array
+) -> tuple[Array, int, Failure | None]:
+    """Energies at points up to where they are finite and the mass is positive definite.
+
+    Returned are also the number of these points, and why the run ends there.
+    """
+    with np.errstate(all="ignore"):
+        if scene.lagrangian is None:
+            energy, mass = scene.energy(position, momentum, time), None
+        else:
+            velocity = scene.lagrangian.velocity(position, momentum, time)
+            energy = scene.lagrangian.energy(position, velocity, time)
+            mass = scene.lagrangian.derivatives(position, velocity, time).mass
+    finite, definite = np.isfinite(energy), np.ones(time.size, dtype=bool)
+    if mass is not None:
+        known = np.isfinite(mass).all(axis=(1, 2))
+        definite[known] = least_scaled_eigenvalue(mass[known]) > 0
+        finite &= known
+    wrong = np.flatnonzero(~(finite & definite))
+    if not wrong.size:
+        return energy, time.size, None
+    what = "mass matrix d2L/dv2 is not positive definite"
+    if definite[wrong[0]]:
+        what = "energy is not finite"
+    # where no velocity is found from the momentum at the start, the start is kept
+    first = max(int(wrong[0]), 1)
+    if wrong[0] == 0 and scene.lagrangian is not None:
+        start = scene.initial_position, scene.initial_velocity
+        energy[0] = scene.lagrangian.energy(*start, 0.0)
+    at = float(time[wrong[0]])
+    near = ", ".join(f"{value:.4g}" for value in position[wrong[0]])
+    words = f"t = {at:.6g}: the {what} near q = [{near}]"
+    return energy[:first], first, Failure(words, "irregular", time=at)
 
 
 def _diagnostics(

@@ -13,9 +13,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.impacts import run as impacts_run
 from fvi_cli.integrator.observations.request import names_of
-from fvi_cli.integrator.run.soundness import Soundness
 
 FAR = {"when": "{0}**2 + 1", "restitution": 0.5}
 LAGRANGIANS = {
@@ -114,13 +112,10 @@ def test_each_remark_and_failure_is_met():
 
 
 @pytest.mark.parametrize("speed", [4.0, 0.5])
-def test_a_surface_that_moves_may_take_a_body_anywhere(speed, monkeypatch):
+def test_a_surface_that_moves_may_take_a_body_anywhere(speed):
     scene = spring((0.5, 0.1), k=0.0, T=3.0, x=1e-9, v=0.0)
     wall = {"when": f"x + 1 - {speed}*t", "restitution": 0.8}
     assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "ok"
-    # the control: bounded by what the scene does by itself it is called diverged
-    monkeypatch.setattr(impacts_run, "Soundness", lambda *given, is_bounded: Soundness(*given))
-    assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "diverged"
 
 
 @pytest.mark.few(1)

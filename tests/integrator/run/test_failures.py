@@ -1,0 +1,104 @@
+"""Runs that end before their time: steps that have no solution, and numbers that are not finite."""
+
+import numpy as np
+import pytest
+from letters import spring
+from spread import spread
+
+from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import mesh_of
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.run.on_mesh import path_from
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+
+
+@pytest.mark.parametrize("every", [1, 30])
+@pytest.mark.parametrize(
+    "method", [Method(cq="bdf6", degree=1, sampling="nodes"), Baseline(name="explicit-euler")]
+)
+def test_an_unstable_run_ends_where_its_numbers_cease_to_be_finite(method, every):
+    scene = spring((0.5, 0.1), T=400.0, k=1e9, x=1.0)
+    if isinstance(method, Method):
+        scene = spring((1.5, 0.3), T=400.0, k=4.0, x=1.0)
+    found = integrate(scene, method, 2000, every=every)
+    assert found.status == "failed"
+    assert np.isfinite(found.position).all()
+    # an energy is a square
+    assert np.abs(found.position).max() > 1e145
+    assert found.time[-1] < found.failure.time < found.time[-1] + 0.2 * every + 1e-9
+
+
+@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+def test_large_and_tiny_motions_are_finite(size):
+    scene = spring((0.5, 0.3), T=40.0, x=size, v=3 * size)
+    assert integrate(scene, Method(cq="gauss", degree=2), 256).status == "ok"
+
+
+class TestFailures:
+    """They carry step, time and reason, the same by every route, whatever points are kept."""
+
+    METHOD = Method(cq="gauss", degree=2)
+    SCENE = lagrangian_scene(
+        final_time=4.0, coordinates=("x",), lagrangian="vx**2/2 + cos(x)", initial_velocity=[0.45]
+    )
+
+    @spread(n_steps=[300, 1000, 256], at=[256, 0, 1, 255, 257], every=[7, 100, 1])
+    def test_the_step_is_named_and_the_last_point_kept(self, monkeypatch, n_steps, at, every):
+        solve, seen = Engine.solve, []
+
+        def breaking(self, state, *arguments, **options):
+            seen.append(state.t)
+            found = solve(self, state, *arguments, **options)
+            if len(seen) == at + 1:
+                found.failed = np.ones(1, dtype=bool)
+            return found
+
+        monkeypatch.setattr(Engine, "solve", breaking)
+        times = self.SCENE.final_time * np.arange(n_steps + 1) / n_steps
+        found = integrate(self.SCENE, self.METHOD, mesh_of(times), every=every)
+        if at >= n_steps:
+            assert found.status == "ok"
+            return
+        assert found.status == "failed"
+        step = round(seen[-1] / times[1])
+        assert found.failure == Failure(str(found.failure), "step failed", step, seen[-1])
+        assert f"step {step}, t = {seen[-1]:.6g}: Newton's iteration did not" in found.message
+        assert found.time[-1] == pytest.approx(seen[-1], abs=1e-12)
+        assert found.time.size == step // every + 1 + (step % every > 0)
+
+    @pytest.mark.parametrize("every", [1, 50])
+    def test_a_step_behind_blocks_is_named(self, every):
+        """The force ends at x = 2, which is in the third chunk of steps."""
+        scene = lagrangian_scene(
+            final_time=4.0,
+            coordinates=("x",),
+            lagrangian="vx**2/2 + sqrt(2 - x)/1000",
+            initial_velocity=[0.9],
+        )
+        found = integrate(scene, self.METHOD, 20_000, every=every)
+        failure, h = found.failure, 4.0 / 20_000
+        assert failure is not None
+        assert failure.time == pytest.approx(2.22, abs=0.02)
+        assert failure.step == round(failure.time / h)
+        assert f"step {failure.step}, t = {failure.time:.6g}: " in found.message
+        assert found.time[-1] == pytest.approx(failure.time, abs=h / 2)
+
+    @pytest.mark.parametrize("n_steps", [100, 1000])
+    def test_the_worst_step_is_where_the_force_is_steep(self, n_steps):
+        scene = lagrangian_scene(
+            final_time=4.0,
+            coordinates=("x",),
+            lagrangian="vx**2/2 - (1 + tanh(200*(x - 2)))",
+            initial_velocity=[2.5],
+        )
+        found = integrate(scene, self.METHOD, n_steps)
+        # it takes 0.8 to the ramp
+        assert found.newton.worst_step * 4.0 / n_steps == pytest.approx(0.8, abs=0.3)
+
+    def test_a_singular_step_of_any_stretch_is_an_error(self):
+        # m/h^2 + k/4 = 0 in the last of its steps
+        scene = spring(T=10.0, k=-4.0, x=1.0)
+        with pytest.raises(np.linalg.LinAlgError, match="no unique solution"):
+            path_from(scene, Method(cq="gauss", degree=1), 10, np.ones(1), np.ones(1))
