@@ -32,8 +32,8 @@ def listing(numbers: Sequence[int]) -> str:
 
 
 _KEYS: Mapping[str, str] = {
-    "proportional.stiffness": "stiffness-proportional damping",
-    "proportional.mass": "mass-proportional damping",
+    "rayleigh.stiffness": "stiffness-proportional damping",
+    "rayleigh.mass": "mass-proportional damping",
 }
 
 
@@ -78,8 +78,8 @@ def all_units(units: Mapping[str, str]) -> Mapping[str, str]:
     found: dict[str, str] = {}
     if time:
         found |= {"rate": f"1/{time}", "frequency": "Hz" if time == "s" else f"1/{time}"}
-        found["proportional.stiffness"] = rf"{time}$^\gamma$"
-        found["proportional.mass"] = rf"{time}$^{{\gamma-2}}$"
+        found["rayleigh.stiffness"] = rf"{time}$^\gamma$"
+        found["rayleigh.mass"] = rf"{time}$^{{\gamma-2}}$"
     if length and time:
         found |= {"velocity": f"{length}/{time}", "acceleration": f"{length}/{time}²"}
     if length and force:

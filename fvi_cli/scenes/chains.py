@@ -23,7 +23,7 @@ from fvi_cli.scenes.data import (
     scene_function,
     with_dampers,
 )
-from fvi_cli.scenes.structures.rayleigh import rayleigh_damping
+from fvi_cli.scenes.structures.rayleigh import Rayleigh, rayleigh_damping
 
 LARGEST_DENSE: Final = 200
 """Storeys up to which matrices are dense; taller structures are not stepped by modes."""
@@ -113,7 +113,7 @@ def frame(
     stiffness: ArrayLike = 1.0,
     ground_acceleration: Forcing | str | None = None,
     dampers: Sequence[Damper] = (),
-    rayleigh: tuple[Sequence[float], Sequence[int]] | None = None,
+    rayleigh: Rayleigh | None = None,
     **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a building of n storeys that shear, shaken by the ground.
@@ -124,7 +124,7 @@ def frame(
 
     .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t),
 
-    and with `rayleigh`, two damping ratios and the numbers of their modes, Rayleigh's damping.
+    and with `rayleigh` Rayleigh's damping.
     """
     masses = _per_part(mass, storeys, "mass")
     springs = _per_part(stiffness, storeys, "stiffness")
@@ -140,7 +140,7 @@ def frame(
 
         mass_form = cast("SparseMatrix", diags_array(masses, format="csr"))
     if rayleigh is not None:
-        viscous = rayleigh_damping(mass_form, stiffness_form, *rayleigh)
+        viscous = rayleigh_damping(mass_form, stiffness_form, rayleigh)
         data["damping"] = (*data.get("damping", ()), viscous)
     return linear_oscillator(
         mass=mass_form,

@@ -55,11 +55,11 @@ SCENES = {
     ),
     "spectrum": configuration(
         f"kind: structure, mass: 1.0, stiffness: 9.0, {GROUND}, exact: none, "
-        "proportional: {stiffness: 0.3, order: 0.5}",
+        "rayleigh: {stiffness: 0.3, order: 0.5}",
         name="spectrum",
         steps="40",
         more="figures: [spectrum]\nsweep: {problem.stiffness: [4.0, 9.0], "
-        "problem.proportional.stiffness: [0.1, 0.2]}\n",
+        "problem.rayleigh.stiffness: [0.1, 0.2]}\n",
     ),
     **{
         f"{count} members": configuration(

@@ -297,8 +297,6 @@ _MEANT: Final[Mapping[str, str]] = {
     ),
     "rayleigh": "not a law of one damper: write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]} "
     "next to damping, where the kind has it (frame, structure)",
-    "modal": "not a law of one damper: write modal_damping: [0.02, 0.02] next to damping, where "
-    "the kind has it (structure)",
 }
 
 

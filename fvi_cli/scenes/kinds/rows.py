@@ -100,7 +100,7 @@ class FrameKind(
     refused={
         **WRONG_AT_PROBLEM,
         **dict.fromkeys(
-            ("proportional", "modal_damping", "damping_ratio", "damping_ratios", "ratios"),
+            ("damping_ratio", "damping_ratios", "ratios"),
             "not a key of frame: write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]}",
         ),
         **dict.fromkeys(
@@ -162,7 +162,9 @@ class FrameKind(
         default=[],
     )
     rayleigh: Rayleigh | None = key(
-        "Damping (a M + b K) x' by the ratios of two modes of masses and stiffnesses.", default=None
+        "Damping (a M + b K) D^gamma x, by its factors or by the ratios of two modes of masses and "
+        "stiffnesses.",
+        default=None,
     )
     ground_acceleration: GroundMotion = GROUND_ACCELERATION
     forcing = None
@@ -179,14 +181,14 @@ class FrameKind(
         """The scene; terms of ``dampers`` come before those of ``damping``."""
         count = int(np.size(data["initial_position"]))
         before = max((one.number for one in (*data["damping"], *data["laws"])), default=0)
-        between, damped = partial(_between_floors, count), self.rayleigh
+        between = partial(_between_floors, count)
         damping, laws = damping_effects(self.dampers, between, "dampers", before=before)
         data["damping"], data["laws"] = (*damping, *data["damping"]), (*laws, *data["laws"])
         return frame(
             storeys=count,
             mass=self.mass if self.masses is None else self.masses,
             stiffness=self.stiffness if self.stiffnesses is None else self.stiffnesses,
-            rayleigh=None if damped is None else (damped.ratios, damped.modes),
+            rayleigh=self.rayleigh,
             **data,
         )
 

@@ -6,18 +6,17 @@ from typing import Annotated, Any, ClassVar, Final
 
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.scalars import Number
-from fvi_cli.keys.settings import NotNegative, key
+from fvi_cli.keys.settings import key
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, GroundMotion
 from fvi_cli.scenes.kinds.damping_keys import NUMBER_OR_SYMMETRIC
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, MOST_COORDINATES
 from fvi_cli.scenes.structures.rayleigh import Rayleigh
-from fvi_cli.scenes.structures.structure import Proportional, structure
+from fvi_cli.scenes.structures.structure import structure
 
 _DIRECTION: Final = ByForm(
     single=Number(), several=ListOf(shape=Number(), most=MOST_COORDINATES, example="[1, 0]")
 )
-_RATIOS: Final = ListOf(shape=Number(least=0.0), least=0, example="[0.02, 0.05]")
 
 
 class Structure(SceneKind):
@@ -31,8 +30,7 @@ class Structure(SceneKind):
         "mass": "[[2.0, 0.0], [0.0, 1.0]]",
         "stiffness": "[[300.0, -100.0], [-100.0, 100.0]]",
         "damping": "[{order: 0.5, coefficient: 4.0, acts_on: [x2 - x1]}]",
-        "proportional": "{mass: 0.1, stiffness: 0.001, order: 0.5}",
-        "rayleigh": "{ratios: [0.02, 0.02], modes: [1, 2]}",
+        "rayleigh": "{mass: 0.1, stiffness: 0.001, order: 0.5}",
         "ground_acceleration": "t**3*exp(-t)*sin(3*t)",
         "final_time": "4.0",
     }
@@ -44,14 +42,9 @@ class Structure(SceneKind):
     stiffness: Annotated[Any, NUMBER_OR_SYMMETRIC] = key(
         "K: a matrix, {file: K.mtx} or a number.", unit="mass per time^2"
     )
-    proportional: Proportional | None = key(
-        "Damping (a M + b K) D^gamma x, of Rayleigh for order 1.", default=None
-    )
     rayleigh: Rayleigh | None = key(
-        "Damping (a M + b K) x' by the ratios of two modes of M and K.", default=None
-    )
-    modal_damping: Annotated[tuple[NotNegative, ...], _RATIOS] = key(
-        "Damping ratios of the first modes of M and K, viscous damping; no unit.", default=[]
+        "Damping (a M + b K) D^gamma x, by its factors or by the ratios of two modes of M and K.",
+        default=None,
     )
     ground_acceleration: GroundMotion = GROUND_ACCELERATION
     ground_direction: Annotated[float | tuple[float, ...], _DIRECTION] = key(

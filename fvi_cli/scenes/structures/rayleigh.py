@@ -1,4 +1,4 @@
-"""Rayleigh damping by the damping ratios of two modes."""
+"""Rayleigh damping, by its factors or by the damping ratios of two modes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Form, as_csc, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ListOf
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
-from fvi_cli.keys.settings import Setting, key
+from fvi_cli.keys.settings import NotNegative, Setting, key
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_DENSE: Final = 400
@@ -22,29 +23,47 @@ LARGEST_DENSE: Final = 400
 
 class Rayleigh(
     Setting,
-    expected="a mapping such as {ratios: [0.02, 0.05], modes: [1, 3]}",
-    refused=dict.fromkeys(
-        ("alpha", "beta", "mass", "stiffness"),
-        "not a key: write ratios and modes; a structure also has proportional: {mass: a, "
-        "stiffness: b}",
-    ),
+    forms=(("ratios", "modes?"), ("mass?", "stiffness?", "order?")),
+    expected="a mapping such as {ratios: [0.02, 0.05], modes: [1, 3]} or {mass: 0.05, "
+    "stiffness: 0.001}",
 ):
-    """Damping (a M + b K) x' by two damping ratios."""
+    """Damping (a M + b K) D^gamma x."""
 
     ratios: Annotated[
-        tuple[float, float],
+        tuple[float, float] | None,
         ListOf(shape=Number(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
-    ] = key("Damping ratios of the two modes (no unit).")
+    ] = key("Damping ratios of two modes, which give a and b (no unit).", default=None)
     modes: Annotated[
-        tuple[int, int],
+        tuple[int, int] | None,
         ListOf(shape=Integer(least=1, most=100_000), least=2, most=2, example="[1, 3]"),
-    ] = key("Their numbers, counted from 1 by frequency.", default=[1, 2])
+    ] = key("Their numbers, counted from 1 by frequency; default: [1, 2].", default=None)
+    mass: NotNegative | None = key(
+        "a, in place of ratios; default: 0.", unit="time^(gamma-2)", default=None
+    )
+    stiffness: NotNegative | None = key(
+        "b, in place of ratios; default: 0.", unit="time^gamma", default=None
+    )
+    order: Annotated[float | None, Number(above=0.0, below=2.0)] = key(
+        "Order gamma of the derivative beside mass and stiffness (no unit); default: 1.",
+        default=None,
+    )
+
+    @classmethod
+    def check_presence(cls, at: Cursor) -> None:
+        """Complain of both forms together, and of none."""
+        by_ratios = at.has("ratios") or at.has("modes")
+        if by_ratios:
+            for name in ("mass", "stiffness", "order"):
+                if at.has(name):
+                    at.refuse_key(name, "not together with ratios")
+        if not (at.has("mass") or at.has("stiffness") or at.has("ratios")):
+            at.refuse("missing; write ratios: [0.02, 0.05], or mass and stiffness", "ratios")
 
 
-def rayleigh_damping(
-    mass: Form, stiffness: Form, ratios: Sequence[float], modes: Sequence[int]
-) -> FractionalDamping:
-    r"""The term :math:`(a M + b K) x'` with :math:`\zeta_i = a/(2 \omega_i) + b \omega_i/2`.
+def rayleigh_damping(mass: Form, stiffness: Form, given: Rayleigh) -> FractionalDamping:
+    r"""The term :math:`(a M + b K) D^\gamma x`.
+
+    Of ratios :math:`\zeta_i = a/(2 \omega_i) + b \omega_i/2`, and the order is 1.
 
     Raises
     ------
@@ -52,6 +71,18 @@ def rayleigh_damping(
         For modes that do not exist or have the same frequency, and for ratios that need a negative
         factor a or b, which would make other modes grow.
     """
+    if given.ratios is None:
+        a, b = given.mass or 0.0, given.stiffness or 0.0
+    else:
+        a, b = _factors(mass, stiffness, given.ratios, given.modes or (1, 2))
+    order = 1.0 if given.order is None else given.order
+    return FractionalDamping(order=order, coefficient=a * mass + b * stiffness)
+
+
+def _factors(
+    mass: Form, stiffness: Form, ratios: Sequence[float], modes: Sequence[int]
+) -> tuple[float, float]:
+    """The factors a and b that give two modes their damping ratios."""
     size = mass.shape[0]
     if max(modes) > size:
         raise ArgumentError(
@@ -76,26 +107,19 @@ def rayleigh_damping(
             f"these need a = {a:.6g}, b = {b:.6g}, and a negative factor drives other modes; the "
             f"second ratio must be from {ratios[0] * low:.6g} to {ratios[0] * high:.6g}",
         )
-    together = max(float(a), 0.0) * mass + max(float(b), 0.0) * stiffness
-    return FractionalDamping(order=1.0, coefficient=together)
+    return max(float(a), 0.0), max(float(b), 0.0)
 
 
 def natural_frequencies(mass: Form, stiffness: Form, count: int) -> Array:
     """The lowest angular frequencies of M and K, shape ``(count,)`` or more."""
     size = mass.shape[0]
     if size <= LARGEST_DENSE or count > size - 2:
-        return np.sqrt(np.maximum(natural_modes(mass, stiffness)[0], 0.0))
+        root = np.linalg.cholesky(dense(mass))
+        reduced = np.linalg.solve(root, np.linalg.solve(root, dense(stiffness)).T)
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(0.5 * (reduced + reduced.T)), 0.0))
     from scipy.sparse.linalg import eigsh
 
     squares = eigsh(
         as_csc(stiffness), k=count, M=as_csc(mass), sigma=0.0, return_eigenvectors=False
     )
     return np.sqrt(np.maximum(np.sort(squares), 0.0))
-
-
-def natural_modes(mass: Form, stiffness: Form) -> tuple[Array, Array]:
-    r"""Squares of the angular frequencies, increasing, and :math:`M \phi` in columns."""
-    root = np.linalg.cholesky(dense(mass))
-    reduced = np.linalg.solve(root, np.linalg.solve(root, dense(stiffness)).T)
-    values, vectors = np.linalg.eigh(0.5 * (reduced + reduced.T))
-    return values, np.asarray(root @ vectors)
