@@ -61,10 +61,6 @@ def run(call: Call, sources: Sources) -> int:
 def cost(
     call: Call,
     configs: UsualConfigs = None,
-    peers: Annotated[
-        bool,
-        typer.Option("--peers", help="Measure the methods of pycaputo too, if it is installed."),
-    ] = False,
 ) -> int:
     """Measure error, time, memory and work of every method; without arguments, remake the page."""
     from fvi_cli.render.cost import PAGE_CONFIGS, write_page
@@ -82,7 +78,7 @@ def cost(
             also=lambda: [write_page(call.output, finished)] if is_whole else [],
         )
 
-    call.requests = measurable(call.gather(configs or PAGE_CONFIGS), peers=peers)
+    call.requests = measurable(call.gather(configs or PAGE_CONFIGS))
     return call.each(measure, show, report=lambda tables, request: tables)
 
 

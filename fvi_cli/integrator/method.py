@@ -24,14 +24,7 @@ History = Literal["auto", "direct", "exponentials"]
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
 EULER_NAMES = ("explicit-euler", "implicit-euler")
-BASELINE_NAMES = (
-    *EULER_NAMES,
-    "gruenwald-letnikov",
-    "product-integration",
-    "dop853",
-)
-PEER_NAMES = ("pycaputo-pece", "pycaputo-trapezoidal")
-"""Methods of other packages, which are used where they are installed."""
+BASELINE_NAMES = (*EULER_NAMES, "gruenwald-letnikov", "product-integration")
 
 _FAMILIES: Mapping[str, str] = {
     "gauss": "Gauss",
@@ -43,13 +36,7 @@ _LABELS: Mapping[str, str] = {
     "implicit-euler": "implicit Euler",
     "gruenwald-letnikov": "Grünwald-Letnikov",
     "product-integration": "product integration",
-    "dop853": "DOP853",
-    "pycaputo-pece": "pycaputo PECE",
-    "pycaputo-trapezoidal": "pycaputo trapezoidal",
 }
-DEFAULT_TOLERANCE = 1e-9  # of ``dop853``
-TOLERANCES = (1e-13, 0.1)
-"""Least and largest tolerance of ``dop853``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,50 +257,31 @@ class Baseline:
     ----------
     name
         ``explicit-euler``, ``implicit-euler``, ``gruenwald-letnikov`` (central differences, order
-        1 by its derivative), ``product-integration`` (trapezoidal, order 2), ``dop853`` (SciPy's,
-        for scenes without memory), or a method of another package.
-    tolerance
-        For ``dop853``, relative and absolute; it chooses its steps, N is the number of intervals
-        at whose ends values are kept. Other baselines have no tolerance.
+        1 by its derivative) or ``product-integration`` (trapezoidal, order 2).
 
     Raises
     ------
     ValueError
-        For a name that is not known, and a tolerance that is out of range or has no meaning.
+        For a name that is not known.
     """
 
     name: str
-    tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in BASELINE_NAMES + PEER_NAMES:
+        if self.name not in BASELINE_NAMES:
             raise ArgumentError(
                 "baseline", f"{self.name!r} is not one of {', '.join(BASELINE_NAMES)}"
-            )
-        if self.name != "dop853":
-            if self.tolerance is not None:
-                raise ArgumentError("tolerance", f"{self.name} has none; only dop853 takes one")
-            return
-        if self.tolerance is None:
-            object.__setattr__(self, "tolerance", DEFAULT_TOLERANCE)
-        elif not TOLERANCES[0] <= self.tolerance <= TOLERANCES[1]:
-            least, most = TOLERANCES
-            raise ArgumentError(
-                "tolerance", f"{self.tolerance!r} is not allowed; it must be {least:g} to {most:g}"
             )
 
     @property
     def case(self) -> str:
         """Name of the method in files."""
-        if self.tolerance is None:
-            return self.name
-        return f"{self.name}-{self.tolerance:g}".replace(".", "p")
+        return self.name
 
     @property
     def label(self) -> str:
-        """Name of the method for people: ``Grünwald-Letnikov``, ``DOP853 1e-09``."""
-        name = _LABELS[self.name]
-        return name if self.tolerance is None else f"{name} {self.tolerance:g}"
+        """Name of the method for people: ``Grünwald-Letnikov``."""
+        return _LABELS[self.name]
 
 
 AnyMethod = Method | Baseline

@@ -132,9 +132,7 @@ def make_method(
     `usual_start` is the default start of Runge-Kutta methods.
     """
     if "baseline" in values:
-        baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
-        tolerance = {} if baseline.tolerance is None else {"tolerance": baseline.tolerance}
-        return baseline, {"baseline": baseline.name, **tolerance}
+        return Baseline(name=values["baseline"]), {"baseline": values["baseline"]}
     sampling = values.get("sampling", "points")
     resolved: dict[str, Any]
     if "bdf" in values:

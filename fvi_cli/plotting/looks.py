@@ -11,7 +11,7 @@ from matplotlib import colormaps, rcParams
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, LogNorm, Normalize, to_hex, to_rgb
 
-from fvi_cli.integrator.method import BASELINE_NAMES, PEER_NAMES, AnyMethod, Baseline, Method
+from fvi_cli.integrator.method import BASELINE_NAMES, AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import describe_method, method_names
 from fvi_cli.plotting.style import COLOURS, LINE_STYLES, LineStyle
 from fvi_cli.plotting.words import typeset
@@ -26,7 +26,7 @@ _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
     "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
 }
 _STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
-_BASELINE_MARKERS = "xvdh<12"
+_BASELINE_MARKERS = "xvdh"
 # markers of methods with the same convolution quadrature and degree that differ otherwise
 _FURTHER_MARKERS = "<>8dHp"
 
@@ -105,7 +105,7 @@ def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
 def _look(method: AnyMethod, repeat: int) -> Look:
     """Look of the method that is number `repeat`, from 0, of its quadrature and degree."""
     if isinstance(method, Baseline):
-        index = (*BASELINE_NAMES, *PEER_NAMES).index(method.name)
+        index = BASELINE_NAMES.index(method.name)
         colour, marker, dashes = BASELINE_COLOURS[index % 2], _BASELINE_MARKERS[index], index + 1
         is_filled = False
     elif method.is_runge_kutta:

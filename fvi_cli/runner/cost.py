@@ -10,10 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
-from fvi_cli.integrator.baselines.run import baseline_objection
-from fvi_cli.integrator.damping.damping import law_objection
-from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.runner.compute import compute_jobs
 from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, References, Results, jobs_of
 from fvi_cli.runner.request import Request, Source, requested
@@ -34,13 +30,13 @@ from fvi_cli.studies.reference import refined_references
 _logger = logging.getLogger(__name__)
 
 
-def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
-    """The requests, after a check that they can be measured; with `peers` methods of pycaputo too.
+def measurable(requests: Sequence[Request]) -> list[Request]:
+    """The requests, after a check that they can be measured.
 
     Raises
     ------
     RequestError
-        With one line for everything that cannot be measured, or if pycaputo is not installed.
+        With one line for everything that cannot be measured.
     """
     complaints = []
     for request in requests:
@@ -68,36 +64,10 @@ def measurable(requests: Sequence[Request], *, peers: bool) -> list[Request]:
                 )
     if complaints:
         raise RequestError(*complaints)
-    if not peers:
-        return list(requests)
-    if missing := peers_objection():
-        raise RequestError(f"--peers: {missing}")
-    _logger.info("%s", PEER_LIMITS)
-    return [
-        replace(
-            request,
-            loaded=replace(
-                request.loaded, experiments=tuple(map(_with_peers, request.loaded.experiments))
-            ),
-        )
-        for request in requests
-    ]
+    return list(requests)
 
 
-def _with_peers(experiment: Experiment) -> Experiment:
-    added, scene = [], experiment.runs()[0].scene
-    for peer in (Baseline(name=name) for name in PEER_NAMES):
-        reason = law_objection(scene, peer) or baseline_objection(scene, peer)
-        if reason:
-            _logger.warning("%s: %s; left out", experiment.name, reason)
-        else:
-            added.append(peer)
-    return replace(experiment, methods=(*experiment.methods, *added))
-
-
-def cost(
-    source: Source, *, peers: bool = False, fail_fast: bool = False, progress: bool = False
-) -> list[CostTable]:
+def cost(source: Source, *, fail_fast: bool = False, progress: bool = False) -> list[CostTable]:
     """Error, time, memory and work of every method, as ``fvi cost`` measures them.
 
     One run after the other, in this process; writing is measured on a file in a temporary folder.
@@ -106,8 +76,6 @@ def cost(
     ----------
     source
         As for :func:`load`.
-    peers
-        Measure pycaputo as well, if it is installed.
     fail_fast, progress
         As for :func:`run`.
 
@@ -116,7 +84,7 @@ def cost(
     RequestError
         For a sweep, and where nothing is integrated.
     """
-    (request,) = measurable([requested(source)], peers=peers)
+    (request,) = measurable([requested(source)])
     settings = Settings(output=Path(), fail_fast=fail_fast, show_progress=progress, keep=False)
     jobs: list[Job] = []
     for experiment in request.loaded.experiments:

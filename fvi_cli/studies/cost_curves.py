@@ -10,8 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.studies.cost import CostCase, CostRow, CostTable
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.order import fit_slope, pairwise_order
 
 T = TypeVar("T")
@@ -31,21 +31,11 @@ LEAST_DECREASE = 1.2
 
 @dataclass(frozen=True, kw_only=True)
 class CostCurve:
-    """The usable runs of one method, as points of error and time.
+    """The usable runs of one method in the order of N, as points of error and time."""
 
-    ``dop853`` chooses its own steps: its runs of all tolerances are one curve.
-    """
-
-    key: str  # case of the method, or its name where tolerances make the curve
-    methods: tuple[AnyMethod, ...]
+    key: str  # name of the method in files
+    method: AnyMethod
     points: tuple[CostRow, ...]
-    """Runs in the order of N, or of falling errors where tolerances make the curve."""
-
-    @property
-    def is_by_tolerance(self) -> bool:
-        """Whether the points of the curve differ in the tolerance, not in N."""
-        method = self.methods[0]
-        return isinstance(method, Baseline) and method.tolerance is not None
 
     @property
     def is_exact_by_chance(self) -> bool:
@@ -87,25 +77,16 @@ class CostCurve:
         return float(last[-1].seconds * cost**decades)
 
     def _finest(self) -> tuple[CostRow, ...]:
-        """The finest rows above the floor; none where there are less than three.
-
-        Where tolerances make the curve, rows are left out that another row beats.
-        """
-        points: Sequence[CostRow] = self.points
-        if self.is_by_tolerance:
-            points = unbeaten(points, lambda point: (point.error, point.seconds))
-        above = [point for point in points if point.status == "ok" and point.error > 0]
+        """The finest rows above the floor; none where there are less than three."""
+        above = [point for point in self.points if point.status == "ok" and point.error > 0]
         return tuple(above[-FINEST_ROWS:]) if len(above) > 2 else ()
 
     @property
     def fixed_seconds(self) -> float:
         """Time of a run without steps: the constant a of the fit a + b N + c N^2.
 
-        The fit minimises relative distances with a, b and c >= 0. Nan where tolerances make the
-        curve.
+        The fit minimises relative distances with a, b and c >= 0.
         """
-        if self.is_by_tolerance:
-            return math.nan
         counts = np.array([float(point.n_steps) for point in self.points])
         seconds = np.array([point.seconds for point in self.points])
         powers = (counts / counts.max())[:, None] ** np.arange(3)
@@ -115,7 +96,7 @@ class CostCurve:
 
     def _stepping(self) -> tuple[CostRow, ...]:
         """The finest rows whose steps take most of the time; none if these are less than three."""
-        fixed = 0.0 if self.is_by_tolerance else self.fixed_seconds
+        fixed = self.fixed_seconds
         kept = [
             point
             for point in self._finest()
@@ -135,7 +116,7 @@ class CostCurve:
         The last of the orders in an order table; a fit would mix in coarse steps.
         """
         last = self._finest()[-2:]
-        if self.is_by_tolerance or not last:
+        if not last:
             return math.nan
         coarse, fine = last
         return pairwise_order(coarse.error, fine.error, coarse.n_steps, fine.n_steps)
@@ -146,8 +127,6 @@ class CostCurve:
 
         Nan with less than three.
         """
-        if self.is_by_tolerance:
-            return math.nan
         last = self._stepping()
         return -fit_slope([p.n_steps for p in last], [p.seconds for p in last])[0]
 
@@ -165,23 +144,16 @@ class CostCurve:
 
 
 def cost_curves(table: CostTable) -> list[CostCurve]:
-    """One curve per method, dop853 in one; methods without a usable run are left out."""
-    grouped: dict[str, list[CostCase]] = {}
-    for case in table.cases:
-        method = case.method
-        key = method.case
-        if isinstance(method, Baseline) and method.tolerance is not None:
-            key = method.name
-        grouped.setdefault(key, []).append(case)
-    curves = []
-    for key, cases in grouped.items():
-        points = [row for case in cases for row in case.rows if row.is_usable]
-        if len(cases) > 1:
-            points.sort(key=lambda point: -point.error)
-        if points:
-            methods = tuple(case.method for case in cases)
-            curves.append(CostCurve(key=key, methods=methods, points=tuple(points)))
-    return curves
+    """One curve per method; methods without a usable run are left out."""
+    found = [
+        CostCurve(
+            key=case.method.case,
+            method=case.method,
+            points=tuple(row for row in case.rows if row.is_usable),
+        )
+        for case in table.cases
+    ]
+    return [curve for curve in found if curve.points]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -167,7 +167,7 @@ def test_no_reference_may_be_asked_for():
     "name",
     [
         *("gauss3", "Gauss 2", "bdf1", "BDF-6", "radau-iia2", "Radau2", "lobatto-iiic3"),
-        *("dop853", "explicit_euler", "gauss-s2-none", "bdf4-points-s2-gauss3-none"),
+        *("explicit_euler", "gauss-s2-none", "bdf4-points-s2-gauss3-none"),
     ],
 )
 def test_a_name_says_the_same_in_a_configuration_as_in_python(name):

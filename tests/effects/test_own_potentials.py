@@ -60,13 +60,10 @@ def formula(depth=2.0, **changes):
 
 @pytest.mark.parametrize(
     "method",
-    ["gauss3", "gauss2-none", "radau-iia2", "bdf2", "bdf3-nodes", "implicit-euler", "dop853"],
+    ["gauss3", "gauss2-none", "radau-iia2", "bdf2", "bdf3-nodes", "implicit-euler"],
 )
 def test_runs_are_those_of_the_formula(method):
-    changes = {}
-    if method == "dop853":
-        changes["damping"] = [fvi.FractionalDamping(order=1, coefficient=0.2 * np.eye(2))]
-    ours, known = (fvi.integrate(make(**changes), method, 60) for make in (own, formula))
+    ours, known = (fvi.integrate(make(), method, 60) for make in (own, formula))
     assert ours.status == known.status == "ok"
     assert np.abs(ours.position - known.position).max() < 1e-13
     assert np.abs(ours.energy - known.energy).max() < 1e-13

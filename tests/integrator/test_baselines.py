@@ -1,8 +1,6 @@
 """Baselines: their orders on known solutions, the work they count, and what they refuse."""
 
-import importlib.util
 import math
-import sys
 
 import mpmath
 import numpy as np
@@ -10,13 +8,12 @@ import pytest
 from letters import in_pieces, spring, swing
 from spread import spread
 
-from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.baselines import peers, schemes
+from fvi_cli.integrator.baselines import schemes
 from fvi_cli.integrator.baselines.schemes import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import PEER_NAMES, Baseline, Method
+from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.planning.expected_order import expected_order
 
@@ -155,106 +152,6 @@ def test_what_blows_up_is_told():
     assert trajectory.position.shape[0] == trajectory.time.size < 401
     assert predict_stability(stiff, GRUENWALD, 400).verdict == "unstable"
     assert predict_stability(stiff, PRODUCT, 400).verdict == "unknown"
-
-
-class TestDop853:
-    @spread(tolerance=[1e-5, 1e-8, 1e-11], name=["gamma = 1.0", "no damping"])
-    def test_errors_follow_the_tolerance(self, name, tolerance):
-        fine = integrate(SCENES[name], FINE, 800).position[::8]
-        found = integrate(SCENES[name], Baseline(name="dop853", tolerance=tolerance), 100)
-        error = np.abs(found.position - fine).max()
-        assert tolerance / 100 < error < 100 * tolerance
-        assert found.history_operations == 0
-        assert "evaluations of the right-hand side" in found.remarks[0]
-
-    def test_jumps_of_the_force_are_met(self):
-        scene = spring(T=4.0, damping=[damping(1.0)], forcing=in_pieces("8", 1.0, "0"))
-        fine = integrate(scene, FINE, 800).position[::8]
-        found = integrate(scene, Baseline(name="dop853", tolerance=1e-11), 100)
-        assert np.abs(found.position - fine).max() < 1e-9
-        # also beside the grid: the jump at t = 1 lies between two of 30 steps of 4 / 30
-        beside = integrate(scene, Baseline(name="dop853", tolerance=1e-11), 30)
-        assert beside.position[15] == pytest.approx(fine[50], abs=1e-9)
-
-    def test_momentum_and_energy(self):
-        found = integrate(SCENES["no damping"], Baseline(name="dop853", tolerance=1e-12), 50)
-        assert np.ptp(found.energy) < 1e-10
-
-
-CONFIG = """\
-name: compared
-problem:
-  kind: bagley-torvik
-  damping: [{order: 1.0, coefficient: 0.2}]
-  initial: {position: 1.0, velocity: 0.0}
-  final_time: 2.0
-method:
-  - {baseline: [gruenwald-letnikov, product-integration]}
-  - {baseline: dop853, tolerance: [1e-6, 1e-9]}
-ladder: {steps: [4, 8]}
-"""
-
-
-class TestConfigured:
-    def test_lists_of_tolerances(self):
-        (experiment,) = parse_config(CONFIG, "compared.yaml").experiments
-        assert [method.case for method in experiment.methods] == [
-            "gruenwald-letnikov",
-            "product-integration",
-            "dop853-1e-06",
-            "dop853-1e-09",
-        ]
-        assert experiment.methods[-1].label == "DOP853 1e-09"
-
-
-class TestPeers:
-    @pytest.mark.parametrize("order", [0.4, 1.0, 1.6])
-    def test_the_system_is_the_equation_of_motion(self, order):
-        # along x = 1 + t^3 with its own derivatives the last block is the acceleration
-        scene = swing(T=1.0, x=1.0, damping=[damping(order, 0.3)], forcing="cos(t)")
-        orders, start, rate, jacobian, velocity = peers._system(scene, scene.active_damping[0])
-        t = 0.8
-        x, v = 1 + t**3, 3 * t**2
-        derivative = 6 / math.gamma(4 - order) * t ** (3 - order)
-        state = {0.4: [x, derivative, v], 1.0: [x, v], 1.6: [x, v, derivative]}[order]
-        assert sum(orders) == pytest.approx(2.0)
-        value = rate(t, np.array(state))
-        assert value[:-1] == pytest.approx(state[1:])
-        assert value[-1] == pytest.approx(math.cos(t) - math.sin(x) - 0.3 * derivative)
-        assert np.array(state)[velocity] == pytest.approx(v)
-        assert start == pytest.approx([1.0] + [0.0] * (len(state) - 1))
-        step = 1e-6 * np.eye(len(state))
-        columns = [(rate(t, state + e) - rate(t, state - e)) / 2e-6 for e in step]
-        assert jacobian(t, np.array(state)) == pytest.approx(np.array(columns).T, abs=1e-8)
-
-    def test_what_is_not_installed_is_said(self, monkeypatch):
-        monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-        with pytest.raises(ValueError, match=r"not installed; `pip install 'fvi-cli\[peers\]'`"):
-            integrate(SCENES["pendulum"], Baseline(name="pycaputo-pece"), 10)
-
-    def test_an_old_one_is_told(self, monkeypatch):
-        monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
-        monkeypatch.setitem(sys.modules, "pycaputo.stepping", None)
-        assert "version 0.10 is needed" in peers.peers_objection()
-
-    def test_its_limits_are_told(self):
-        method = Baseline(name="pycaputo-pece")
-        assert "one damping term, not 3" in peers.peer_objection(SCENES["three terms"], method)
-
-    @pytest.mark.skipif(bool(peers.peers_objection()), reason="pycaputo is not installed")
-    @pytest.mark.parametrize(
-        ("name", "method", "order"),
-        [
-            ("pendulum", PEER_NAMES[0], 1.5),
-            ("pendulum", PEER_NAMES[1], 2.0),
-            ("gamma = 1.0", PEER_NAMES[0], 2.0),
-            ("gamma = 1.5", PEER_NAMES[1], 1.5),
-            ("two masses", PEER_NAMES[0], 1.5),
-        ],
-    )
-    def test_orders_of_the_real_ones(self, name, method, order):
-        measured = slope(SCENES[name], Baseline(name=method), (50, 100, 200))
-        assert measured == pytest.approx(order, abs=0.1)
 
 
 @pytest.mark.parametrize("n_steps", [1, 2, 3, 7])

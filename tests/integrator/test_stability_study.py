@@ -288,7 +288,12 @@ def test_true_growth_is_observed_as_stable():
 
 
 def test_methods_that_differ_in_start_have_one_region():
-    methods = [GAUSS, dataclasses.replace(GAUSS, start="graded"), NODES, Baseline(name="dop853")]
+    methods = [
+        GAUSS,
+        dataclasses.replace(GAUSS, start="graded"),
+        NODES,
+        Baseline(name="product-integration"),
+    ]
     assert distinct_regions(methods) == [GAUSS, NODES]
 
 

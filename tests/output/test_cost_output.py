@@ -15,8 +15,6 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from spread import spread
 
-from fvi_cli.integrator.baselines import peers
-from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.plotting.ladders import cost as cost_plots
 from fvi_cli.plotting.ladders.cost import cost_figure, cost_figures
@@ -39,12 +37,6 @@ def measured(*, memory: bool = True) -> CostTable:
         ],
         Method(cq="bdf6", degree=1, sampling="nodes"): [row(10, math.inf, 1e-3, "diverged")],
         Baseline(name="gruenwald-letnikov"): [row(n, 1 / n, 1e-4 * n) for n in counts],
-        **{
-            Baseline(name="dop853", tolerance=tolerance): [
-                row(10, tolerance, -1e-3 * math.log10(tolerance))
-            ]
-            for tolerance in (1e-4, 1e-8)
-        },
     }
     if not memory:
         rows = {
@@ -145,21 +137,6 @@ class TestFigure:
             assert all(own.items() <= ends[0].items() for own in ends)
             assert len({*ends[0].values()}) > 3  # the control
 
-    def test_of_runs_to_one_error_the_quickest_is_drawn_and_none_that_is_coarse(self):
-        cases = [
-            CostCase(
-                method=Baseline(name="dop853", tolerance=tolerance),
-                rows=tuple(row(n, tolerance, seconds * n) for n in (10, 20, 40)),
-            )
-            for tolerance, seconds in ((1e-2, 2e-4), (1e-4, 1e-4), (1e-8, 3e-4))
-        ]
-        # below round-off there is nothing to gain
-        runs = ((3.0, 1e-4), (1e-4, 1e-3), (1e-14, 2e-3), (1e-16, 4e-3))
-        cases += [CostCase(method=GAUSS, rows=tuple(row(10, *run) for run in runs))]
-        lines = {one.get_label(): one for one in cost_figure(table(*cases)).axes[0].lines}
-        assert lines["DOP853"].get_xdata().tolist() == [1e-4, 1e-8]
-        assert lines["Gauss2"].get_xdata().tolist() == [1e-4, 1e-14]
-
     def test_what_is_exact_by_chance_is_named_and_not_drawn(self):
         table = measured()
         slow = table.cases[2]
@@ -248,24 +225,6 @@ class TestCommand:
         assert "refused" in result.stderr
         # the others are measured and written all the same
         assert (tmp_path / "results/tables/bad-cost.csv").read_text().count(",ok") == 3
-
-    def test_peers_that_are_not_there(self, monkeypatch):
-        monkeypatch.setattr(cost_runner, "peers_objection", lambda: "pycaputo is not installed")
-        result = self.run("small.yaml", "--peers")
-        assert result.exit_code == 2
-        assert "--peers: pycaputo is not installed" in result.stderr
-
-    def test_peers_are_put_beside(self, monkeypatch):
-        monkeypatch.setattr(cost_runner, "peers_objection", lambda: "")
-        monkeypatch.setattr(peers, "peers_objection", lambda: "")
-        # a dry run takes the time of a few steps; the package of peers need not be there
-        own = Baseline(name="product-integration")
-        monkeypatch.setattr(
-            peers, "integrate_peer", lambda scene, _, n_steps: integrate(scene, own, n_steps)
-        )
-        result = self.run("small.yaml", "--peers", "--dry-run")
-        assert result.exit_code == 0
-        assert result.stdout.count(Baseline(name="pycaputo-pece").label) == 3
 
     def test_what_has_no_price_is_told_at_once(self, tmp_path):
         swept = TEXT.replace("small", "swept") + "sweep: {problem.stiffness: [1.0, 2.0]}\n"

@@ -8,7 +8,7 @@ from cost_tables import COUNTS, GAUSS, row, table
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.studies.cost import CostCase, CostRow
 from fvi_cli.studies.cost_curves import (
     CostCurve,
@@ -20,7 +20,7 @@ from fvi_cli.studies.cost_curves import (
 
 
 def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> CostCurve:
-    return CostCurve(key=key, methods=(method,), points=tuple(rows))
+    return CostCurve(key=key, method=method, points=tuple(rows))
 
 
 def power_law(key: str, order: float, exponent: float, scale: float = 1e-4) -> CostCurve:
@@ -128,24 +128,6 @@ def test_the_front_holds_what_nobody_beats(values):
         if not any((a <= e and b <= s and (a, b) != (e, s)) for a, b in everything)
     }
     assert front == best
-
-
-def test_tolerances_make_one_curve():
-    cases = [
-        CostCase(
-            method=Baseline(name="dop853", tolerance=tolerance),
-            rows=tuple(row(n, 3 * tolerance, seconds) for n in (10, 20)),
-        )
-        for tolerance, seconds in ((1e-9, 2.0), (1e-6, 1.0))
-    ]
-    (found,) = cost_curves(table(*cases))
-    assert found.key == "dop853"
-    assert found.is_by_tolerance
-    assert [point.error for point in found.points] == sorted(
-        (point.error for point in found.points), reverse=True
-    )
-    assert math.isnan(found.order)
-    assert 1.0 < found.seconds_to(1e-7) < 2.0
 
 
 def test_what_is_exact_by_chance_is_not_rated():

@@ -107,11 +107,8 @@ class MethodKeys(Setting, refused=_REFUSED):
         default=None,
     )
     baseline: Annotated[Any, _several(Choice(words=BASELINE_NAMES))] = key(
-        "A method of another kind, for comparison; it takes no other key but tolerance.",
+        "A method of another kind, for comparison; it takes no other key.",
         default=None,
-    )
-    tolerance: Annotated[Any, _several(Number(above=0.0))] = key(
-        "For baseline: dop853: relative and absolute tolerance. Default: 1e-9.", default=None
     )
     sampling: Annotated[Any, _several(Choice(words=get_args(Sampling)))] = key(
         "Where the fractional action is sampled: nodes (the paper) or quadrature points.",
@@ -215,10 +212,8 @@ def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
         )
     if families == ["baseline"]:
         for key in values:
-            if key not in ("baseline", "tolerance"):
+            if key != "baseline":
                 at.refuse_key(key, "a baseline takes no other key")
-    elif "tolerance" in values:
-        at.refuse_key("tolerance", "only baseline: dop853 takes a tolerance")
     if "stages" in values and "degree" in values:
         at.refuse_key("stages", "not together with degree: stages sets the degree")
     if "stages" in values and "bdf" in values:

@@ -15,14 +15,8 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 
-def baseline_operations(name: str, scene: Scene, n_steps: int) -> int | None:
-    """Multiply-adds that the sums of a baseline over its past take in `n_steps` steps.
-
-    None for solvers of other packages, whose operations are not counted.
-    """
-    if name not in _DOT_PRODUCTS:
-        # SciPy's integrator has no memory
-        return 0 if name == "dop853" else None
+def baseline_operations(name: str, scene: Scene, n_steps: int) -> int:
+    """Multiply-adds that the sums of a baseline over its past take in `n_steps` steps."""
     terms = _DOT_PRODUCTS[name]
     orders = [terms[term.is_integer_order](n_steps) for term in scene.active_damping]
     return scene.dimension * sum(orders)
@@ -48,7 +42,6 @@ def baseline_trajectory(
     ready: float,
     operations: int = 0,
     iterations: int = 0,
-    remarks: tuple[str, ...] = (),
 ) -> Trajectory:
     """The trajectory of a baseline from its finished points, shape ``(n, d)``.
 
@@ -81,5 +74,4 @@ def baseline_trajectory(
         newton=NewtonRecord(iterations=iterations),
         setup_seconds=ready - began,
         stepping_seconds=finished - ready,
-        remarks=remarks,
     )

@@ -267,7 +267,7 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
         velocity,
         n_steps,
         failure=failure,
-        operations=baseline_operations(method.name, scene, done) or 0,
+        operations=baseline_operations(method.name, scene, done),
         iterations=iterations,
         began=began,
         ready=ready,

@@ -81,7 +81,7 @@ def cost_figure(table: CostTable) -> Figure:
         slow = slow if panels else {k for k, own in enumerate(runs) if not {*own} & {*best}}
         found = []
         for k, (curve, own) in enumerate(zip(curves, runs, strict=True)):
-            look = looks[curve.methods[0].case].look
+            look = looks[curve.method.case].look
             look = replace(look, width=_THIN) if k in slow else look
             marked = [i for i, run in enumerate(own) if run in {*best, own[-1]}]
             found.append(replace(_curve(own, curve_name(curve, names), look), marked=marked))

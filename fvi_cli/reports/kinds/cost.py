@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from fvi_cli.integrator.baselines.peers import PEER_LIMITS
-from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Equation, Heading, Paragraph
 from fvi_cli.reports.kinds.order_summary import NORMS, reference_in_words
@@ -207,10 +205,7 @@ def _front(table: CostTable) -> Iterator[About]:
 
 def curve_name(curve: CostCurve, names: Mapping[str, MethodName]) -> str:
     """The name of the method of a curve for readers."""
-    # one name, without the tolerance
-    if curve.is_by_tolerance:
-        return "DOP853"
-    return names[curve.methods[0].case].label
+    return names[curve.method.case].label
 
 
 def _names(table: CostTable) -> dict[str, MethodName]:
@@ -229,9 +224,6 @@ def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> Iterator[Blo
         "number in brackets with it is extrapolated, not measured. Seconds and bytes are those "
         "of one machine."
     )
-    methods = [case.method for table in tables for case in table.cases]
-    if any(isinstance(one, Baseline) and one.name in PEER_NAMES for one in methods):
-        yield Paragraph(words=f"Limits of the peers: {PEER_LIMITS}.")
     for table in tables:
         yield Heading(level=level, words=table.experiment)
         yield from _summary(table)
