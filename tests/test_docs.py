@@ -9,13 +9,10 @@ import pytest
 import typer
 import yaml
 from command_line import fvi as here
-from letters import spring
 from typer.testing import CliRunner
 
-import fvi_cli as fvi
 from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, json_schema, parse_config
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.storage.export import FORMATS
 
@@ -122,32 +119,6 @@ def cells(page: str, header: str) -> list[list[str]]:
     assert found, header
     lines = after.split("\n\n")[0].splitlines()[1:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-
-
-def test_expected_orders_are_those_of_the_program():
-    def free(order: float) -> fvi.Scene:
-        return spring((order, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
-
-    header = "| method | degree | none, 1/2 | none, 3/2 | graded, 1/2 | graded, 3/2 |"
-    rows = cells("explanation/mathematics.md", header)
-    assert len(rows) >= 10
-    for name, degree, *orders in rows:
-        cq, _, sampling = name.partition(" ")
-        expected = []
-        for start in ("none", "graded"):
-            for order in (0.5, 1.5):
-                if sampling and start == "graded":
-                    expected.append("-")
-                    continue
-                method = fvi.Method(
-                    cq=cq,
-                    degree=int(degree),
-                    sampling=sampling or "points",
-                    start=start,
-                    forcing_quadrature="exact" if sampling == "points" else "galerkin",
-                )
-                expected.append(f"{expected_order(free(order), method, 'max', 512):g}")
-        assert orders == expected, name
 
 
 def test_a_new_configuration_comes_with_its_schema(tmp_path, monkeypatch):

@@ -74,36 +74,3 @@ def nearest_fitting(
 def fits_break_points(scene: Scene, n_steps: int) -> bool:
     """Whether all break points lie on the grid of N equal steps."""
     return bool(are_on_grid(np.array(scene.break_points) / scene.final_time * n_steps).all())
-
-
-def interpolation_limit(scene: Scene, n_steps: int, *, grading: float = 1.0) -> float:
-    """Largest order that the knots of a sampled force allow; infinite without samples.
-
-    A knot between two points of the grid limits the order to that of the interpolation, p (linear
-    2, cubic 4). Where all knots lie on the grid, only the memory of the damping limits it, to
-    p + 3 - gamma: a knot starts a fractional power. Measured for gamma = 0.5, 1 and 1.5 and without
-    damping, on Gauss methods of degree 2 and 3. On a graded mesh the limit is always p.
-    """
-    samples = () if scene.forcing is None else scene.forcing.samples
-    if not samples:
-        return math.inf
-    order = float(min(component.order for component in samples))
-    if grading != 1.0 or not all(
-        are_on_grid(
-            knots[(knots > 0) & (knots < scene.final_time)] / scene.final_time * n_steps
-        ).all()
-        for knots in (component.knots for component in samples)
-    ):
-        return order
-    memory = [term.order for term in scene.active_damping if not term.is_integer_order]
-    return order + 3.0 - max(memory) if memory else math.inf
-
-
-def interpolation_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
-    """Remarks on samples of the force, for the reader of a table."""
-    samples = () if scene.forcing is None else scene.forcing.samples
-    limit = interpolation_limit(scene, n_steps, grading=grading)
-    if not samples or math.isinf(limit):
-        return ()
-    names = ", ".join(dict.fromkeys(component.source for component in samples))
-    return (f"forcing: the interpolation of {names} allows order {limit:g} at most",)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -36,6 +37,12 @@ _LABELS: Mapping[str, str] = {
     "implicit-euler": "implicit Euler",
     "gruenwald-letnikov": "Grünwald-Letnikov",
     "product-integration": "product integration",
+}
+_BASELINE_ORDERS: Mapping[str, float] = {
+    "explicit-euler": 1.0,
+    "implicit-euler": 1.0,
+    "gruenwald-letnikov": 1.0,
+    "product-integration": 2.0,
 }
 
 
@@ -219,11 +226,14 @@ class Method:
         return self.rule.points
 
     @property
-    def classical_order(self) -> int:
-        """Order on smooth data: of trajectory, rule, convolution quadrature and sampling."""
+    def order(self) -> float:
+        """Order on smooth data, of trajectory, rule, convolution quadrature and sampling.
+
+        nan for Runge-Kutta methods other than Gauss: a fractional derivative lowers theirs.
+        """
         action = min(2 * self.degree, self.rule.build().order)
         if self.is_runge_kutta:
-            return action
+            return action if self.cq == "gauss" else math.nan
         return min(action, self.bdf_order, 2 if self.sampling == "nodes" else action)
 
     @property
@@ -272,6 +282,11 @@ class Baseline:
             raise ArgumentError(
                 "baseline", f"{self.name!r} is not one of {', '.join(BASELINE_NAMES)}"
             )
+
+    @property
+    def order(self) -> float:
+        """Order on smooth data."""
+        return _BASELINE_ORDERS[self.name]
 
     @property
     def case(self) -> str:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
-from fvi_cli.integrator.break_points import interpolation_remarks
 from fvi_cli.integrator.integrate import start_only
+from fvi_cli.integrator.meshes.singular_start import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
@@ -24,7 +24,6 @@ from fvi_cli.integrator.stability.prediction import (
 )
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
@@ -231,7 +230,6 @@ def _remarks(
     if not (experiment.diagnostics.is_empty or isinstance(run.method, Method)):
         found.append("no diagnostics: the method keeps no increments of its steps")
     if scene is not None:
-        found += interpolation_remarks(scene, n_steps, grading=experiment.grading)
         # only on the finest steps of a ladder
         if n_steps >= max(experiment.steps) and scene.forcing is not None:
             # the longest of N steps that end at T (k/N)^r
@@ -269,13 +267,11 @@ def judged(run: Run, status: Status, measured: Measured) -> dict[str, Any]:
 
 
 def expected_order_of(run: Run) -> float:
-    """The order that theory expects of a run in the norm of its experiment; nan: none is stated."""
-    experiment, scene = run.experiment, run.problem.scene
+    """Order on smooth data; nan where it is not to be expected."""
+    scene = run.problem.scene
     if scene is None:
         return float("nan")
-    return expected_order(
-        scene, run.method, experiment.norm, run.n_steps, grading=experiment.grading
-    )
+    return order_on(scene, run.method, run.experiment.grading)
 
 
 def _refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> FinishedRun:

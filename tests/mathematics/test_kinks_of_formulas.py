@@ -14,7 +14,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression, slopes_of, slopes_system
 from fvi_cli.mathematics.intervals.functions import Interval
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
@@ -163,10 +162,3 @@ def test_a_force_that_overflows_where_it_is_not_taken_ends_no_run():
     found = integrate(scene, Method(cq="gauss", degree=2), 32)
     assert found.status == "ok"
     assert found.position[-1, 0] == pytest.approx(15.0, rel=1e-12)
-
-
-def test_no_order_is_promised_across_kinks():
-    method = Method(cq="gauss", degree=2)
-    for text, is_smooth in [("cos(t)", True), ("max(cos(t), 0)", False), ("abs(cos(t))", False)]:
-        scene = linear_oscillator(forcing=Forcing.from_text(text), final_time=3.0)
-        assert math.isfinite(expected_order(scene, method, "max", 64)) == is_smooth

@@ -50,15 +50,6 @@ def straight(order: float, expected: float) -> Any:
     return lambda run: made_run(run, run.n_steps**-order, expected_order=expected)
 
 
-def forced(name: str, *expected: float, remark: str = "") -> OrderTable:
-    limit = "forcing: the interpolation of a of f.csv allows order 2 at most"
-    rows = [
-        row(2**k, 4.0**-k, expected_order=order, remarks=(remark or limit,))
-        for k, order in enumerate(expected, 1)
-    ]
-    return one_case(*rows, experiment=name)
-
-
 def blowing_up(run: Run) -> FinishedRun:
     """BDF2 diverges on two steps and reaches the floor on one; nothing is expected of BDF1."""
     if run.method == BDF1:
@@ -82,8 +73,7 @@ def remarked(run: Run) -> FinishedRun:
     remarks = ("start series below t^8",)
     if run.n_steps < 8 and run.method == GAUSS3:
         remarks = (f"no start series: less than 4 steps of {run.step_size:g}",)
-    order = 2.5 if run.n_steps < 8 else 6.0
-    return made_run(run, 0.1 / run.n_steps, remarks=remarks, expected_order=order)
+    return made_run(run, 0.1 / run.n_steps, remarks=remarks, expected_order=6.0)
 
 
 ENTRIES = {
@@ -115,12 +105,6 @@ PAGES: dict[str, Sequence[OrderTable]] = {
     "expected": [
         table_of(straight(5.9, order), BDF2, name=f"5.9 measured, {order:g} expected")
         for order in (4.2, 5.0, 5.8, 6.0, 6.4, 8.0)
-    ],
-    "forced": [
-        forced("set by samples", 2.0, 2.0, 2.0),
-        forced("set by samples in part", 2.0, 2.0, 4.5),
-        forced("set by the method", 1.0, 1.0, 1.0),
-        forced("another remark", 2.0, 2.0, 4.5, remark="start series below t^8"),
     ],
     "troubles": [
         table_of(blowing_up, name="blowing up", expect={"bdf2": "unstable"}),

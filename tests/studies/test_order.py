@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope, order_table, pairwise_order
 from fvi_cli.studies.reference import Reference, find_reference
 from fvi_cli.studies.study import assessed, execute, prediction_of, study
-from fvi_cli.studies.tolerance.search import solve
 
 SPECIFICATION = {
     "kind": "bagley-torvik",
@@ -218,35 +215,6 @@ def test_a_reference_that_is_no_better_than_the_runs_is_called_unreliable(error,
     ]
     assert len(told) == is_unreliable
     assert finished.status == ("floor" if is_unreliable else "ok")
-
-
-JUMP = {"pieces": [{"until": 1.0, "value": 1}, {"value": 0}]}
-
-
-@pytest.mark.parametrize(
-    ("kind", "order", "method", "tolerance"),
-    [
-        ("duffing", 1.47, Method(cq="radau-iia", degree=3), 0.15),
-        ("duffing", 1.68, Method(cq="radau-iia", degree=3), 0.25),
-        ("bagley-torvik", 0.25, Method(cq="gauss", degree=2), 0.25),
-    ],
-)
-def test_orders_behind_a_jump_of_the_force(kind, order, method, tolerance):
-    problem = build_problem(
-        {
-            "kind": kind,
-            "damping": [{"order": order, "coefficient": 0.5}],
-            "initial": {"position": 1.0},
-            "forcing": JUMP,
-            "final_time": 4.0,
-        }
-    )
-    scene = problem.scene
-    truth = solve(scene, relative=1e-11)
-    coarse, fine = (integrate(scene, method, n) for n in (64, 128))
-    errors = [float(np.abs(one.position - truth(one.time)).max()) for one in (coarse, fine)]
-    stated = expected_order(scene, method, "max", 128)
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(stated, abs=tolerance)
 
 
 @pytest.mark.parametrize(

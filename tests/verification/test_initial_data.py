@@ -9,13 +9,11 @@ from letters import spring
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene
 
 METHODS = [
@@ -157,10 +155,8 @@ def test_what_initial_data_cost_under_riemann_liouville(order, method, lost):
             exact = solution.position(trajectory.time)
             errors.append(np.abs(trajectory.position - exact).max())
         measured[derivative] = np.log2(errors[0] / errors[1]) / 2
-        stated = expected_order(scene, method, "max", 1024)
         if derivative == "riemann-liouville":
-            assert stated == pytest.approx(lost)
-        assert measured[derivative] == pytest.approx(stated, abs=0.1)
+            assert measured[derivative] == pytest.approx(lost, abs=0.1)
     if lost < 1.9 and not (isinstance(method, Baseline) and lost == 1.0):
         assert measured["caputo"] > measured["riemann-liouville"] + 0.15
 
@@ -177,7 +173,6 @@ def test_very_many_powers_at_the_start():
         return spring(T=1.0, v=0.32, damping=terms, **more)
 
     crowded = scene(derivative="riemann-liouville")
-    assert expected_order(crowded, method, "max", 128) == 4.0
     errors: dict[str, list[float]] = {"graded": [], "none": []}
     solution = match_scene(crowded)
     for start, found in errors.items():
@@ -188,9 +183,6 @@ def test_very_many_powers_at_the_start():
     assert np.log2(errors["graded"][0] / errors["graded"][1]) == pytest.approx(4.0, abs=0.1)
     # the control: equal steps
     assert np.log2(errors["none"][0] / errors["none"][1]) == pytest.approx(1.05, abs=0.1)
-    # a force that is not bounded at 0 has no expansion at all
-    unknown = scene(forcing=Forcing.from_text("1 / (t + t**0.001 - t**0.001)"))
-    assert np.isnan(expected_order(unknown, Method(cq="gauss", degree=3), "max", 128))
 
 
 @pytest.mark.parametrize("method", METHODS)

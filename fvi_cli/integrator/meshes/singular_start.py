@@ -8,21 +8,25 @@ where the acceleration is like :math:`t^e`, the derivative of order gamma of the
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, ForcingPiece, formula_of
 from fvi_cli.effects.matrices import times
+from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import ForcingQuadrature
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.series.power_series import SeriesError, expand
+from fvi_cli.integrator.method import AnyMethod, Baseline, ForcingQuadrature
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 
 UNKNOWN_FORCE = 0.5
-"""Power of t that is assumed for a force without an expansion in powers of t."""
-LARGEST_POWER = 12.0
-"""Powers of a force from this one on do not matter, whatever the method."""
+"""Power of t that is assumed for a force by a function of Python."""
+_ROOTS: Mapping[str, float] = {"sqrt": 0.5, "cbrt": 1 / 3, "power": 0.5, "log": 0.5}
+"""Powers of functions in formulas."""
+TOUCHED = 1e-9
+"""Arguments of roots below this share of those shortly behind count as zero."""
 
 
 def start_power(
@@ -68,6 +72,31 @@ def start_power(
     return min(powers, default=None)
 
 
+def order_on(scene: Scene, method: AnyMethod, grading: float = 1.0) -> float:
+    """The order of a method on smooth data; nan where a scene is not known to let it have that.
+
+    Equal steps, also graded ones :math:`t_k = T (k / N)^r`, have at most the order of the least
+    fractional power of the position (times r), backward differences above order 2 err on any power
+    in their first steps, and samples limit the order to that of their interpolation.
+    """
+    order, samples = method.order, () if scene.forcing is None else scene.forcing.samples
+    if any(one.order < order for one in samples):
+        return math.nan
+    if isinstance(method, Baseline):
+        is_reached = True
+    elif method.start == "graded":
+        # forces are known only to the order of the stages
+        rough = any(term.order > 1 for term in scene.active_damping)
+        return math.nan if rough and scene.lagrangian is not None and method.degree > 2 else order
+    else:
+        is_reached = method.is_runge_kutta or not scene.active_damping
+        is_reached = is_reached or (order <= 2 and method.start == "none")
+    powers = [start_power(scene, at_start=True)]
+    powers += [start_power(scene, at_start=False)] if scene.break_points else []
+    least = min((power for power in powers if power is not None), default=math.inf)
+    return order if is_reached and grading * least >= order else math.nan
+
+
 def rate_jumps(scene: Scene) -> bool:
     """Whether a damping force is like t**(1 - order) at t = 0 with an order above 1.
 
@@ -101,9 +130,27 @@ def powers_behind(scene: Scene, break_point: float) -> tuple[float, ...]:
 
 @lru_cache(maxsize=256)
 def _fractional_powers(component: ForceComponent, at: float) -> tuple[float, ...]:
-    try:
-        series = expand(component, LARGEST_POWER, at)
-    except (SeriesError, ExpressionError):
-        return (UNKNOWN_FORCE,)
-    powers = series.exponents[series.coefficients != 0].tolist()
-    return tuple(power for power in powers if abs(power - round(power)) > 1e-9)
+    """Powers by the roots of a formula whose argument vanishes at a time.
+
+    They are no larger than those of the formula: t**0.5*t counts as t**0.5.
+    """
+    formula = formula_of(component)
+    if formula is None:
+        return (UNKNOWN_FORCE,) if isinstance(component, FunctionForce) else ()
+    system, roots = formula.system, []
+    for place in system.needed:
+        kind, *rest = system.instructions[place]
+        power = float(rest[1]) if kind == "**" else _ROOTS.get(str(kind), 1.0)
+        if not power.is_integer():
+            roots.append((int(rest[0]), abs(power)))
+    # values there, and shortly behind, to which those are compared
+    times = np.array([at, 1.001 * at or 1.0])
+    known = {**dict(formula.constants), "t": times}
+    found = FormulaSystem(system.instructions, tuple(place for place, _ in roots)).evaluate(known)
+    powers = []
+    for value, (_, power) in zip(found, roots, strict=True):
+        first, behind = np.abs(np.broadcast_to(value, 2))
+        if not TOUCHED * behind < first < math.inf:
+            powers.append(power)
+    is_bounded = not np.isinf(np.broadcast_to(formula.evaluate({"t": times}), 2)[0])
+    return tuple(powers if is_bounded else (-power for power in powers))

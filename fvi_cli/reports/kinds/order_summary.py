@@ -23,9 +23,6 @@ UNLIKE_EXPECTED = 0.3
 
 FAILURES = ("diverged", "failed", "refused")
 
-INTERPOLATED = "forcing: the interpolation"
-"""Beginning of the remark on a force from samples."""
-
 NORMS: Mapping[str, str] = {
     "max": "maximum norm over components and grid points",
     "final": "maximum norm over components at the final time",
@@ -84,7 +81,7 @@ def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
         yield from sweep_summary(members, names, order_entry)
     remarks = [
         sentence
-        for say in (_stated, _sampled, _failures)
+        for say in (_stated, _failures)
         for table in single
         for sentence in say(table, names, titles)
     ]
@@ -256,26 +253,6 @@ def _stated(
     return sentences
 
 
-def _sampled(
-    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> list[Words]:
-    """Sentences where the interpolation of a sampled force limits the order."""
-    labels_by_text: dict[str, list[str]] = {}
-    for case in table.cases:
-        limits = [text for row in case.rows for text in row.remarks if INTERPOLATED in text]
-        if not limits:
-            continue
-        orders = [
-            f"{text}; where samples lie inside steps, the order is that of the interpolation"
-            for text in expected_orders(case)
-        ]
-        sets_order = f"allows order {case.expected_order:g} at most"
-        for text in orders or [text for text in limits[:1] if text.endswith(sets_order)]:
-            labels_by_text.setdefault(text, []).append(names[case.method.case].label)
-    title = titles[table.experiment]
-    return [f"{title}, {', '.join(labels)}: {text}." for text, labels in labels_by_text.items()]
-
-
 def _not_asymptotic(case: OrderCase) -> str:
     """Why the slope is not the order for small steps; empty if it may be."""
     last, expected = case.last_order, case.expected_order
@@ -307,18 +284,6 @@ def _finest_order(case: OrderCase) -> str:
         return "no two neighbouring rows give an order"
     coarse, fine = (case.rows[case.last_pair + k].n_steps for k in (-1, 0))
     return f"the order between N = {coarse} and {fine} is {case.last_order:.2f}"
-
-
-def expected_orders(case: OrderCase) -> list[str]:
-    """Clauses where the expected order depends on the step size, as for samples inside steps."""
-    by_order: dict[str, list[int]] = {}
-    for row in case.rows:
-        by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)
-    if len(by_order) == 1:
-        return []
-    steps = [row.n_steps for row in case.rows]
-    orders = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
-    return [f"expected order {orders}"]
 
 
 def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:

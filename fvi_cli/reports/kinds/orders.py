@@ -25,7 +25,6 @@ from fvi_cli.reports.document import (
 )
 from fvi_cli.reports.kinds.order_summary import (
     NORMS,
-    expected_orders,
     legend,
     names_in_tables,
     orders_in_words,
@@ -107,7 +106,7 @@ COLUMNS = (
     ),
     *within(
         "row",
-        Column("expected_order", "order that theory expects at this step"),
+        Column("expected_order", "order on smooth data"),
         Column("predicted", "predicted stability"),
         Column("status", "what was observed"),
     ),
@@ -321,7 +320,6 @@ def _of_case(case: OrderCase) -> Iterator[Words]:
         yield f"predicted unstable at {steps_phrase(steps, unstable)}"
     if case.expected_failure:
         yield "the configuration expects failures"
-    yield from expected_orders(case)
     if sentence := unlike_expected(case):
         yield sentence
     for steps_at, text, is_example in _remarks_by_steps(case):

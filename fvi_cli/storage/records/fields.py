@@ -159,7 +159,7 @@ FIELDS: Final[tuple[Field, ...]] = (
           "measured.round_off"),
     Field("reference_error", "error of the reference", "measured.reference"),
     Field("floor", "errors below are round-off or the reference's own", "floor"),
-    Field("expected_order", "order that theory expects", "expected_order"),
+    Field("expected_order", "order on smooth data", "expected_order"),
     Field("reference", "what the error is measured against", "reference", form="words"),
     Field("status", "what was observed", "status"),
     Field("predicted", "what the stability analysis said", "predicted"),

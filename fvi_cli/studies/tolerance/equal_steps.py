@@ -12,10 +12,10 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.singular_start import order_on
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.studies.norms import Norm, error_norm
 from fvi_cli.studies.tolerance.search import solve
 
@@ -120,7 +120,7 @@ def solve_on_equal_steps(
         if one.error < RESOLVED * unit * size:
             # an error below this that falls no more is round-off
             one.stalled += one.error > STILL * before
-            order = expected_order(scene, one.method, norm, n_steps)
+            order = order_on(scene, one.method)
             wanted = (one.error / (AIMED_AT * target)) ** (1 / (order if order > 0 else 1.0))
             doublings = math.ceil(math.log2(max(wanted, 1.0)))
             factor = 1 << max(1, min(doublings, int(math.log2(FARTHEST))))

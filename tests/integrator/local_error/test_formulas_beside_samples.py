@@ -20,7 +20,6 @@ from fvi_cli.integrator.local_error.pulses import find_pulses
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import Interval
-from fvi_cli.planning.unsmooth_forces import has_kinks
 
 KINDS = ("samples", "function")
 TEXTS = {
@@ -66,7 +65,6 @@ def seen(forcing: Forcing, T: float) -> list[object]:
     boxes = SceneForces(scene).enclosed([], [], Interval(low, low + 0.05 * T), 0.3 * T)
     return [
         find_pulses(forcing, T, 1e-9 * T).points,
-        has_kinks(scene),
         start_power(scene, at_start=False),
         [np.round([box.low, box.high], 9).tolist() for _, box in boxes],
     ]

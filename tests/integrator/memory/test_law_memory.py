@@ -26,7 +26,6 @@ from fvi_cli.integrator.memory.kernel import power_kernel
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
@@ -195,18 +194,6 @@ def test_passive_laws_are_stable_and_others_are_not_known(laws, verdict):
     scene = spring(T=4.0, k=9.0, x=1.0, laws=laws)
     prediction = predict_stability(scene, Method(cq="gauss", degree=3, start="graded"), 8)
     assert prediction.verdict == verdict
-
-
-@pytest.mark.parametrize(
-    ("method", "order"),
-    [
-        (Method(cq="gauss", degree=3, start="graded"), 6.0),
-        (Method(cq="gauss", degree=3, start="none"), 3.675),
-        (Method(cq="gauss", degree=1, start="none"), 2.0),
-    ],
-)
-def test_the_expected_order_knows_the_start_of_a_law(method, order):
-    assert expected_order(SCENE, method, "max", 32) == pytest.approx(order)
 
 
 def test_equal_steps_have_the_order_of_the_singular_start():
