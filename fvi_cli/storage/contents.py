@@ -91,9 +91,6 @@ def has_configuration(path: Path, configuration: Configuration) -> bool:
 def list_runs(path: Path | str) -> StoredFile:
     """The runs and the provenance of a result file, without the numbers of the runs."""
     with contextlib.closing(ResultFile(Path(path))) as file:
-        if not file.is_sealed:  # check every run, since another program has changed the file
-            for entry in file.entries:
-                entry.record()
         provenance = {
             escape_text(name): escape_text(str(value))
             for name, value in file.root.items()

@@ -57,7 +57,7 @@ def stored_arrays(path: Path) -> Iterator[StoredArrays]:
                 entry.record()
             group = file.group(place)
             _, experiment, case, name = place.split("/")
-            arrays = {name: _values(dataset) for name, dataset in group.datasets.items()}
+            arrays = {name: _values(group.datasets[name]) for name in group.dimensions}
             names = _names_of_members(arrays, designs.get(experiment, {}))
             own = {} if names is None else {DESIGN: names}
             yield StoredArrays(

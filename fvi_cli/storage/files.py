@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import h5py
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import UNFINISHED, explain_os_error, followed, reason, replacement
 from fvi_cli.storage.digests import FORMAT
-from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, append_seal
+from fvi_cli.storage.stream import SafeStream
 
 CREATOR = "fvi-cli"
 
@@ -21,11 +20,6 @@ SUFFIX, PARTS_SUFFIX = ".h5", ".parts"
 """Endings of a result file, and of the folder for its unfinished runs."""
 
 CACHE_BYTES = 2**18
-
-UNSEALED = "FVI_UNSEALED"
-"""Environment variable that permits reading files whose bytes cannot be verified."""
-
-_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 HDF5_ERRORS = (
     OSError,
@@ -43,8 +37,8 @@ _WHAT_THEN = "it is left as it is: move it away, and its runs are computed again
 
 
 @contextlib.contextmanager
-def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
-    """Open a result file for reading, after a check that this program wrote it and of its seal.
+def open_stored(path: Path) -> Iterator[h5py.File]:
+    """Open a result file for reading, after a check that this program wrote it.
 
     Later reads give the contents at the time of opening, even if the file is replaced meanwhile.
     """
@@ -60,15 +54,10 @@ def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
         )
     with contextlib.ExitStack() as stack:
         try:
-            stream = stack.enter_context(contextlib.closing(SealedStream(path)))
-            if not stream.is_sealed and not os.environ.get(UNSEALED):
-                _refuse_unsealed(stream, path)
-            file = stack.enter_context(h5py.File(stream, "r"))
+            file = stack.enter_context(h5py.File(path, "r", locking=False))
             _limit_cache(file)
         except PermissionError as error:
             raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
-        except DamagedBytesError as error:
-            raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
         except HDF5_ERRORS:
             raise StorageError(
                 f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
@@ -76,18 +65,7 @@ def open_stored(path: Path) -> Iterator[tuple[bool, h5py.File]]:
             ) from None
         with explain_damage(path):
             _refuse_strangers(file, path)
-        yield stream.is_sealed, file
-
-
-def _refuse_unsealed(stream: SealedStream, path: Path) -> None:
-    """Refuse an HDF5 file without a seal: h5py might search in it for ever, deaf to signals."""
-    if stream.read(len(_HDF5)) == _HDF5:
-        raise StorageError(
-            f"{path}: cannot be verified: it was cut off, changed by another program, or not "
-            f"written by fvi; {_WHAT_THEN}, or set {UNSEALED}=1 to read it nevertheless, though "
-            "damage in it may keep a command for ever"
-        )
-    stream.seek(0)
+        yield file
 
 
 def _limit_cache(file: h5py.File) -> None:
@@ -135,8 +113,6 @@ def explain_damage(path: Path) -> Iterator[None]:
     """Turn exceptions of h5py on a damaged file into an error that names the file."""
     try:
         yield
-    except DamagedBytesError as error:
-        raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
     except HDF5_ERRORS as error:
         found = escape_text(f"{type(error).__name__}: {error}")
         raise StorageError(
@@ -153,11 +129,10 @@ def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
     """
     with explain_os_error(path), replacement(path) as handle:
         stream = SafeStream(handle)
-        with h5py.File(stream, "w", track_order=True) as file:
+        with h5py.File(stream, "w", track_order=True, libver=("v110", "v110")) as file:
             _limit_cache(file)
             yield file, stream.check
         stream.check()
-        append_seal(handle)
 
 
 def refuse_old_parts(folder: Path) -> None:

@@ -1,7 +1,7 @@
 """The journal: finished runs are appended to it at once; consolidating the file removes it.
 
 A journal is a file of frames. A frame is a head, which is verified when the journal is opened, and
-the numbers of its runs, which are verified when they are read. An incomplete last frame, as a
+the numbers of its runs. An incomplete last frame, as a
 killed process leaves it, is dropped; an invalid frame before a valid one is an error.
 """
 
@@ -120,12 +120,10 @@ class Journal:
 
     def _learn(self, place: int, head: Head, begin: int, end: int) -> None:
         """Add the runs of a frame to the entries."""
-        for row, (identity, checksum, own, _) in enumerate(head["runs"]):
+        for row, (identity, own, _) in enumerate(head["runs"]):
             attributes = {**head["common"], **own}
             kind, is_unstable = kind_of(attributes), attributes["predicted"] == "unstable"
-            self.entries.append(
-                Entry(identity, checksum, self, kind.path, row, kind, is_unstable, place)
-            )
+            self.entries.append(Entry(identity, self, kind.path, row, kind, is_unstable, place))
         at = end - sum(8 * math.prod(shape) for _, _, shape in head["inputs"])
         for digest, dtype, shape in head["inputs"]:
             self.inputs[digest] = (at, dtype, tuple(shape))
@@ -175,7 +173,7 @@ class Journal:
                 [[n, a.dtype.str, a.shape, one.axes[n]] for n, a in one.arrays.items()]
             )
             number = layouts.setdefault(layout, len(layouts))
-            runs.append([one.identity, one.checksum, own, number])
+            runs.append([one.identity, own, number])
             body += [np.ascontiguousarray(a).tobytes() for a in one.arrays.values()]
         body += [np.ascontiguousarray(a).tobytes() for a in inputs.values()]
         head = {
@@ -210,18 +208,18 @@ class Journal:
     def attributes(self, entry: Entry) -> dict[str, Any]:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.attributes`."""
         head, _ = self._known(entry.place)
-        return {**head["common"], **head["runs"][entry.row][2]}
+        return {**head["common"], **head["runs"][entry.row][1]}
 
     def shapes(self, entry: Entry) -> Shapes:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.shapes`."""
         head, _ = self._known(entry.place)
-        layout = head["layouts"][head["runs"][entry.row][3]]
+        layout = head["layouts"][head["runs"][entry.row][2]]
         return [(name, tuple(shape), tuple(axes)) for name, _, shape, axes in layout]
 
     def read(self, entry: Entry) -> StoredRecord:
         """As :meth:`fvi_cli.storage.records.record.RecordSource.read`."""
         head, begins = self._known(entry.place)
-        layout = head["layouts"][head["runs"][entry.row][3]]
+        layout = head["layouts"][head["runs"][entry.row][2]]
         raw, at = self._bytes(begins[entry.row], _size_of(layout)), 0
         arrays = {}
         for name, dtype, shape, _ in layout:

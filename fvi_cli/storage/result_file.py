@@ -1,13 +1,9 @@
-"""Reading and writing one result file.
-
-The root's checksum covers its attributes and the index; the index has a checksum of every run.
-"""
+"""Reading and writing one result file."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
-import hashlib
 import json
 import re
 from collections import OrderedDict
@@ -20,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json, digest_of
+from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json
 from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
 from fvi_cli.storage.groups.listing import lines_of
 from fvi_cli.storage.groups.reading import (
@@ -30,10 +26,10 @@ from fvi_cli.storage.groups.reading import (
     Block,
     StoredGroup,
     json_value,
-    run_groups,
 )
 from fvi_cli.storage.groups.writing import (
     WrittenGroup,
+    guarded,
     write_attributes,
     write_convergence,
     write_group,
@@ -45,16 +41,11 @@ HELD_BYTES: Final = 2**26
 """Most bytes of arrays that are cached of an open file, for members that are not read in order."""
 GROUPS_KEPT: Final = 8
 
-DIGESTS: Final = ("identity", "checksum")
-"""Datasets of the index with 32 bytes per run."""
+IDENTITIES: Final = "identity"
+"""Dataset of the index with 32 bytes per run."""
 
 NUMBERS: Final = ("group", "row", "is_unstable")
 """Datasets of the index with one number per run."""
-
-CHECKSUM: Final = "checksum"
-"""Attribute of the root: digest of its other attributes and of the index."""
-
-Arrays = dict[str, NDArray[Any]]
 
 _NAMED: Final = re.compile(rf'"{INPUT}": ?"([0-9a-f]{{64}})"')
 
@@ -68,31 +59,23 @@ class ResultFile:
         self._groups: OrderedDict[str, StoredGroup] = OrderedDict()
         self._blocks: OrderedDict[tuple[str, int], tuple[int, Block]] = OrderedDict()
         self._held = 0
-        self.is_sealed, file = self._stack.enter_context(open_stored(path))
-        self._file: h5py.File | None = file
+        self._file: h5py.File | None = self._stack.enter_context(open_stored(path))
+        self._stamp = _stamp_of(path)
         try:
             with explain_damage(path):
+                file = self._file
                 self.root = {name: json_value(value) for name, value in file.attrs.items()}
-                self._index = {name: node[()] for name, node in file[INDEX].items()}
-                if _checksum(self.root, self._index) != self.root[CHECKSUM]:
-                    raise ValueError("the attributes of the file are not those that were written")
-                if not self.is_sealed:
-                    self._refuse_additions(file)
+                names = ("groups", IDENTITIES, *NUMBERS)
+                self._index = {name: file[f"{INDEX}/{name}"][()] for name in names}
         except BaseException:
             self.close()
             raise
 
-    def _refuse_additions(self, file: h5py.File) -> None:
-        """Refuse a file to which another program has added groups."""
-        expected = sorted(str(one["path"]) for one in self.groups)
-        if sorted(str(one.group.name) for _, _, one in run_groups(file)) != expected:
-            raise ValueError("it holds other groups than those that were written")
-
     def _opened(self) -> h5py.File:
         """The HDF5 file, opened again if :meth:`close` was called."""
         if self._file is None:
-            _, self._file = self._stack.enter_context(open_stored(self.path))
-            if self._file.attrs[CHECKSUM] != self.root[CHECKSUM]:
+            self._file = self._stack.enter_context(open_stored(self.path))
+            if _stamp_of(self.path) != self._stamp:
                 raise StorageError(
                     f"{self.path}: was replaced while it was read; run the command again"
                 )
@@ -118,15 +101,14 @@ class ResultFile:
             for one in self.groups
         ]
         # the index is not needed any more: the entries hold its values
-        digests = ([bytes(row).hex() for row in self._index.pop(name)] for name in DIGESTS)
+        identities = [bytes(row).hex() for row in self._index.pop(IDENTITIES)]
         numbers = (self._index.pop(name).tolist() for name in NUMBERS)
-        for row in zip(*digests, *numbers, strict=True):
-            identity, checksum, group, number, is_unstable = row
+        for identity, group, number, is_unstable in zip(identities, *numbers, strict=True):
             path, kind = groups[group]
-            yield Entry(identity, checksum, self, path, number, kind, bool(is_unstable))
+            yield Entry(identity, self, path, number, kind, bool(is_unstable))
 
     def group(self, path: str) -> StoredGroup:
-        """A group of runs, not verified."""
+        """A group of runs."""
         if path not in self._groups:
             self._groups[path] = StoredGroup(self._opened()[path])
             while len(self._groups) > GROUPS_KEPT:
@@ -167,10 +149,7 @@ class ResultFile:
         with explain_damage(self.path):
             if f"{INPUTS}/{digest}" not in self._opened():
                 return None
-            values = np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
-            if digest_of(values) != digest:
-                raise ValueError(f"{INPUTS}/{digest} is not what was written")
-            return values
+            return np.asarray(self._opened()[f"{INPUTS}/{digest}"][()])
 
     def close(self) -> None:
         """Close the file; reading from it opens it again."""
@@ -190,16 +169,10 @@ _REOPENED: Final[list[ResultFile]] = []
 """Files that were opened again: a merge reads many files, and a process can open only some."""
 
 
-def _checksum(root: Mapping[str, Any], index: Mapping[str, Any]) -> str:
-    words = canonical_json({name: value for name, value in root.items() if name != CHECKSUM})
-    digest = hashlib.sha256(words.encode())
-    for name in sorted(index):
-        values = index[name]
-        content = values.tolist() if values.dtype.kind == "O" else None
-        digest.update(f"{name}{values.shape}{content}".encode())
-        if content is None:
-            digest.update(np.ascontiguousarray(values).data)
-    return digest.hexdigest()
+def _stamp_of(path: Path) -> tuple[int, ...]:
+    """What changes when a file is replaced."""
+    found = path.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def write_file(
@@ -225,7 +198,7 @@ def write_file(
         "platform": platform_name(),
     }
     named = _named_in(attributes.values())
-    index: dict[str, list[Any]] = {name: [] for name in (*DIGESTS, *NUMBERS)}
+    index: dict[str, list[Any]] = {name: [] for name in (IDENTITIES, *NUMBERS)}
     with replacing(path) as (file, check):
         ladders: dict[str, dict[int, list[WrittenGroup]]] = {}
         written: list[tuple[str, WrittenGroup]] = []
@@ -233,10 +206,9 @@ def write_file(
         for number, (place, rows) in enumerate(layout.items()):
             group = write_group(file, place, rows)
             check()
-            checked = zip(rows, group.checksums, group.survey.column("predicted"), strict=True)
-            for row, (one, own_checksum, predicted) in enumerate(checked):
-                is_unstable = predicted == "unstable"
-                own = (one.identity, own_checksum, number, row, is_unstable)
+            predictions = zip(rows, group.survey.column("predicted"), strict=True)
+            for row, (one, predicted) in enumerate(predictions):
+                own = (one.identity, number, row, predicted == "unstable")
                 for column, value in zip(index.values(), own, strict=True):
                     column.append(value)
             kinds.append(kind_of(rows[0].attributes()))
@@ -255,8 +227,8 @@ def write_file(
             json.dumps({"path": place, "kind": kind._asdict(), "line": line})
             for (place, _), kind, line in zip(written, kinds, lines_of(written), strict=True)
         ]
-        checksum = _checksum(root, _write_index(file, index, lines))
-        write_attributes(file, {**root, CHECKSUM: checksum})
+        _write_index(file, index, lines)
+        write_attributes(file, root)
         check()
         done()
 
@@ -271,13 +243,11 @@ def _named_in(values: Iterable[Any]) -> set[str]:
     return known
 
 
-def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequence[str]) -> Arrays:
-    """Write the index and return its datasets."""
+def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequence[str]) -> None:
+    """Write the index."""
     group = file.create_group(INDEX, track_order=True)
-    arrays: dict[str, NDArray[Any]] = {
-        name: np.frombuffer(bytes.fromhex("".join(index[name])), "u1").reshape(-1, 32)
-        for name in DIGESTS
-    }
+    digests = bytes.fromhex("".join(index[IDENTITIES]))
+    arrays = {IDENTITIES: np.frombuffer(digests, "u1").reshape(-1, 32)}
     arrays |= {name: np.array(index[name], dtype="<i8") for name in NUMBERS}
     scales = {"run": len(index["row"]), "byte": 32, "number": len(lines)}
     for name, size in scales.items():
@@ -285,15 +255,14 @@ def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequenc
     group.create_dataset("groups", data=list(lines), dtype=h5py.string_dtype())
     group["groups"].dims[0].attach_scale(group["number"])
     for name, values in arrays.items():
-        group.create_dataset(name, data=values)
+        group.create_dataset(name, data=values, **guarded(values.shape))
         for axis, scale in enumerate(("run", "byte")[: values.ndim]):
             group[name].dims[axis].attach_scale(group[scale])
-    return {name: node[()] for name, node in group.items()}
 
 
 def _write_numbered(file: h5py.File, name: str, values: NDArray[Any], digest: str) -> None:
     """Write a long list of numbers with numbered axes."""
-    dataset = file.create_dataset(name, data=values)
+    dataset = file.create_dataset(name, data=values, **guarded(values.shape))
     for axis, size in enumerate(values.shape):
         scale = f"{INPUTS}/size_{size}"
         if scale not in file:

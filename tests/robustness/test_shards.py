@@ -28,7 +28,7 @@ experiments:
 name: all
 """
 RUNS = 2 * 7 + 6 + 1
-OF_TIME = {"setup_seconds", "stepping_seconds", "created", "checksum", "seconds"}
+OF_TIME = {"setup_seconds", "stepping_seconds", "created", "seconds"}
 
 
 def fvi(*arguments: object) -> tuple[int, str]:

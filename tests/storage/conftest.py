@@ -5,17 +5,7 @@ from pathlib import Path
 import pytest
 from stored_runs import made_runs, store
 
-from fvi_cli.storage.files import UNSEALED
 from fvi_cli.studies.experiment import FinishedRun
-
-
-@pytest.fixture(autouse=True)
-def unsealed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Look at every run by itself where the bytes of a file cannot be verified.
-
-    So are files read that other programs have changed, as users may ask for.
-    """
-    monkeypatch.setenv(UNSEALED, "1")
 
 
 @pytest.fixture

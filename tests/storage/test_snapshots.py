@@ -9,7 +9,7 @@ import pytest
 import stored_runs as t
 from command_line import fvi
 
-from fvi_cli.storage import open_results, read_results, stream
+from fvi_cli.storage import open_results, read_results
 from fvi_cli.studies.experiment import FinishedRun
 
 CONFIG = """\
@@ -127,24 +127,3 @@ def test_a_file_that_is_open_is_read_as_it_was(tmp_path):
             t.assert_same(stored.finished(finished.run), finished)
     with read_results(path) as stored:
         assert stored.finished(runs[0].run) is None
-
-
-def test_a_file_that_is_replaced_while_it_is_opened_is_read_as_it_was(tmp_path, monkeypatch):
-    path, successor = tmp_path / "one", tmp_path / "other"
-    for place, content in ((path, b"1" * 5000), (successor, b"2" * 9000)):
-        with place.open("w+b") as file:
-            file.write(content)
-            file.flush()
-            stream.append_seal(file.fileno())
-    real = stream.read_seal
-
-    def late(handle: int) -> stream.Seal | None:
-        successor.replace(path)
-        return real(handle)
-
-    monkeypatch.setattr(stream, "read_seal", late)
-    opened = stream.SealedStream(path)
-    found = bytearray(6000)
-    assert opened.readinto(found) == 5000
-    assert found[:5000] == b"1" * 5000
-    opened.close()

@@ -10,7 +10,6 @@ import pytest
 from command_line import MANY
 
 from fvi_cli.config import parse_config
-from fvi_cli.errors import StorageError
 from fvi_cli.runner.executors.batches import batches_of
 from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.jobs import Job
@@ -222,18 +221,6 @@ def test_a_listing_has_one_line_for_all_members(tmp_path):
     assert runs[0].swept == (
         "problem.damping.0.coefficient = 0.1, 1, 300; problem.damping.0.order = 0.5, 1.5"
     )
-
-
-def test_changed_numbers_are_noticed(tmp_path):
-    loaded = load()
-    keep(tmp_path, loaded)
-    with h5py.File(tmp_path / "many.h5", "r+") as file:
-        file[GROUP]["position"][1, 3, 0] += 1e-9
-    with (
-        read_results(tmp_path / "many.h5") as stored,
-        pytest.raises(StorageError, match="is not what was written"),
-    ):
-        stored.finished(loaded.experiments[0].runs()[7])
 
 
 def test_what_is_said_of_members_takes_little_memory():

@@ -81,36 +81,14 @@ def count_along(axis: str, attributes: Mapping[str, Any]) -> int | None:
     return int(attributes[POINTS])
 
 
-def children(group: h5py.Group) -> dict[str, Any]:
-    """The groups and datasets in a group; links are refused."""
-    found = {}
-    for name in group:
-        if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
-            raise TypeError(f"{group.name}/{name} is a link that leads elsewhere")
-        found[name] = group[name]
-    return found
-
-
 def datasets_below(group: h5py.Group, above: str = "") -> Iterator[tuple[str, h5py.Dataset]]:
-    """The datasets in the group of a run by name; other contents are refused."""
-    for name, node in children(group).items():
-        if isinstance(node, h5py.Group) and (above or name in SUBGROUPS):
-            yield from datasets_below(node, f"{above}{name}/")
-        elif isinstance(node, h5py.Dataset):
-            _refuse_strange(node)
+    """The datasets in the group of a run by name."""
+    for name in group:
+        node = group[name]
+        if isinstance(node, h5py.Dataset):
             yield f"{above}{name}", node
-        else:
-            raise TypeError(f"{group.name}/{name} is not a dataset")
-
-
-def _refuse_strange(dataset: h5py.Dataset) -> None:
-    """Refuse datasets that this program does not write: only numbers and texts within the file."""
-    is_text = h5py.check_string_dtype(dataset.dtype) is not None
-    held = dataset.id.get_storage_size() == dataset.size * dataset.dtype.itemsize or is_text
-    if dataset.external is not None or dataset.is_virtual or dataset.chunks is not None or not held:
-        raise TypeError(f"{dataset.name} does not lie in the file as it was written")
-    if not is_text and dataset.dtype.str not in ("<f8", "<i8"):
-        raise TypeError(f"{dataset.name} holds {dataset.dtype}, not numbers or texts")
+        elif above or name in SUBGROUPS:
+            yield from datasets_below(node, f"{above}{name}/")
 
 
 def json_value(value: Any) -> Any:
@@ -118,18 +96,23 @@ def json_value(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
+def _is_kept(value: Any) -> bool:
+    """Whether an attribute is of a kind that this program writes: text, a number, or numbers."""
+    if isinstance(value, list):
+        return bool(value) and all(type(one) in (int, float) for one in value)
+    return type(value) in (str, int, float)
+
+
 Block = dict[str, NDArray[Any]]
 
 
 class StoredGroup:
-    """A group of a file; its contents are not verified.
-
-    Unreadable contents raise ValueError, KeyError or TypeError.
-    """
+    """A group of a file, to which others may have added attributes and datasets."""
 
     def __init__(self, group: h5py.Group) -> None:
         self.group = group
-        self.attributes = {name: json_value(value) for name, value in group.attrs.items()}
+        found = {name: json_value(value) for name, value in group.attrs.items()}
+        self.attributes = {name: value for name, value in found.items() if _is_kept(value)}
         self.keys: tuple[str, ...] = tuple(json.loads(self.attributes.get(SWEPT, "[]")))
 
     @functools.cached_property
@@ -146,8 +129,9 @@ class StoredGroup:
         """Attributes in which members differ, by name."""
         found = {}
         for name, node in self.datasets.items():
-            if self.keys and name not in self._axes_of_all and node.ndim == 1 and name != MEMBER:
-                is_text = h5py.check_string_dtype(node.dtype) is not None
+            is_text = h5py.check_string_dtype(node.dtype) is not None
+            is_column = node.shape == (len(self),) and (is_text or node.dtype.kind in "if")
+            if self.keys and name not in self._axes_of_all and is_column and name != MEMBER:
                 values = node.asstr()[()] if is_text else node[()]
                 found[name] = read_column(values, is_json="encoding" in node.attrs)
         return found
@@ -203,9 +187,8 @@ class StoredGroup:
             axes = tuple(scale_of(axis, of_members=of_members) for axis in own)
             if of_members and axes != (name,):
                 axes = (MEMBER, *axes) if name != MEMBER else (MEMBER,)
-            if len(axes) != node.ndim:
-                raise TypeError(f"{node.name} has {node.ndim} axes in place of {len(axes)}")
-            found[name] = axes
+            if len(axes) == node.ndim:  # else it is a stranger's
+                found[name] = axes
         return found
 
     @functools.cached_property
@@ -233,14 +216,3 @@ class StoredGroup:
                 values = values[: count_along(along[0], own)]
             mine[name] = values
         return mine, axes
-
-
-def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:
-    """Experiment, case and group for every group of runs of a file."""
-    for experiment, cases in children(file).items():
-        if experiment in (INDEX, INPUTS):
-            continue
-        for case, groups in children(cases).items():
-            for name, group in children(groups).items():
-                if name != CONVERGENCE:
-                    yield experiment, case, StoredGroup(group)

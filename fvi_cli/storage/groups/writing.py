@@ -53,6 +53,23 @@ _SUMMARIES: Final[Mapping[str, Callable[[Any], str]]] = {
 _TEXT: Final = h5py.string_dtype()
 
 
+CHUNK_BYTES: Final = 2**19
+"""Most bytes of a chunk, which HDF5 reads whole: it has one checksum."""
+
+
+def guarded(shape: tuple[int, ...]) -> dict[str, Any]:
+    """Arguments of a dataset of numbers whose chunks HDF5 checks; none if it is empty."""
+    if not shape or 0 in shape:
+        return {}
+    chunk, room = [1] * len(shape), CHUNK_BYTES // 8
+    for axis in reversed(range(len(shape))):
+        chunk[axis] = min(shape[axis], room)
+        room //= chunk[axis]
+        if not room:
+            break
+    return {"chunks": tuple(chunk), "fletcher32": True}
+
+
 class NewGroup:
     """A group that is being written; every axis of its datasets gets a dimension scale.
 
@@ -88,6 +105,8 @@ class NewGroup:
         for axis, size in zip(axes, sizes, strict=True):
             if axis != name and axis not in self.datasets:
                 self.add(axis, (axis,), np.arange(size, dtype="<i8"))
+        if content["dtype"] != _TEXT:
+            content |= guarded(sizes)
         dataset = self.group.create_dataset(name, **content)
         attributes = {"long_name": _MEANINGS.get(name) or meaning_of(name)}
         if self._keys and axes[0] == MEMBER and name not in (MEMBER, *self._keys):
@@ -114,7 +133,6 @@ class WrittenGroup:
     attributes: dict[str, Any]  # values that all runs share, and summaries of the others
     survey: Survey  # attributes of every run
     keys: tuple[str, ...]  # the swept keys
-    checksums: Sequence[str]  # one for each run
 
 
 def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
@@ -134,22 +152,18 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGro
             new.reserve(name, (MEMBER, *along[name]), (len(rows), *shape))
         else:
             new.reserve(name, along[name], shape)
-    checksums: list[str] = []
+    written = 0
     shared: dict[str, NDArray[Any]] = {}
     for block in _blocks(rows):
-        _write_block(new, block, len(checksums), [n for n in axes if not is_scale[n]])
+        _write_block(new, block, written, [n for n in axes if not is_scale[n]])
         for record in block:
             _compare(shared, {n: v for n, v in record.arrays.items() if is_scale[n]}, path)
-        own = rows[len(checksums) : len(checksums) + len(block)]
-        checksums += [
-            record.checksum if row.description else row.checksum
-            for row, record in zip(own, block, strict=True)
-        ]
+        written += len(block)
     for name, values in shared.items():
         new.datasets[name][: values.size] = values
     attributes = _attributes_of(survey, keys)
     new.finish(attributes)
-    return WrittenGroup(attributes=attributes, survey=survey, keys=keys, checksums=checksums)
+    return WrittenGroup(attributes=attributes, survey=survey, keys=keys)
 
 
 def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.errors import StorageError
 from fvi_cli.storage.digests import Inputs, canonical_json, sha256
 from fvi_cli.studies.experiment import Run
 
@@ -40,18 +37,6 @@ class StoredRecord:
     arrays: Mapping[str, NDArray[Any]]  # by name, float64 or int64
     axes: Mapping[str, tuple[str, ...]]  # names of the axes of every array
     inputs: Inputs = field(default_factory=dict)  # lists that the specification names by digest
-
-    @functools.cached_property
-    def checksum(self) -> str:
-        """SHA-256 of all attributes and of every number, independent of how they are stored."""
-        words = [self.identity, self.attributes]
-        digest = hashlib.sha256(json.dumps(words, sort_keys=True).encode())
-        for name in sorted(self.arrays):
-            values = self.arrays[name]
-            head = f"{name}{self.axes[name]}{values.dtype.str}{values.shape}"
-            digest.update(head.encode())
-            digest.update(np.ascontiguousarray(values).data)
-        return digest.hexdigest()
 
     @property
     def size(self) -> int:
@@ -154,7 +139,7 @@ class RecordSource(Protocol):
         """Attributes of a run."""
 
     def read(self, entry: Entry) -> StoredRecord:
-        """The run, not verified."""
+        """The run."""
 
     def shapes(self, entry: Entry) -> Shapes:
         """Name, shape and axes of the arrays of a run."""
@@ -181,7 +166,6 @@ class Entry:
     """The place of a record: a row of a group of a file, or of a frame of a journal."""
 
     identity: str  # identity of the record
-    checksum: str
     # file or journal, path of the group in it (for a journal the path to which it will be written)
     # and number in the group or frame
     source: RecordSource
@@ -193,7 +177,7 @@ class Entry:
     description: Description | None = None  # changes of its attributes, if any
 
     def attributes(self) -> Mapping[str, Any]:
-        """The attributes of the record, not verified."""
+        """The attributes of the record."""
         own = self.source.attributes(self)
         return own if self.description is None else self.description.of(own)
 
@@ -203,13 +187,8 @@ class Entry:
         return replace(self, description=description, kind=kind)
 
     def record(self) -> StoredRecord:
-        """The whole record, verified."""
+        """The whole record."""
         record = self.source.read(self)
-        if record.checksum != self.checksum:
-            raise StorageError(
-                f"{self.source.path}: is damaged or not a result file ({self.path} is not what was "
-                "written); it is left as it is: move it away, and its runs are computed again"
-            )
         if self.description is None:
             return record
         return replace(record, attributes=self.description.of(record.attributes))
