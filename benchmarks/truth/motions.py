@@ -229,7 +229,7 @@ def quantities(random: Random, words: list[str]) -> Claims:
     }
     config["quantities"] = texts
     if random.random() < 0.5:
-        config["output"] = {"count": int(random.integers(2, 30))}
+        config["output"] = {"step": scene.final_time / int(random.integers(1, 29))}
     end = scene.final_time
     if random.random() < 0.4:
         # an event ends the run

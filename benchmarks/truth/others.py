@@ -167,7 +167,7 @@ def impacts(random: Random, words: list[str]) -> Claims:
         "method": {"rk": "gauss", "degree": 6},
         "ladder": {"steps": steps},
         "impacts": {"floor": {"when": when, "restitution": bounce}},
-        "output": {"count": 41},
+        "output": {"step": span * tau / 40},
     }
     repeat(words, config, "run")
     (outcome,) = fvi.run(config)

@@ -38,7 +38,7 @@ def check_figures(
                 at.under(index).refuse(_NEEDS[one])
             continue
         is_complete = isinstance(one, FigureSettings) and (
-            one.section or one.quantities or one.ensemble or (one.plot and one.against)
+            one.section or one.ensemble or (one.plot and one.against)
         )
         if not isinstance(one, FigureSettings) or not is_complete:
             continue
@@ -48,10 +48,6 @@ def check_figures(
         names.append(one.file_name)
         if one.section is not None:
             _check_word(one.section, events, "an event", here.under("section"), _EVENTS)
-        elif one.quantities is not None:
-            for number, name in enumerate(one.quantities):
-                under = here.under("quantities", number)
-                _check_word(name, quantities, "a quantity", under, _QUANTITIES)
         elif one.ensemble is not None:
             if len(members) < 2:
                 here.refuse(f"there are no members to take a mean of; {_MEMBERS}", "ensemble")
@@ -68,9 +64,6 @@ def check_figures(
                 here.refuse(_SWEEP.format(key=excerpt(key)) if is_key else _OVER_TIME, "against")
             else:
                 _check_word(one.against, keys, "a swept key", here.under("against"))
-        if one.of_ is not None and coordinates:
-            known = [*coordinates, *(f"v{name}" for name in coordinates)]
-            _check_word(one.of_, known, "a coordinate or velocity", here.under("of"))
         is_of_events = one.section is not None or one.plot in events
         if one.after and not is_of_events:
             here.refuse_key("after", "for events only: leave it out")
@@ -129,8 +122,6 @@ def _check_plot(
     if plot in events:
         return
     if which and quantity in quantities:
-        if at.has("of"):
-            at.refuse_key("of", f"for events only; {which}_ is of the whole run")
         return
     if plot in quantities:
         here.refuse(f"write peak_{plot}; or {', '.join(f'{e}_{plot}' for e in EXTENTS[1:])}")

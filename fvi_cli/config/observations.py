@@ -205,7 +205,7 @@ def _drawn(settings: ExperimentKeys, problem: AnyProblem) -> list[str]:
     """Built-in quantities that figures show and ``quantities`` does not request."""
     given = settings.figures if isinstance(settings.figures, tuple) else ()
     figures = [one for one in given if isinstance(one, FigureSettings)]
-    shown = [name for one in figures for name in (one.extent[1], *(one.quantities or ()))]
+    shown = [one.extent[1] for one in figures]
     ready = problem.ready if isinstance(problem, Problem) else {}
     named = _named(settings.quantities)
     return [name for name in dict.fromkeys(shown) if name in ready and name not in named]

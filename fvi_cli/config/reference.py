@@ -293,7 +293,7 @@ MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
 OF_MATERIAL: Final = {
     "ladder": "ladder: {steps: [500]}",
     "figures": "figures: [hysteresis]",
-    "output": "# output: {count: 1000}",
+    "output": "# output: {step: 0.01}",
     "quantities": "# quantities: {force: force_1, deformation: deformation_1}",
     "fit": "# fit:\n"
     "#   data: {file: measured.csv, time: t, columns: {force: force}}\n"
@@ -356,7 +356,7 @@ def _switched_off(kind: type[SceneKind], problem: Problem) -> dict[str, str]:
     ready = f"[{', '.join(names)}]" if names else ""
     return {
         "accuracy": f"# {ACCURACY_EXAMPLE}",
-        "output": "# output: {count: 1000}",
+        "output": "# output: {step: 0.01}",
         "quantities": f"# quantities: {ready or f'{{speed: v{name}, acceleration: a{name}}}'}",
         "events": f"# events: {{turn: {{when: v{name}, direction: falling}}}}",
         "fit": "# fit:\n"

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import logging
-import re
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.scalars import Choice, Schema, Shape, referred
 from fvi_cli.keys.settings import Key, Record, Refusal, Setting
-
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +18,7 @@ class ByKind(Shape):
     """Records that are distinguished by the word under the key `word`.
 
     For the `default` kind the values that are read lack the key, whether it was written or not.
-    `aliases` are other words for kinds, `meant` has advice for words that are no kinds, all in
-    lower case; `name` is the name in the schema.
+    `meant` has advice for words that are no kinds; `name` is the name in the schema.
     """
 
     kinds: Mapping[str, Record] = field(hash=False)
@@ -32,7 +26,6 @@ class ByKind(Shape):
     meaning: str = "which equation"
     default: str = ""
     meant: Mapping[str, str] = field(default_factory=dict, hash=False)
-    aliases: Mapping[str, str] = field(default_factory=dict, hash=False)
     name: str = ""
 
     @property
@@ -47,19 +40,10 @@ class ByKind(Shape):
         choice = Choice(words=tuple(self.kinds))
         kind: Any = self.default
         word = at.under(self.word).scalar if at.has(self.word) else None
-        plain = re.sub(r"[\s_]+", "-", word.lower()) if isinstance(word, str) else ""
-        # also parts of words such as viscous-damper
-        meant = [one for one in (plain, *plain.split("-")) if one in self.meant]
-        if plain in self.meant or (meant and not any(one in plain for one in self.kinds)):
+        if isinstance(word, str) and word in self.meant:
             # do not read the other keys: they belong to the unknown kind
-            return at.refuse(f"{plain}: {self.meant[meant[0]]}", self.word)
-        if plain in self.aliases or (plain != word and plain in self.kinds):
-            kind = self.aliases.get(plain, plain)
-            _logger.info("%s: %s: %s is read as %s", at.node.place, self.word, word, kind)
-        elif plain not in self.kinds and (inside := [k for k in self.kinds if k in plain]):
-            message = f"{excerpt(plain)!r} is not known; did you mean {inside[0]!r}?"
-            kind = at.refuse(message, self.word)
-        elif at.has(self.word):
+            return at.refuse(f"{word}: {self.meant[word]}", self.word)
+        if at.has(self.word):
             kind = choice.read(at.under(self.word))
         elif not self.default:
             kind = at.refuse(f"missing; it must be {choice.expected}", self.word)
@@ -96,9 +80,7 @@ class ByKind(Shape):
         variants = []
         for kind, record in self.kinds.items():
             variant = record.whole(defs)
-            also = [alias for alias, meant in self.aliases.items() if meant == kind]
-            word: Schema = {"description": self.meaning}
-            word |= {"enum": [kind, *also]} if also else {"const": kind}
+            word: Schema = {"description": self.meaning, "const": kind}
             if self.default:
                 word["default"] = self.default
             variant["properties"] = {self.word: word, **variant["properties"]}

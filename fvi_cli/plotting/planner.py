@@ -177,8 +177,7 @@ def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Itera
         start = f"{experiment.name}: the {kind} figure shows"
         count, shown, what = counts.get(kind, (0, 0, ""))
         if count > shown:
-            choice = "; write figures: [{quantities: [...]}] for others" * (kind == "quantities")
-            yield f"{start} {shown} of {count} {what}{choice}"
+            yield f"{start} {shown} of {count} {what}"
         is_sweep = experiment.members and experiment.accuracy is None
         if is_sweep and methods > 1 and kind in _OF_FIRST_METHOD:
             yield f"{start} the first of {methods} methods"

@@ -58,10 +58,6 @@ PROBLEM: Final = ByKind(
             "write kind: damped-oscillator",
         ),
         **dict.fromkeys(
-            ("poincare", "bifurcation", "ensemble", "section"),
-            "no kind of problem but a figure; `fvi guide chaos` shows it",
-        ),
-        **dict.fromkeys(
             ("van-der-pol", "vanderpol", "vdp"),
             "its damping depends on x, and damping here is linear; conservative forces of any kind "
             "are written with kind: lagrangian",

@@ -35,7 +35,6 @@ def _load(tmp_path: Path, text: str, *overrides: str) -> fvi.LoadedConfig:
     [
         ("{step: 0.5}", [0.0, 0.5, 1.0, 1.5, 2.0]),
         ("{step: 0.3}", [0.0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]),
-        ("{count: 3}", [0.0, 1.0, 2.0]),
         ("{times: [0.1, 2]}", [0.1, 2.0]),
     ],
 )

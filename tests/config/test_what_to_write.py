@@ -1,32 +1,14 @@
 """What complaints say to write is understood; the complaints are in tests/mistakes."""
 
-import logging
-
 import numpy as np
 import pytest
 from command_line import configuration, fvi
 
 import fvi_cli
 from fvi_cli.config import parse_config
-from fvi_cli.errors import ConfigError
 
 SPRING = "kind: damped-oscillator, final_time: 1.0, initial: {position: 1.0}, exact: none"
 SHAKEN = "kind: frame, storeys: 3, stiffness: 40.0, final_time: 2.0, exact: none"
-
-
-@pytest.mark.parametrize("law", ["kelvin-voigt", "Kelvin Voigt", "kelvin_voigt", "voigt"])
-def test_kelvin_voigt_by_every_name(law, caplog):
-    with caplog.at_level(logging.INFO):
-        text = configuration(
-            f"{SPRING}, damping: [{{law: {law}, stiffness: 2.0, coefficient: 0.1}}]"
-        )
-        (experiment,) = parse_config(text, "f.yaml").experiments
-    (term,) = experiment.problem.scene.damping
-    assert term.order == 1.0
-    assert experiment.problem.scene.potential.form.item() == 3.0
-    assert [f"law: {law} is read as kelvin-voigt" in one for one in caplog.messages] == (
-        [] if law == "kelvin-voigt" else [True]
-    )
 
 
 def test_a_command_shows_the_warning(tmp_path, monkeypatch):
@@ -86,23 +68,3 @@ def test_what_happens_once_every_period():
     assert np.allclose(seen.time, [2.0, 4.0, 6.0, 8.0, 10.0][: seen.time.size], atol=1e-9)
     assert seen.time.size >= 4
     assert experiment.observations.events["period"].direction == "rising"
-
-
-@pytest.mark.parametrize("word", ["viscous", "newton", "linear", "sls"])
-def test_words_of_laws_are_understood_inside_of_others(word):
-    def said(law: str) -> str:
-        damping = {"law": law, "order": 0.5, "coefficient": 0.3}
-        problem = {"kind": "damped-oscillator", "damping": [damping], "final_time": 1.0}
-        config = {"name": "a", "problem": problem, "ladder": {"steps": [4]}, "method": "gauss3"}
-        with pytest.raises(ConfigError) as refused:
-            fvi_cli.load(config)
-        (line,) = [one for one in str(refused.value).splitlines() if "damping.0.law" in one]
-        return line.partition("damping.0.law: ")[2]
-
-    alone = said(word).removeprefix(f"{word}: ")
-    assert alone.startswith(("a springpot of order 1: write ", "write law: zener"))
-    for whole in (f"{word}-damper", f"my-{word}", f"my {word} element"):
-        assert said(whole).endswith(f": {alone}")
-    # a law that is there goes before them
-    for law in ("zener", "tempered"):
-        assert said(f"{word}-{law}-damper").endswith(f"did you mean {law!r}?")

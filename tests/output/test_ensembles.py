@@ -116,5 +116,5 @@ def test_members_without_common_times_are_not_averaged():
     with pytest.raises(fvi.RequestError, match="no times in common; give output"):
         found.plot()
     assert len(sizes) > 1
-    (found,) = fvi.run({**config, "output": {"count": 33}})
+    (found,) = fvi.run({**config, "output": {"step": 0.125}})
     assert ensembles(found.finished, ["x"])[0].values.shape == (3, 33)

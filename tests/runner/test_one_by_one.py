@@ -18,10 +18,10 @@ experiments:
 {more}
 """
 ASKED = {
-    "output": "    output: {count: 5}",
+    "output": "    output: {step: 1}",
     "quantities": "    quantities: {far: x**2}",
     "events": "    events: {up: {when: x}}",
-    "impacts": "    impacts: {floor: {when: x + 2}}\n    output: {count: 5}",
+    "impacts": "    impacts: {floor: {when: x + 2}}\n    output: {step: 1}",
 }
 
 

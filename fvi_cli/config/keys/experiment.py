@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
@@ -22,15 +20,13 @@ from fvi_cli.config.keys.observations import (
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.config.keys.sweep import Members
 from fvi_cli.keys.containers import ByForm, ListOf, Named
-from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.nodes import describe
 from fvi_cli.keys.scalars import Choice, Number, Text
 from fvi_cli.keys.settings import Setting, key, record_of
 from fvi_cli.scenes.registry import PROBLEM
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import FIGURE_KINDS
 from fvi_cli.studies.figure_settings import EXAMPLE as EXAMPLE_OF_FIGURE
-from fvi_cli.studies.figure_settings import MEANT, FigureSettings
+from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.norms import Norm
 from fvi_cli.studies.stability_settings import StabilitySettings
 
@@ -51,19 +47,6 @@ class _FigureWord(Choice):
     def expected(self) -> str:
         return f"{super().expected}; or a mapping such as {EXAMPLE_OF_FIGURE}"
 
-    def read(self, at: Cursor) -> Any:
-        """The word."""
-        plain = _plain(at.scalar) if isinstance(at.scalar, str) else ""
-        if plain not in self.words and plain in MEANT:
-            return at.refuse(f"{describe(at.node)} is not a figure; {MEANT[plain]}")
-        return super().read(at)
-
-
-def _plain(word: str) -> str:
-    """A word in lower case without accents, with hyphens for blanks."""
-    letters = unicodedata.normalize("NFKD", word.lower()).encode("ascii", "ignore").decode()
-    return re.sub(r"[\s_]+", "-", letters)
-
 
 _FIGURE: Final = ByForm(
     single=_FigureWord(words=FIGURE_KINDS), mappings=(record_of(FigureSettings),)
@@ -73,10 +56,6 @@ _REFUSED: Final = {
     "methods": "not a key: write method",
     "steps": "not a key: write ladder: {steps: [16, 32, 64]}",
     "tolerance": "not a key: write accuracy: {tolerance: 1e-8}",
-    **{
-        word: f"not a key: under figures {MEANT[word]}"
-        for word in ("poincare", "bifurcation", "ensemble")
-    },
     "parameters": "not a key here: write it under problem",
     **dict.fromkeys(
         ("variants", "cases", "scenarios", "members", "design"),

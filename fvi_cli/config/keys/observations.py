@@ -16,11 +16,11 @@ from fvi_cli.integrator.observations.request import Direction
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode
-from fvi_cli.keys.scalars import Integer, Number, Schema, Text
+from fvi_cli.keys.scalars import Number, Schema, Text
 from fvi_cli.keys.settings import NotNegative, Positive, Setting, key, record_of
 
 MOST_TIMES: Final = 10_000_000
-EXAMPLE: Final = "{step: 0.01}, {count: 1000} or {times: [0, 0.5, 2]}"
+EXAMPLE: Final = "{step: 0.01} or {times: [0, 0.5, 2]}"
 IN_G: Final = "for a record in g write scale: g next to its file"
 
 _TEXT: Final = Text(what="an expression in coordinates, v<name>, a<name>, d<name>, t, parameters")
@@ -32,9 +32,6 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
     step: Positive | None = key(
         "The times 0, step, twice step and so on.", unit="time", default=None
     )
-    count: Annotated[int | None, Integer(least=2, most=MOST_TIMES)] = key(
-        "Number of equally spaced times from 0 to final_time, both included.", default=None
-    )
     times: Annotated[
         tuple[float, ...] | None,
         ListOf(shape=Number(least=0.0), most=MOST_TIMES, example="[0, 0.5, 2]"),
@@ -43,10 +40,8 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
     def instants(self, final_time: float) -> NDArray[np.float64]:
         """The times of a run up to T."""
         if sum(one is not None for one in vars(self).values()) != 1:
-            message = f"exactly one of step, count and times is needed; it must be {EXAMPLE}"
+            message = f"one of step and times is needed; it must be {EXAMPLE}"
             raise ArgumentError("", message)
-        if self.count is not None:
-            return _exact_multiples(final_time, self.count - 1, self.count)
         if self.step is not None:
             number = final_time / self.step * (1 + 1e-12) + 1
             if number >= MOST_TIMES + 1:
@@ -55,7 +50,7 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
             if number < 2:
                 message = f"{self.step:g} is longer than final_time = {final_time:g}"
                 raise ArgumentError("step", message)
-            return np.minimum(_exact_multiples(self.step, 1, int(number)), final_time)
+            return np.minimum(_exact_multiples(self.step, int(number)), final_time)
         earlier = -math.inf
         for index, time in enumerate(self.times or ()):
             where = f"times.{index}"
@@ -68,9 +63,9 @@ class Output(Setting, refused=dict.fromkeys(("dt", "every", "interval"), "not a 
         return np.array(self.times, dtype=float)
 
 
-def _exact_multiples(length: float, parts: int, count: int) -> NDArray[np.float64]:
-    """Multiples of length / parts, exact for the decimal number as written, each rounded once."""
-    step = Fraction(repr(length)) / parts
+def _exact_multiples(length: float, count: int) -> NDArray[np.float64]:
+    """Multiples of a length, exact for the decimal number as written, each rounded once."""
+    step = Fraction(repr(length))
     above, below = step.numerator, step.denominator
     # dividing integers rounds once, and is much faster than making fractions
     return np.array([k * above / below for k in range(count)])

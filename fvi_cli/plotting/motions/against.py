@@ -15,7 +15,7 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.motions.ensemble import ensemble_figure
 from fvi_cli.plotting.motions.section import section_figure
-from fvi_cli.plotting.motions.time_series import observed_of, quantities_figure
+from fvi_cli.plotting.motions.time_series import observed_of
 from fvi_cli.plotting.panels import MOST_LINES, over_time, plane
 from fvi_cli.plotting.style import COLOURS, INK, LINE_STYLES, MARKERS
 from fvi_cli.plotting.words import (
@@ -72,8 +72,6 @@ def settings_figure(
     """Draw the figure of a mapping under ``figures``."""
     if settings.section is not None:
         return section_figure(experiment, events_of(finished, settings.section, settings.after))
-    if settings.quantities is not None:
-        return quantities_figure(experiment, finished, settings.quantities)
     if settings.ensemble is not None:
         return ensemble_figure(experiment, finished, settings.ensemble)
     return against_figure(experiment, finished, settings)
@@ -83,7 +81,7 @@ def obstacle(finished: Sequence[FinishedRun], settings: FigureSettings) -> str:
     """Why the figure cannot be drawn; empty: it can."""
     if settings.ensemble is not None:
         equal = members_at_equal_times(finished)
-        return "" if equal else "members have no times in common; give output: {count: 201}"
+        return "" if equal else "members have no times in common; give output: {step: 0.1}"
     name = settings.section or ("" if settings.extent[0] else settings.plot)
     if name and not any(
         observed_of(one).events[name].time.size
@@ -124,8 +122,9 @@ def against_figure(
             title=names,
             bar=bar,
         )
-    at, words = _place(experiment, settings)
-    curves = [_dots(one, key, at, settings, len(series), bar) for one in series]
+    name = coordinates_of(experiment)[0]
+    words = f"{with_unit(typeset_name(name), experiment.units, name, 'length')} at {settings.plot}"
+    curves = [_dots(one, key, settings, len(series), bar) for one in series]
     return plane([Panel(curves=curves, x=x, y=words, height=2.8)], title=names, bar=bar)
 
 
@@ -198,33 +197,20 @@ def _extent_curve(one: _Series, key: str, which: str, quantity: str, bar: str) -
     return Curve(x=x, y=y, label=one.label, by=one.number, look=look)
 
 
-def _place(experiment: Experiment, settings: FigureSettings) -> tuple[tuple[str, int], str]:
-    """(Array, column) of the coordinate that is drawn at an event, and the label of the axis."""
-    names = coordinates_of(experiment)
-    what = settings.of_ or names[0]
-    if what in names:
-        words = with_unit(typeset_name(what), experiment.units, what, "length")
-        return ("position", names.index(what)), f"{words} at {settings.plot}"
-    name = what.removeprefix("v")
-    words = with_unit(rf"$\dot {typeset_name(name).strip('$')}$", experiment.units, "velocity")
-    return ("velocity", names.index(name)), f"{words} at {settings.plot}"
-
-
 def _dots(
     one: _Series,
     key: str,
-    at: tuple[str, int],
     settings: FigureSettings,
     count: int,
     bar: str,
 ) -> Curve:
-    """The curve of the places of one series, as dots."""
+    """The first coordinate at every occurrence in one series, as dots."""
     xs: list[Array] = []
     ys: list[Array] = []
     for run in events_of(one.members, settings.plot, settings.after):
         seen = observed_of(run).events.get(settings.plot or "")
         if seen is not None:
-            ys.append(getattr(seen, at[0])[:, at[1]])
+            ys.append(seen.position[:, 0])
             xs.append(np.full(seen.time.size, _value(run.run.member, key)))
     x, y = np.concatenate(xs or [np.zeros(0)]), np.concatenate(ys or [np.zeros(0)])
     look = Look(

@@ -101,12 +101,10 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
     return _figure(experiment, shown, [Panel(y=label, curves=curves, is_log=True)])
 
 
-def quantities_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], names: Sequence[str] = ()
-) -> Figure:
-    """Draw quantities over time, a panel for each, with the last method's peak.
+def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the first 8 quantities over time, a panel for each, with the last method's peak.
 
-    Without `names` these are the first 8 or fewer. For a sweep the first method is shown on the
+    For a sweep the first method is shown on the
     finest grid, and lines that belong to a single member have marks at their peaks.
     """
     is_sweep, remark = bool(experiment.members), ""
@@ -117,9 +115,9 @@ def quantities_figure(
         shown = select_runs(finished, has_quantities)
         peaked = shown[-1:]
     every = list(observed_of(shown[0]).quantities)
-    is_whole = names or len(every) <= MOST_PANELS
+    is_whole = len(every) <= MOST_PANELS
     more = "" if is_whole else f"the first {MOST_PANELS} of {len(every)} quantities"
-    names = names or every[:MOST_PANELS]
+    names = every[:MOST_PANELS]
     forces = forces_of(experiment)
     panels = []
     for name in names:

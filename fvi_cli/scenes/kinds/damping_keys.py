@@ -282,10 +282,6 @@ def _storey_damper(law: type[Setting]) -> type[Setting]:
 
 
 _AT_STOREYS: Final = {word: _storey_damper(law) for word, law in _LAWS.items()}
-_ALIASES: Final[Mapping[str, str]] = {
-    **dict.fromkeys(("voigt", "kelvin"), "kelvin-voigt"),
-    **dict.fromkeys(("fractional", "scott-blair", "abel"), SPRINGPOT),
-}
 _DASHPOT: Final = "{order: 1, coefficient: c}"
 _MEANT: Final[Mapping[str, str]] = {
     **dict.fromkeys(
@@ -313,7 +309,6 @@ def damping_terms(default_order: float = 1.0, *, at_storeys: bool = False) -> Li
         meaning="which law: a springpot mu D^gamma q, or one that relaxes",
         default=SPRINGPOT,
         meant=_MEANT,
-        aliases=_ALIASES,
         name=f"{name}-order-{default_order:g}",
     )
     example = "{storey: 1, order: 0.5, coefficient: 0.2}" if at_storeys else _EXAMPLE
