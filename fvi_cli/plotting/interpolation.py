@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,7 +17,6 @@ from fvi_cli.plotting.style import (
     journal_style,
     legend_of,
     new_figure,
-    small,
 )
 
 _N_STEPS = 3
@@ -88,7 +88,10 @@ def _name_points(axes: Axes, nodes: Array, control: Array, values: Array) -> Non
             ((4, 6), "left", "bottom") if index == 0 else ((-3, -6), "right", "top")
         )
         words = axes.annotate(f"${name}$", (1 + place, value), offset, ha=across, va=along)
-        words.set(fontsize=small(), bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.2})
+        words.set(
+            fontsize=rcParams["legend.fontsize"],
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.2},
+        )
         words.set_zorder(2)
         words.anncoords = "offset points"
 
@@ -99,7 +102,7 @@ def _measure(axes: Axes, ends: tuple[float, float], height: float, words: str, c
     arrow["mutation_scale"] = 7
     axes.annotate("", xy=(ends[0], height), xytext=(ends[1], height), arrowprops=arrow)
     text = axes.text(sum(ends) / 2, height + 0.02, words, ha="center", va="bottom", color=colour)
-    text.set(fontsize=small())
+    text.set(fontsize=rcParams["legend.fontsize"])
 
 
 def _dress(axes: Axes) -> None:

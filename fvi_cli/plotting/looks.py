@@ -157,12 +157,6 @@ def colours_of(numbers: Sequence[float]) -> ScalarMappable:
     return ScalarMappable((LogNorm if is_log else Normalize)(low, high), colours)
 
 
-def pale(colour: str) -> str:
-    """The colour mixed with white."""
-    red, green, blue = (0.45 * part + 0.55 for part in to_rgb(colour))
-    return to_hex((red, green, blue))
-
-
 def colour_of(colours: ScalarMappable, number: float) -> str:
     """The colour of a number at a bar."""
     return to_hex(tuple(np.atleast_2d(colours.to_rgba(np.array([number])))[0]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -18,18 +19,16 @@ from fvi_cli.plotting.looks import method_labels
 from fvi_cli.plotting.style import (
     INK,
     journal_style,
-    label_size,
     legend_of,
     new_figure,
     note,
     panel_grid,
-    small,
 )
-from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.plotting.words import fraction_in_words
 
 MOST_COLUMNS = 3
 _HEIGHT = 0.68  # inches of a panel
+_PAPER = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 
 # undecided, stable, then the growth of the worst mode per step from slow to fast; stable is the
 # darkest also when printed in grey
@@ -53,12 +52,12 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
             continue
         _draw(axes, one)
         title = labels[one.method.case].replace(", ", "\n", 1)
-        axes.set_title(title, fontsize=small(), pad=2.5)
+        axes.set_title(title, fontsize=rcParams["legend.fontsize"], pad=2.5)
     for column in grid:
         lowest = [axes for axes in column if axes.axison][-1]
         lowest.tick_params(labelbottom=True)
-    figure.supxlabel("stiffness $h^2 k / m$", fontsize=label_size())
-    figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=label_size())
+    figure.supxlabel("stiffness $h^2 k / m$", fontsize=rcParams["axes.labelsize"])
+    figure.supylabel(r"damping $\mu\, h^{2-\gamma} / m$", fontsize=rcParams["axes.labelsize"])
     undecided = any((one.level < 0).any() for one in maps)
     handles = [
         Patch(facecolor=_LEVEL_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LEVEL_LABELS[k])
@@ -109,8 +108,7 @@ def _draw(axes: Axes, one: StabilityMap) -> None:
     axes.set(xscale="log", yscale="log")
     row, column = _calmest_corner(one.level)
     place = (0.95 if column else 0.05, 0.93 if row else 0.07)
-    text = note(axes, *place, f"{100 * one.share_stable:.0f} %", paper={"alpha": 0.8, "pad": 1.0})
+    text = note(axes, *place, f"{100 * one.share_stable:.0f} %", bbox=_PAPER)
     text.set(ha="right" if column else "left", va="top" if row else "bottom")
     for axis in (axes.xaxis, axes.yaxis):
-        logarithmic_ticks(axis, 4)
         axis.set_minor_locator(NullLocator())

@@ -20,7 +20,6 @@ from fvi_cli.plotting.style import (
     LINE_STYLES,
     MARKERS,
     journal_style,
-    small,
 )
 from fvi_cli.plotting.words import load_in_words, swept_number, typeset_sum
 from fvi_cli.reports.kinds.vibration import magnitude_label
@@ -117,9 +116,9 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
         for axes, at, to in zip((above, below), places, ((-3, -3), (3 * side, 0)), strict=True):
             text = axes.annotate(str(number + 1), at, xytext=to)
             text.set(ha="right" if to[0] < 0 else "left", va="bottom")
-            text.set(fontsize=small() - 1, color=INK)
+            text.set(fontsize="small", color=INK)
             text.anncoords = "offset points"
-    above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6, gid="decoration")
+    above.axvline(0.0, color=GUIDE_COLOUR, linewidth=0.6)
     rates = np.concatenate([curve.x for curve in upper])
     highest = max(curve.y.max() for curve in upper)
     wide = 0.06 * max(1e-3 * highest, np.abs(rates).max())

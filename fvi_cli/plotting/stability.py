@@ -26,13 +26,12 @@ from fvi_cli.plotting.style import (
     GUIDE_COLOUR,
     INK,
     journal_style,
-    label_axis,
     legend_of,
     new_figure,
     note,
     panel_grid,
+    wrap,
 )
-from fvi_cli.plotting.ticks import logarithmic_ticks
 from fvi_cli.reports.naming import key_label, with_unit
 from fvi_cli.studies.stability_study import LASTING, StabilityRow, StabilityTable
 
@@ -102,15 +101,13 @@ def step_figure(table: StabilityTable) -> Figure:
     for case, style in method_looks(growing).items():
         _draw_growth(growth, replace(style, label=styles[case].label), by_case[case])
         _mark_row(bars, list(styles).index(case), style)
-    label_axis(growth.yaxis, "logarithm of the growth factor per step", 1.7)
+    growth.set_ylabel(wrap("logarithm of the growth factor per step", 1.7))
     if not any(row.prediction.growth_per_step > 0 for row in table.rows):
         growth.set_ylim(1e-3, 1.0)
         growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
     growth.set_xscale("log")
-    logarithmic_ticks(growth.xaxis, 5)
     experiment = table.experiment
     growth.set_xlabel(with_unit("step size $h$", experiment.units, "time"))
-    logarithmic_ticks(growth.yaxis, 6)
     figure.align_ylabels([growth])
     final_time = table.rows[0].run.experiment.problem.final_time
     time = f"$T = {final_time:g}$ {experiment.units.get('time', '')}".rstrip()
@@ -271,9 +268,9 @@ def parameter_figure(table: StabilityTable) -> Figure:
         _verdict_panel(axes, keys, rows)
         axes.set_title(title)
     for axes in grid[0]:
-        label_axis(axes.yaxis, up, 0.8 * height)
+        axes.set_ylabel(wrap(up, 0.8 * height))
     for column in grid:
-        label_axis(column[-1].xaxis, key_label(keys[0], experiment.units), 2.6 / columns)
+        column[-1].set_xlabel(wrap(key_label(keys[0], experiment.units), 2.6 / columns))
     some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
     words = some if len(panels) > len(shown) else ""
     entries = [*_patches(fillings), *([limit] if len(keys) == 1 else ())]
@@ -332,9 +329,6 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
     axes.plot(*other, label="_differs", **_SMALL_DIFFERENCE)
     axes.set_xlim(x_edges[0], x_edges[-1])
     axes.set_ylim(y_edges[0], y_edges[-1])
-    for axis, scale in ((axes.xaxis, x_scale), (axes.yaxis, y_scale)):
-        if scale == "log":
-            logarithmic_ticks(axis, 5)
 
 
 def _kind(row: StabilityRow) -> str:

@@ -11,7 +11,6 @@ import pytest
 from made_runs import BDF1, BDF2, BDF3, LADDER, NODES, made_study, swinging
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from spread import spread
 
 from fvi_cli import plotting
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -268,14 +267,9 @@ def lines(figure: Figure) -> list[Line2D]:
 
 
 def guides(figure: Figure) -> dict[str, Line2D]:
-    """Triangles of slopes by what they say."""
+    """Rays with slopes by what they say."""
     found = {str(line.get_label())[1:]: line for axes in figure.axes for line in axes.lines}
-    slopes = ("order", "claimed order")
-    return {name: line for name, line in found.items() if name.startswith(slopes)}
-
-
-def height(line: Line2D) -> float:
-    return float(np.mean(np.log(line.get_ydata())))
+    return {name: line for name, line in found.items() if name.startswith("order ")}
 
 
 def test_a_panel_has_its_height_beside_a_legend_and_its_numbers():
@@ -291,68 +285,28 @@ def test_a_panel_has_its_height_beside_a_legend_and_its_numbers():
 def test_slopes_that_the_source_states_are_dashed():
     found = guides(convergence(claims={"bdf2": 1.8, "bdf3": 2.0}))
     dashes = {label: line.is_dashed() for label, line in found.items()}
-    assert dashes == {"order 1": False, "order 2": False, "claimed order 1.8": True}
+    assert dashes == {"order 1": False, "order 2": False, "order 9/5 stated": True}
 
 
-def test_a_slope_triangle_stands_beside_the_curve_that_is_expected_to_have_it():
-    # observed slopes 1 and 1.2, expected 1 and 2: the second triangle belongs to the second curve
-    def error(run: Run) -> float:
-        return run.step_size if run.method == BDF1 else 1e-4 * run.step_size**1.2
-
-    figure = convergence(BDF1, BDF2, error=error)
-    curves = [height(line) for line in lines(figure)]
-    for label, own, other in (("order 1", 0, 1), ("order 2", 1, 0)):
-        place = height(guides(figure)[label])
-        assert abs(place - curves[own]) < abs(place - curves[other])
+def test_rays_have_the_slopes_that_they_say():
+    (axes,) = usual().axes
+    for order in (1, 2):
+        ray = guides(usual())[f"order {order}"]
+        ends = axes.transData.inverted().transform(ray.get_transform().transform(ray.get_xydata()))
+        across, up = np.log(ends[1] / ends[0])
+        assert up / across == pytest.approx(order, rel=1e-6)
 
 
-def test_a_slope_triangle_stands_beside_rows_that_have_its_order():
-    guide = guides(fallen_back(LADDER[:3]))["order 2"]
-    assert max(guide.get_xdata()) <= (8.0 / LADDER[3]) * (1 + 1e-9)
-
-
-def test_a_curve_that_breaks_off_explains_no_slope():
-    def error(run: Run) -> float:
-        return (1.0 if run.method == BDF3 else 1e-4) * run.step_size**2
-
-    figure = convergence(BDF2, BDF3, error=error, status=lost(BDF3, lambda n: n == 128))
-    (guide,) = guides(figure).values()
-    # beside the lower curve, which has no gap
-    lower, upper = (np.log(scale * 0.25**2) for scale in (1e-4, 1.0))
-    assert abs(height(guide) - lower) < abs(height(guide) - upper)
-
-
-def test_slope_triangles_keep_clear_of_curves():
-    figure = usual()
-    axes = figure.axes[0]
-    curves = [line.get_transform().transform(line.get_xydata()) for line in lines(figure)]
-    for guide in guides(figure).values():
-        ends = guide.get_transform().transform(guide.get_xydata())
-        for curve in curves:
-            along = np.linspace(*ends[:, 0], 50)
-            inside = (along >= curve[0, 0]) & (along <= curve[-1, 0])
-            gap = np.interp(along, *curve.T) - np.interp(along, *ends.T)
-            assert np.abs(gap[inside]).min() > 3 * figure.dpi / 72
-        low, high = axes.get_ylim()
-        assert low < min(guide.get_ydata())
-        assert max(guide.get_ydata()) < high
-
-
-def test_diverged_runs_stand_hollow_at_the_top_above_curves_and_numbers():
+def test_lost_runs_stand_hollow_at_the_top_above_curves():
     figure = convergence(status=lost(BDF3, lambda n: n < 64))
     (panel,) = figure.axes
-    (marks,) = (line for line in panel.lines if ": " in str(line.get_label()))
+    (marks,) = (line for line in panel.lines if str(line.get_label()).startswith("_lost"))
     assert marks.get_markerfacecolor() == "none"
-    assert min(marks.get_ydata()) > 0.8
+    assert list(marks.get_xdata()) == [8.0 / n for n in reversed(LADDER) if n < 64]
     top = panel.transAxes.inverted()
     for line in lines(figure):
         inside = line.get_transform().transform(line.get_xydata()[np.isfinite(line.get_ydata())])
         assert top.transform(inside)[:, 1].max() < min(marks.get_ydata())
-    band = min(line.get_ydata()[0] for line in panel.lines if line.get_label() == "_edge")
-    bottom, high = np.log(panel.get_ylim())
-    ticks = [tick for tick in panel.get_yticks() if tick > 0]
-    assert ticks
-    assert (np.log(max(ticks)) - bottom) / (high - bottom) <= band
 
 
 def test_round_off_is_hatched_only_where_it_is_reached():
@@ -372,23 +326,3 @@ def test_nothing_is_written_too_small_to_read():
         assert figure.get_figwidth() == pytest.approx(85 / 25.4)
         sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
         assert min(sizes) >= 7
-
-
-@spread(
-    few=1, font=["STIXGeneral", "DejaVu Sans Mono"], kind=["usual", "saturation", "error", "sketch"]
-)
-def test_words_stay_on_the_figure_in_any_font(tmp_path, font, kind):
-    style = tmp_path / "mine.mplstyle"
-    style.write_text(f"font.family: {font}\n")
-    with plotting.styled(str(style)):
-        make = {**FIGURES, "saturation": saturated.__wrapped__, "usual": usual.__wrapped__}[kind]
-        figure = make()
-        figure.draw_without_rendering()
-    whole = figure.bbox
-    words = [text for one in figure.legends for text in (*one.get_texts(), one.get_title())]
-    for axes in figure.axes:
-        words += [axes.title, axes.xaxis.label, axes.yaxis.label]
-    for text in filter(mpl.text.Text.get_text, words):
-        box = text.get_window_extent()
-        assert box.x0 >= whole.x0 - 1, text
-        assert box.x1 <= whole.x1 + 1, text

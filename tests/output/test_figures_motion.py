@@ -2,7 +2,6 @@
 
 import re
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from command_line import configuration
@@ -14,7 +13,7 @@ from fvi_cli.config import parse_config
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.motions.paths import path_figure, phase_figure, waterfall_figure
 from fvi_cli.plotting.motions.time_series import balance_figure, momenta_figure
-from fvi_cli.plotting.panels import over_time, plane
+from fvi_cli.plotting.panels import over_time
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import study
 
@@ -236,63 +235,6 @@ def test_what_cannot_be_drawn_is_told_with_its_reason():
         "one: no waterfall",
     ]
     assert plotting.figure_kinds(bare, runs) == ("phase",)
-
-
-def test_everything_is_legible_and_told_apart_without_colour(oscillator, planet):
-    for figure in (
-        balance_figure(*oscillator),
-        phase_figure(*planet),
-        path_figure(*planet),
-        momenta_figure(*planet),
-    ):
-        assert figure.get_figwidth() == pytest.approx(85 / 25.4)
-        figure.draw_without_rendering()
-        sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
-        assert min(sizes) >= 7
-        for axes in figure.axes:
-            assert axes.get_ylabel()
-            looks = [(line.get_marker(), str(line._unscaled_dash_pattern)) for line in axes.lines]
-            assert len(set(looks)) == len(looks)
-
-
-def test_the_factor_of_numbers_does_not_stand_on_the_label():
-    problem = (
-        "kind: frame, masses: [1, 1], stiffnesses: [10, 10], dampers: [{order: 0.5, "
-        "coefficient: 0.5}], ground_acceleration: 0.01*sin(2*t), final_time: 8, exact: none"
-    )
-    text = (
-        f"name: two\nproblem: {{{problem}}}\nmethod: gauss3\nladder: {{steps: [100]}}\n"
-        "quantities: {lower: force_1_1, upper: force_1_2}\nfigures: [hysteresis]\n"
-        "units: {length: m, lower: kN, upper: kN}\n"
-    )
-    (outcome,) = fvi.run(parse_config(text, "two"))
-    figure = outcome.plot("hysteresis")
-    figure.draw_without_rendering()
-    labels = [axes.get_xlabel() for axes in figure.axes]
-    assert any("10^{" in one and one.endswith(" m)") for one in labels)
-    for axis in (axes.xaxis for axes in figure.axes):
-        factor = axis.get_offset_text()
-        shown = factor.get_visible() and factor.get_text()
-        assert not (shown and axis.label.get_window_extent().overlaps(factor.get_window_extent()))
-
-
-@pytest.mark.few(3)
-@pytest.mark.parametrize("most_ticks", [0, 3])
-@pytest.mark.parametrize("scale", [1e-9, 1e-5, 1e-3, 1.0, 1e3, 1e4, 1e8])
-def test_numbers_of_an_axis_times_its_factor_are_where_they_stand(scale, most_ticks):
-    x = scale * np.linspace(0.9, 1.2, 9)
-    curves = (Curve(x=x, y=x / scale, label="one"),)
-    panel = Panel(curves=curves, x="what is long enough to\nmeet a factor", y="ratio")
-    figure = plane([panel, panel], columns=2, most_ticks=most_ticks)
-    figure.draw_without_rendering()
-    for axis in (axes.xaxis for axes in figure.axes):
-        factor = axis.get_offset_text()
-        words = axis.label.get_text() + (factor.get_text() if factor.get_visible() else "")
-        powers = [float(one.replace("−", "-")) for one in re.findall(r"10\^\{(.*?)\}", words)]
-        assert len(powers) <= 1
-        for text in axis.get_ticklabels():
-            (number,) = re.findall(r"[0-9.]+", text.get_text())
-            assert float(number) * 10 ** sum(powers) == pytest.approx(text.get_position()[0])
 
 
 def test_bands_hold_all_members_where_their_times_differ_by_round_off():

@@ -6,7 +6,7 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.plotting import left_out
-from fvi_cli.plotting.style import new_figure, panel_grid, wrap
+from fvi_cli.plotting.style import new_figure, panel_grid
 from fvi_cli.plotting.words import in_formula, quantity_in_words
 from fvi_cli.reports.naming import key_label
 
@@ -40,8 +40,7 @@ def test_quantities_over_time_with_their_peaks(outcome):
     assert [axes.get_ylabel() for axes in panels] == ["force", "a"]
     observed = outcome.finished[-1].trajectory.observed
     for axes, name in zip(panels, ("force", "a"), strict=True):
-        # what two methods draw alike is one curve
-        drawn = axes.lines[0].get_ydata()
+        drawn = axes.lines[-2].get_ydata()
         assert np.array_equal(drawn, observed.quantities[name])
         (peak_time,), (height,) = axes.lines[-1].get_data()
         assert abs(height) == observed.extents[name].peak
@@ -195,7 +194,7 @@ def test_every_member_of_a_sweep_for_a_tolerance_is_drawn(coefficients):
     for figure in fvi.figures(outcomes).values():
         for axes in figure.axes:
             labels = [str(line.get_label()) for line in axes.lines]
-            assert [one for one in labels if one[0] != "_"] == [f"{c:g}" for c in coefficients]
+            assert [one for one in labels if one != "peak"] == [f"{c:g}" for c in coefficients]
 
 
 @pytest.mark.parametrize(
@@ -236,11 +235,3 @@ def test_quantities_of_a_frame_name_their_storeys(storeys):
     told = [quantity_in_words(experiment, name) for name in own]
     # the control: a quantity of one's own keeps its name
     assert told == ["drift 20", f"drift of storey {storeys}", "base shear"]
-
-
-@pytest.mark.parametrize("words", ["drift of storey 12 (m)", "force of wall 3 (kN)", "work on 4"])
-def test_a_number_stays_in_the_line_of_its_word(words):
-    lines = wrap(words, 0.1).split("\n")
-    assert " ".join(lines) == words
-    assert len(lines) > 1
-    assert not any(line[0].isdigit() for line in lines)

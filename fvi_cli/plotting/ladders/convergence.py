@@ -57,7 +57,7 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     if len(studies) == 1 and len(names) > MOST_CURVES:
         parts = _by_variant(titles[0], studies[0], names) or parts
     columns = 1 if len(parts) <= _MOST_ROWS else 2
-    # many curves need room for slope triangles between them
+    # many curves need room
     height = 1.9 + 0.1 * min(max(len(names) - 3, 0), 7) if columns == 1 else 1.8
     panels = [
         Panel(
@@ -113,8 +113,8 @@ def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, MethodLook
                 ),
                 label=name.label,
                 look=name.look,
-                lost=[(one.run.step_size, _word(one)) for one in rows if not is_plotted(one)],
-                order=np.array([one.expected_order for one in rows]),
+                lost=[one.run.step_size for one in rows if not is_plotted(one)],
+                order=_order(rows),
                 stated=claim or math.nan,
                 floor=max((one.floor for one in rows if np.isfinite(one.floor)), default=0.0),
             )
@@ -127,8 +127,9 @@ def is_plotted(one: FinishedRun) -> bool:
     return one.status in ("ok", "floor") and bool(np.isfinite(one.error))
 
 
-def _word(one: FinishedRun) -> str:
-    return "no reference" if one.status in ("ok", "floor") else one.status
+def _order(rows: Sequence[FinishedRun]) -> float:
+    """The order that theory expects at the smallest step above the floor."""
+    return next((one.expected_order for one in rows if one.status == "ok"), math.nan)
 
 
 def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> list[_Part]:
@@ -260,7 +261,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
             limit = exponent - first.order if norm == "max" else exponent + 1
             most = min(limit, max(orders.values()))
             curves = [
-                # no triangle for curves of lower order, to which it would seem to belong
+                # no slope for curves of lower order, to which it would seem to belong
                 replace(one, order=most if orders[one.label] >= most else math.nan)
                 for one in _curves(rows[exponent], norm, names)
             ]

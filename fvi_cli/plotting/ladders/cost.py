@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -18,8 +19,7 @@ from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.ladders.convergence import error_label
 from fvi_cli.plotting.looks import CHEAPEST, Look, method_looks
 from fvi_cli.plotting.panels import ladders
-from fvi_cli.plotting.style import INK, journal_style, label_size
-from fvi_cli.plotting.ticks import logarithmic_ticks
+from fvi_cli.plotting.style import INK, journal_style
 from fvi_cli.plotting.words import fraction_in_words, typeset_formulas
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.studies.cost import CostRow, CostTable
@@ -52,11 +52,10 @@ def cost_figure(table: CostTable) -> Figure:
     """Set-up plus stepping time, and history operations, against the error reached.
 
     Accuracy increases to the right. A run of a method is drawn if no other run of that method beats
-    it. A broad line connects the runs that no run of any method beats. Marks are on these runs and
-    on the finest run of every method. Lines of methods that are never the quickest are thin, those
-    of baselines grey. Stars are searches for a tolerance with all their runs. There is no panel of
-    work if no method sums over the past. A method whose errors are all round-off is exact by
-    chance; it is named but not drawn.
+    it. A broad line connects the runs that no run of any method beats. Lines of methods that are
+    never the quickest are thin, those of baselines grey. Stars are searches for a tolerance with
+    all their runs. There is no panel of work if no method sums over the past. A method whose errors
+    are all round-off is exact by chance; it is named but not drawn.
     """
     everything = cost_curves(table)
     curves = [curve for curve in everything if not curve.is_exact_by_chance]
@@ -83,12 +82,11 @@ def cost_figure(table: CostTable) -> Figure:
         for k, (curve, own) in enumerate(zip(curves, runs, strict=True)):
             look = looks[curve.method.case].look
             look = replace(look, width=_THIN) if k in slow else look
-            marked = [i for i, run in enumerate(own) if run in {*best, own[-1]}]
-            found.append(replace(_curve(own, curve_name(curve, names), look), marked=marked))
+            found.append(_curve(own, curve_name(curve, names), look))
         found += [_curve(best, "least of all runs", CHEAPEST)] if best else []
         found += [_curve(more, "for a tolerance", _TOLERANCE)] if more else []
         panels.append(Panel(curves=found, y=f"least {label}", has_slopes=False))
-    remarks = ["marks: least of all, and each method's finest", "thin: never of least time"]
+    remarks = ["thin: never of least time"]
     remarks += ["stars count too: Gauss for a tolerance, time of the whole search"] if met else []
     remarks += [f"exact here up to round-off, not drawn: {', '.join(chance)}"] if chance else []
     figure = ladders(
@@ -99,7 +97,7 @@ def cost_figure(table: CostTable) -> Figure:
         shared=True,
     )
     with journal_style():
-        figure.suptitle(_title(table), fontsize=label_size())
+        figure.suptitle(_title(table), fontsize=rcParams["axes.labelsize"])
         figure.set_figheight(figure.get_figheight() + 0.55)
         errors = np.concatenate([curve.x for panel in panels for curve in panel.curves])
         wide = max(0.06 * math.log10(errors.max() / errors.min()), 0.3)
@@ -110,7 +108,6 @@ def cost_figure(table: CostTable) -> Figure:
             axes.xaxis.set_major_locator(LogLocator(base=base, numticks=12))
             axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
             axes.xaxis.set_minor_formatter(NullFormatter())
-            logarithmic_ticks(axes.yaxis, 8)
     return figure
 
 

@@ -26,9 +26,9 @@ from fvi_cli.plotting.style import (
     GUIDE_COLOUR,
     INK,
     journal_style,
-    label_axis,
     new_figure,
     note,
+    wrap,
 )
 from fvi_cli.plotting.words import coordinates_of, time_label, typeset_name
 from fvi_cli.reports.naming import with_unit
@@ -152,7 +152,7 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
         axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
         last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
         words = with_unit("ground acceleration", experiment.units, "acceleration")
-        label_axis(last.yaxis, words, 0.7)
+        last.set_ylabel(wrap(words, 0.7))
         figure.align_ylabels([axes, last])
     _draw_masses(axes, experiment, best, what)
     last.set_xlabel(time_label(experiment, [best]))
@@ -216,8 +216,6 @@ def _lift(values: Array, spacing: float) -> float:
 
 def _draw_lifted(axes: Axes, x: Array, values: Array, level: float, label: str) -> None:
     """One line above its level, filled to it, so that it is read without colour."""
-    every = Curve(x=x, y=values).stride()
-    x, values = x[::every], values[::every]
     axes.fill_between(x, level, level + values, color=COLOURS[5], alpha=0.45, linewidth=0)
     axes.plot(x, level + values, color=INK, linewidth=0.8, label=f"_{label}")
 
