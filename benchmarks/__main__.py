@@ -16,6 +16,7 @@ from benchmarks.stepping import run_stepping, stepping_table
 from benchmarks.tolerances import PULSE_REMARK, run_tolerances, tolerance_table
 from benchmarks.truth import run_truth, truth_table
 from fvi_cli.storage.provenance import package_versions, platform_name
+from tests.hard_cases.judge import hard_cases_page
 
 SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
     "stepping": ("Time and error", lambda exponent: stepping_table(run_stepping(exponent))),
@@ -25,6 +26,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
+    "hard-cases": ("Hard cases", lambda asked: hard_cases_page()),
     "pulses": (
         "Whether tolerances are kept where forces are narrow pulses",
         lambda asked: tolerance_table(

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
@@ -22,6 +21,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.data import duffing, kepler, linear_oscillator, pendulum
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.linear_response import match_scene
+from tests.oracles.contour import talbot_inverse
 
 Array = NDArray[np.float64]
 Random = np.random.Generator

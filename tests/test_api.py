@@ -177,14 +177,6 @@ def test_costs_are_measured():
         fvi.compare(tables, ".")
 
 
-def test_hard_cases_are_measured_by_name():
-    report = fvi.hard_cases(cases=["stiff-springs"], methods=["Gauss3", "BDF6 nodes"])
-    holds = {finding.method: finding.holds for finding in report.findings}
-    assert holds["Gauss3"]
-    assert not holds["BDF6 nodes"]
-    assert "stiff" in fvi.as_text(report)
-
-
 def test_a_starter_and_the_schema_are_given():
     assert fvi.load(yaml.safe_load(fvi.starter_config("pendulum"))).name == "my-pendulum"
     assert "$defs" in fvi.json_schema()

@@ -184,23 +184,15 @@ def test_a_file_of_another_solver_is_refused_and_never_empties_a_table(
 # --- convergence ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("arguments", "names"),
-    [
-        (("convergence", "quick.yaml"), ("tables/quick.csv", "tables/quick.md")),
-        (("hard-cases",), ("hard-cases.csv", "hard-cases.md")),
-    ],
-)
-def test_a_check_without_tables_computes_nothing_and_writes_nothing(
-    folder, monkeypatch, arguments, names
-):
+def test_a_check_without_tables_computes_nothing_and_writes_nothing(folder, monkeypatch):
+    names = ("tables/quick.csv", "tables/quick.md")
+
     def computed(*_, **__):
         raise AssertionError
 
     monkeypatch.setattr("fvi_cli.runner.compute.execute_job", computed)
-    monkeypatch.setattr("fvi_cli.runner.hard_cases.examine", computed)
     before = files(folder)
-    result = fvi(*arguments, "--check", "--output", "nowhere", code=3)
+    result = fvi("convergence", "quick.yaml", "--check", "--output", "nowhere", code=3)
     assert result.stdout.splitlines() == [f"{Path('nowhere') / name}: missing" for name in names]
     assert "runs" not in result.stderr
     assert files(folder) == before

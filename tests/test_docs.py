@@ -153,8 +153,6 @@ def test_a_new_configuration_comes_with_its_schema(tmp_path, monkeypatch):
         ("fvi cost cost-pend", {"cost-pendulum"}),
         ("fvi new mine --kind ", set(KINDS)),
         ("fvi export some.h5 --to ", set(FORMATS)),
-        ("fvi hard-cases --case stiff-s", {"stiff-springs"}),
-        ("fvi hard-cases --method Gauss4", {"Gauss4"}),
     ],
 )
 def test_the_shell_completes(typed, proposed):

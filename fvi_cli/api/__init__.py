@@ -17,7 +17,6 @@ command             call
 ``fvi response``    :func:`response`
 ``fvi cost``        :func:`cost`
 ``fvi fit``         :func:`fit`
-``fvi hard-cases``  :func:`hard_cases`
 ``fvi export``      :func:`export`
 ``fvi merge``       :func:`merge_files`
 ``fvi forget``      :func:`forget`

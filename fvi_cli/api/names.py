@@ -58,7 +58,6 @@ from fvi_cli.runner.compute import run as run
 from fvi_cli.runner.cost import cost as cost
 from fvi_cli.runner.fits.fit import fit as fit
 from fvi_cli.runner.forget import forget as forget
-from fvi_cli.runner.hard_cases import hard_cases as hard_cases
 from fvi_cli.runner.integrate_scene import integrate as integrate
 from fvi_cli.runner.outcome import Outcome as Outcome
 from fvi_cli.runner.parts.merge import merge_files as merge_files
@@ -90,7 +89,6 @@ from fvi_cli.studies.experiment import Experiment as Experiment
 from fvi_cli.studies.experiment import FinishedRun as FinishedRun
 from fvi_cli.studies.experiment import Run as Run
 from fvi_cli.studies.fits.result import FitResult as FitResult
-from fvi_cli.studies.hard_cases.case import HardCaseReport as HardCaseReport
 from fvi_cli.studies.order import OrderTable as OrderTable
 from fvi_cli.studies.order import order_table as order_table
 from fvi_cli.studies.stability_study import StabilityTable as StabilityTable

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 GROUPS: Mapping[str, tuple[Command, ...]] = {
-    "Compute": (compute.run, compute.cost, compute.stability, compute.fit, compute.hard_cases),
+    "Compute": (compute.run, compute.cost, compute.stability, compute.fit),
     "Report": (report.convergence, report.plot, report.quantities),
     "Linear structures": (compute.modes, compute.response),
     "Result files": (files.show, files.export, files.merge, files.forget),

@@ -195,11 +195,10 @@ class Call:
         request: Request | None = None,
         *,
         also: Callable[[], list[Path]] = list,
-        is_kept: bool = True,
     ) -> None:
         """Print and write results, or with ``--check`` find differences from stored ones.
 
-        `also` writes further files; with `is_kept` false results are only printed.
+        `also` writes further files.
         """
         from fvi_cli.render.results import compare, json_rows, show, write
 
@@ -207,7 +206,7 @@ class Call:
         formats, paths = self.formats or (), list[Path]()
         if self.check:
             self.differences += compare(results, self.output, name=name)
-        elif is_kept:
+        else:
             paths = write(results, self.output, name=name, anew=self.fresh, formats=formats)
             paths += also()
         self.files += paths

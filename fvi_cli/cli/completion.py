@@ -25,20 +25,6 @@ def kinds_of_problems(incomplete: str) -> list[str]:
     return [kind for kind in KINDS if kind.startswith(incomplete)]
 
 
-def names_of_hard_cases(incomplete: str) -> list[str]:
-    """Names of the hard cases."""
-    from fvi_cli.config.hard_cases import hard_cases
-
-    return [name for name in hard_cases() if name.startswith(incomplete)]
-
-
-def methods_of_hard_cases(incomplete: str) -> list[str]:
-    """Names of the methods that are measured on the hard cases."""
-    from fvi_cli.studies.hard_cases.case import examined_methods
-
-    return [name for name in examined_methods() if name.startswith(incomplete)]
-
-
 def export_formats(incomplete: str) -> list[str]:
     """Formats of ``fvi export``."""
     from fvi_cli.storage.export import FORMATS

@@ -1,4 +1,4 @@
-"""Commands that compute: runs, costs, stability, fits, hard cases, modes and responses."""
+"""Commands that compute: runs, costs, stability, fits, modes and responses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fvi_cli.cli.command import COMPUTED, CONFIGURED, DRAWN, Call, command
-from fvi_cli.cli.completion import methods_of_hard_cases, names_of_hard_cases
 from fvi_cli.cli.options import Configs, Sources, UsualConfigs
 
 if TYPE_CHECKING:
@@ -141,43 +140,6 @@ def fit(call: Call, configs: Configs) -> int:
 
     call.gather(configs)
     return call.each(fit_to, show, tasks=fit_tasks)
-
-
-@command("output", "check", "json")
-def hard_cases(
-    call: Call,
-    case: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--case",
-            metavar="NAME",
-            help="Only this case; repeatable. The report is printed, not written.",
-            autocompletion=names_of_hard_cases,
-        ),
-    ] = None,
-    method: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="Only this method, as it is called in the report; repeatable. The report is "
-            "printed, not written.",
-            autocompletion=methods_of_hard_cases,
-        ),
-    ] = None,
-) -> int:
-    """Measure every method on hard cases and report what holds; Gauss3 must hold everywhere."""
-    from fvi_cli.reports import missing
-    from fvi_cli.runner.hard_cases import hard_cases as examine
-
-    absent = missing(call.output, "hard-cases") if call.check else []
-    if absent:
-        call.differences += absent
-        return call.close()
-    report = examine(cases=case or (), methods=method or (), progress=call.progress)
-    call.note(report)
-    call.show(report, is_kept=not (case or method))
-    return call.close()
 
 
 @command(*CONFIGURED, *DRAWN, "check", examples="fvi modes ten-storeys --count 4")

@@ -17,8 +17,6 @@ from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.kinds.fit import fit_report
-from fvi_cli.reports.kinds.hard_cases import failures as broken_claims
-from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.kinds.stability import stability_report
@@ -32,7 +30,6 @@ from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.result import FitResult
-from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable
 from fvi_cli.studies.order import tables_of_members as tables_of_orders
 from fvi_cli.studies.stability_study import StabilityTable
@@ -43,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Table: TypeAlias = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | ResponseTable
-Result: TypeAlias = Outcome | PlannedRun | Table | HardCaseReport | Report | StoredFile
+Result: TypeAlias = Outcome | PlannedRun | Table | Report | StoredFile
 Results: TypeAlias = Result | Sequence[Result]
 Found: TypeAlias = Sequence[Any]
 """Results of one kind."""
@@ -62,7 +59,6 @@ class ResultKind:
     failures: Callable[[Found], list[str]] = lambda found: []
     violations: Callable[[Found], list[str]] = lambda found: []
     words: str = "runs failed unexpectedly"  # said after the number of failures
-    folder: str = "tables"
     is_written: bool = True  # whether files are kept of it
     is_compared: bool = True  # whether these are the same on every run
     # writes further files, given the beginning of their paths and the results
@@ -140,12 +136,6 @@ KINDS: Mapping[type, ResultKind] = {
     ResponseTable: ResultKind(
         report=response_report,
         figures=_drawing("fvi_cli.plotting.spectra", "response_figures"),
-    ),
-    HardCaseReport: ResultKind(
-        report=lambda name, found: hard_case_report(found[0]),
-        violations=lambda found: broken_claims(found[0]),
-        # the page stands beside the tables
-        folder="",
     ),
 }
 
@@ -249,7 +239,7 @@ def write(
         raise RequestError("plans and what a result file holds are not written")
     folder, title = Path(output), name or _only_name(found)
     drawn = kind.figures(title, found) if kind.figures else {}
-    paths = reports.write(folder / kind.folder, report_on(results, title), anew=anew)
+    paths = reports.write(folder / "tables", report_on(results, title), anew=anew)
     paths += write_figures(drawn, folder, formats=formats)
     return paths + kind.further(folder / title, found)
 
@@ -269,14 +259,14 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
             "result file holds"
         )
     title = name or _only_name(found)
-    return reports.compare(Path(output) / kind.folder, report_on(results, title))
+    return reports.compare(Path(output) / "tables", report_on(results, title))
 
 
 def _only_name(found: Found) -> str:
     """The name of the only experiment; of a report none is needed."""
     names: set[str] = set()
     for one in found:
-        if isinstance(one, HardCaseReport | Report):
+        if isinstance(one, Report):
             return ""
         owner: Any = one.run if isinstance(one, PlannedRun) else one
         experiment = getattr(owner, "experiment", owner)

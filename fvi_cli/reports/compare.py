@@ -84,7 +84,7 @@ def compare_files(directory: Path, report: Report) -> tuple[Differences, Report]
     for file, fresh in forms(report.name, blocks).items():
         path = directory / file
         text = _read(path, found, is_needed=file.endswith(".md"))
-        if text is not None and expected is not None and not report.is_partial:
+        if text is not None and expected is not None:
             found[path] = list(_words(text, fresh, marked.get(file, fresh)))
     path = directory / f"{report.name}.json"
     text = _read(path, found, is_needed=False)
@@ -179,8 +179,6 @@ def _differences(
     """Stored numbers that differ from the fresh ones, or from those `remade` of stored ones."""
     names = [column.name for column in sheet.columns if column.name in sheet.keys]
     fresh = _fresh(sheet)
-    if report.is_partial:
-        stored = {key: stored[key] for key in fresh if key in stored}
     yield from (
         f"{_place(names, key)}: stored, but not computed now" for key in stored if key not in fresh
     )

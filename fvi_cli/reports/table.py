@@ -228,7 +228,6 @@ class Report:
     remake: Callable[[Sheets], Report] | None = None
     # whether its numbers are measured times, which differ from run to run
     is_timed: bool = False
-    is_partial: bool = False  # whether stored tables may have more rows, and so other words
 
     @property
     def summary(self) -> Sequence[Block]:

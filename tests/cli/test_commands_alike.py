@@ -24,7 +24,7 @@ def test_a_dry_run_writes_nothing(command, tmp_path):
         ({"fresh": False}, True),
         ({"fresh": False, "check": True}, False),
         ({"fresh": False, "dry_run": True}, False),
-        ({}, False),  # cost, stability, hard-cases: no runs are stored
+        ({}, False),  # cost, stability: no runs are stored
     ],
 )
 def test_runs_are_called_stored_only_where_they_are(options, is_kept, capsys):

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-
-from fvi_cli.mathematics.memory_work import fractional_integral, work_along
+from oracles.memory_work import fractional_integral, work_along
 
 
 @pytest.mark.parametrize("order", [0.1, 0.5, 1.0, 1.7])

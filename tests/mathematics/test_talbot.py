@@ -5,8 +5,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-
-from benchmarks.talbot import talbot_inverse
+from oracles.contour import talbot_inverse
 
 
 def test_values_from_outside():

@@ -10,14 +10,12 @@ from cost_tables import row, table
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import made_run, table_of
-from stored_results import stored_hard_cases
 
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Method
 from fvi_cli.reports import Column, Report, Sheet, rendered
 from fvi_cli.reports.document import Bullets, CodeSpan, Equation, Grid, Heading, Paragraph
 from fvi_cli.reports.kinds.cost import cost_report
-from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.table import alike
@@ -109,7 +107,6 @@ def every_report() -> list[Report]:
         *(order_report(kind, order_tables(text)[:1]) for kind, text in EQUATIONS.items()),
         long_costs(),
         stability(),
-        hard_case_report(stored_hard_cases()),
     ]
 
 

@@ -4,8 +4,8 @@ import mpmath as mp
 import numpy as np
 import pytest
 from letters import spring
+from oracles.contour import talbot_inverse
 
-from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony

@@ -13,9 +13,9 @@ import mpmath
 import numpy as np
 import pytest
 from letters import spring, swing
+from oracles.contour import talbot_inverse
 from spread import spread
 
-from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate

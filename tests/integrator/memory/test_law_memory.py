@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from letters import spring, swing
 from mesh_powers import Array, mesh_function, meshes
+from oracles.contour import talbot_inverse
 from spread import spread
 
-from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.inertia import Inertia

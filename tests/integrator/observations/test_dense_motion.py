@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from letters import spring, swing
 from numpy.typing import NDArray
+from oracles.contour import talbot_inverse
 
 import fvi_cli as fvi
-from benchmarks.talbot import talbot_inverse
 from fvi_cli.scenes.chains import frame
 from fvi_cli.scenes.lagrangian import double_pendulum
 

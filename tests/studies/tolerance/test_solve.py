@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from letters import spring, swing
+from oracles.contour import talbot_inverse
 
 import fvi_cli as fvi
-from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.scenes.data import kepler
 from fvi_cli.scenes.linear_response import match_scene

@@ -31,29 +31,8 @@ def talbot_inverse(
     with :math:`\sigma = \theta + (\theta \cot\theta - 1) \cot\theta`, computed with M digits. The
     number of nodes grows with t, so that all poles stay on the left of the contour.
 
-    Parameters
-    ----------
-    transform
-        X, analytic outside of the left half plane but for poles near the imaginary axis.
-    times
-        Times > 0.
-    largest_frequency
-        No pole has a larger imaginary part.
-
-    Returns
-    -------
-    Array
-        x at the times, to the accuracy of doubles.
-
-    Raises
-    ------
-    ValueError
-        If a time is not positive.
-
-    References
-    ----------
-    J. Abate, P.P. Valko, *Multi-precision Laplace transform inversion*, Int. J. Numer. Meth. Engng
-    60 (2004), section 4.
+    No pole has an imaginary part above `largest_frequency`. J. Abate, P.P. Valko,
+    *Multi-precision Laplace transform inversion*, Int. J. Numer. Meth. Engng 60 (2004), section 4.
     """
     return np.array([_value(transform, float(t), largest_frequency) for t in times])
 

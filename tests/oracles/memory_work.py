@@ -7,13 +7,12 @@ with it is a check from outside.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import fftconvolve
 from scipy.special import beta, gamma
 
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.quadrature import gauss_rule
-
+Array = NDArray[np.float64]
 SPLINE_DEGREE = 5
 FINE_POINTS = 24  # Gauss points for the moments of a step
 
@@ -54,10 +53,11 @@ def work_along(force: Array, velocity: Array, step_size: float) -> Array:
 
 def _moments(order: float, power: int, n_steps: int) -> Array:
     r"""Integral of :math:`(m - \tau)^{a-1} \tau^j` over the step, for m = 1..N."""
-    rule = gauss_rule(FINE_POINTS)
+    nodes, weights = np.polynomial.legendre.leggauss(FINE_POINTS)
+    nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
     distance = np.arange(1, n_steps + 1, dtype=float)
-    kernel = (distance[:, None] - rule.nodes) ** (order - 1.0)
-    moments = kernel @ (rule.weights * rule.nodes**power)
+    kernel = (distance[:, None] - nodes) ** (order - 1.0)
+    moments = kernel @ (weights * nodes**power)
     # the kernel is singular at the near end of the last step
     moments[0] = beta(power + 1.0, order)
     return np.asarray(moments)

@@ -1,1 +1,0 @@
-"""Hard cases: claims where integrators usually fail, measured for every method."""
