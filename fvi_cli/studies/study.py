@@ -24,7 +24,6 @@ from fvi_cli.integrator.stability.prediction import (
 )
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
-from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights
@@ -32,6 +31,7 @@ from fvi_cli.studies.reference import WITHOUT_END, Reference, reference_of
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 DIVERGED_RATIO = 10.0
+EPSILON = float(np.finfo(float).eps)
 
 MUCH_WORSE, NOTICED = 10.0, 1e-4
 """A warning is given for outputs that err by more than 10 times the error at points and by more
@@ -165,7 +165,7 @@ def assessed(
     measured = Measured(
         **errors,
         largest=float(np.abs(compared).max(initial=0.0)),
-        round_off=relative_round_off(run.problem.scene, run.method, run.n_steps),
+        round_off=100.0 * EPSILON * math.sqrt(run.n_steps),
         reference=reference.error,
     )
     return FinishedRun(

@@ -11,7 +11,7 @@ from fvi_cli.config import find_config, parse_config
 from fvi_cli.errors import ConfigError
 from fvi_cli.scenes import forces
 
-HEAVY = ("scipy", "h5py", "matplotlib", "sympy", "mpmath", "fvi_cli.planning", "fvi_cli.storage")
+HEAVY = ("scipy", "h5py", "matplotlib", "sympy", "mpmath", "fvi_cli.storage")
 
 CHECK = """
 import sys
