@@ -99,8 +99,7 @@ class Method:
         What is done about a singular start: ``none``, ``weights`` (BDF only), or ``graded``
         (Runge-Kutta only): steps behind singular points are halved again and again.
     start_exponents
-        For ``weights``: exponents on which the corrected quadrature is exact; empty: those of
-        the scene's own expansion.
+        For ``weights``: exponents on which the corrected quadrature is exact.
     forcing_quadrature
         ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
         (moments of the L2 projection).
@@ -133,18 +132,6 @@ class Method:
             "history": ("auto", "direct", "exponentials"),
         }
         for name, values in permitted.items():
-            if name == "start" and getattr(self, name) == "series":
-                kept = (
-                    "graded, which keeps the same order"
-                    if self.is_runge_kutta
-                    else "none or weights"
-                )
-                raise ArgumentError("start", f"start: series was removed; write start: {kept}")
-            if name == "history" and getattr(self, name) == "fft":
-                raise ArgumentError(
-                    "history",
-                    "history: fft was removed; write history: auto, the same to round-off",
-                )
             if getattr(self, name) not in values:
                 raise ArgumentError(
                     name, f"{getattr(self, name)!r} is not one of {', '.join(values)}"
@@ -180,6 +167,8 @@ class Method:
             raise ArgumentError("quadrature", "'radau' is not one of gauss, lobatto")
         if self.start_exponents and self.start != "weights":
             raise ArgumentError("start_exponents", "only start: weights has exponents")
+        if self.start == "weights" and not self.start_exponents:
+            raise ArgumentError("start_exponents", "missing: the powers that weights correct")
         if self.rule.build().order < 2 * self.degree - 1:
             # the mass matrix of the step would be singular
             raise ArgumentError(

@@ -117,7 +117,7 @@ def _start(method: AnyMethod) -> str:
     if method.start != "weights":
         return "plain" if method.start == "none" else method.start
     powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
-    return f"weights {powers}" if powers else "weights"
+    return f"weights {powers}"
 
 
 def _forcing(method: AnyMethod) -> str:

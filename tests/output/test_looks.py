@@ -17,7 +17,7 @@ def test_methods_are_told_apart_in_colour_and_in_grey():
         *(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in range(1, 7)),
         Method(cq="bdf2", degree=2, sampling="nodes"),
         Method(cq="bdf2", degree=2),
-        Method(cq="bdf2", degree=2, start="weights"),
+        Method(cq="bdf2", degree=2, start="weights", start_exponents=(2.5,)),
         Method(cq="gauss", degree=2),
         Method(cq="gauss", degree=3, start="graded"),
         EULER,
@@ -34,7 +34,9 @@ def test_methods_are_told_apart_in_colour_and_in_grey():
 
 def test_variants_of_one_quadrature_have_colours_of_their_own():
     four = [
-        Method(cq="bdf3", degree=d, start=start) for d in (1, 2) for start in ("none", "weights")
+        Method(cq="bdf3", degree=d, start=start, start_exponents=powers)
+        for d in (1, 2)
+        for start, powers in (("none", ()), ("weights", (2.5,)))
     ]
     assert len({one.look.colour for one in method_looks(four).values()}) == 4
     # the control: beside another family a quadrature keeps its colour

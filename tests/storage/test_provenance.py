@@ -33,7 +33,7 @@ MATTERS = [
     "problem.damping.0.coefficient=0.5", "problem.initial.position=0.5",
     "problem.initial.velocity=-1.0", "problem.final_time=2.0", "problem.forcing=t",
     "problem.derivative=riemann-liouville", "method.bdf=1", "method.sampling=points",
-    "method.degree=2", "method.quadrature=lobatto", "method.start=weights",
+    "method.degree=2", "method.quadrature=lobatto", "method.start={weights: [1.5]}",
     "method.forcing_quadrature=exact", "method.history=direct", "ladder.steps=[8, 16]",
     "store={every: 2}",
 ]  # fmt: skip

@@ -179,7 +179,7 @@ integrate(oscillate(0.5), gauss, 5000); note("equal steps")
 swing = pendulum(final_time=6.0, damping=oscillate(0.5).damping, initial_position=1.0)
 integrate(swing, gauss, 500); note("pendulum")
 integrate(oscillate(0.5), graded, 500); note("graded")
-weights = Method(cq="bdf2", degree=1, start="weights")
+weights = Method(cq="bdf2", degree=1, start="weights", start_exponents=(1.0,))
 integrate(oscillate(0.5), weights, 50); note("starting weights")
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 integrate(lagrangian_scene(final_time=1.0, coordinates=("x",), lagrangian="vx**2 - x**2"), gauss, 9)

@@ -80,8 +80,7 @@ def _several(shape: Shape) -> OneOrMany:
 _RULES: Final = ByForm(single=Choice(words=("gauss", "lobatto")), mappings=(record_of(Rule),))
 _STARTS: Final = ByForm(
     single=Choice(
-        words=("none", "weights", "graded"),
-        gone={"series": "write graded with rk: gauss, none or weights with bdf"},
+        words=("none", "graded"),
     ),
     mappings=(record_of(Weights),),
 )

@@ -21,18 +21,14 @@ from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.starts.expansion import solution_expansion
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
-from fvi_cli.mathematics.series.power_series import SeriesError
 
 if TYPE_CHECKING:
     from mpmath import mpf
 
 CONDITION_WARNING = 1e8  # weights of a larger condition get a remark
-MOST_POWERS = 16
-"""Most powers that are tried: more are always too ill-conditioned, and take seconds."""
 MOST_ITERATIONS = 20  # of Newton for the first samples
 CONDITION_LIMIT = 1e12
 """Weights of a larger condition are left out: from 2e13 on errors of 5 to 1e8 were measured (a
@@ -95,40 +91,15 @@ def _long(value: mpf) -> np.longdouble:
     return np.longdouble(head) + np.longdouble(float(value - head))
 
 
-def default_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
-    r"""Powers of the solution's expansion at 0 that cost order p when left uncorrected.
-
-    The quadrature of :math:`t^\sigma` errs by :math:`h^{\sigma - \gamma}` on the first steps, which
-    the momentum sums up to :math:`h^{\sigma - \gamma + 1}`: the powers with
-    :math:`\sigma < p + \gamma - 1`, without those that the Caputo derivative subtracts.
-
-    Raises
-    ------
-    SeriesError
-        If the solution has no such expansion.
-    """
-    order = max(term.order for term in scene.active_damping)
-    cutoff = method.bdf_order + order - 1
-    least = 1.0 if all(term.order > 1 for term in scene.active_damping) else 0.0
-    found = solution_expansion(scene, max(cutoff, 4.0)).exponents.tolist()
-    return tuple(e for e in found if least < e < cutoff)
-
-
-def corrected_powers(scene: Scene, method: Method) -> tuple[tuple[float, ...], str]:
+def corrected_powers(method: Method) -> tuple[tuple[float, ...], str]:
     """Powers that the starting weights of a run correct, and a remark on them.
 
     Empty if the weights would keep too few digits: then the run has no weights.
     """
-    try:
-        exponents = method.start_exponents or default_exponents(scene, method)
-    except SeriesError as error:
-        return (), f"starting weights left out: condition unknown, {error}"
-    if not exponents:
-        return (), "starting weights left out: the start has no power to correct"
-    powers, worst = ", ".join(f"t^{e:g}" for e in exponents), math.inf
-    if len(exponents) <= MOST_POWERS:
-        offsets = _offsets(method, step_tables(method))
-        worst = max(_inverse_vandermonde(float(chi), exponents)[1] for chi in offsets)
+    exponents = method.start_exponents
+    powers = ", ".join(f"t^{e:g}" for e in exponents)
+    offsets = _offsets(method, step_tables(method))
+    worst = max(_inverse_vandermonde(float(chi), exponents)[1] for chi in offsets)
     if worst > CONDITION_LIMIT:
         return (), (
             f"starting weights left out: condition {worst:.2g} on {powers} leaves too few digits; "
@@ -161,7 +132,7 @@ def corrected_start(
     `first_samples` gives the samples of a run with certain load vectors. Returns load vectors
     ``(N, s + 1, d)``, None without a correction; and remarks.
     """
-    exponents, remark = corrected_powers(scene, method)
+    exponents, remark = corrected_powers(method)
     if exponents and n_steps < len(exponents) + (method.sampling == "nodes"):
         exponents, remark = (), f"starting weights left out: {n_steps} steps are too few"
     if not exponents:
