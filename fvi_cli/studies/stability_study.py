@@ -240,7 +240,10 @@ def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Ar
         else:
             moved = replace(scene, initial_position=position, initial_velocity=velocity)
             trajectory = integrate(moved, plain, n_steps)
-            if trajectory.status == "failed":
+            failure = trajectory.failure
+            if trajectory.status == "failed" and (
+                failure is None or failure.reason == "no unique solution"
+            ):
                 raise np.linalg.LinAlgError(trajectory.message)
             path = trajectory.position
         sizes = np.abs(path).max(axis=1)

@@ -72,7 +72,7 @@ class TestFigure:
         curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
         broad = curves.pop()
         assert broad.get_label() == "least of all runs"
-        assert len({(line.get_marker(), line.get_linestyle()) for line in curves}) == 3
+        assert len({(line.get_marker(), line.get_linestyle()) for line in curves}) == 2
         found = [to_hex(line.get_color()) in BASELINE_COLOURS for line in curves]
         assert found == [False, True, True]
         left, right = axes.get_xlim()
