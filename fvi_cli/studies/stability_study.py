@@ -45,7 +45,7 @@ LASTING = 1000
 """After so many times the final time every mode that grows at all is thought to show."""
 
 _TIMES_E = 20.0
-_LARGEST_LOGARITHM = 600.0
+_LARGEST_LOGARITHM = 300.0  # energies, which are squares, must not overflow
 _SEED = 20
 
 

@@ -74,7 +74,7 @@ class TestFigure:
         assert broad.get_label() == "least of all runs"
         assert len({(line.get_marker(), line.get_linestyle()) for line in curves}) == 2
         found = [to_hex(line.get_color()) in BASELINE_COLOURS for line in curves]
-        assert found == [False, True, True]
+        assert found == [False, True]
         left, right = axes.get_xlim()
         assert left > right
 
