@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -73,9 +73,6 @@ class SteppingRow:
         One transform of length 2N.
     stepping_seconds, weights_seconds
         Steps, and what is ready before the first of them (least of the repeats).
-    direct_seconds
-        The same steps of backward differences one after the other with every sum written out; nan
-        for other methods, and where that takes long.
     error
         Largest error on the grid; nan where no exact solution is known.
     growth_exponent
@@ -93,7 +90,6 @@ class SteppingRow:
     yardstick_seconds: float
     stepping_seconds: float
     weights_seconds: float
-    direct_seconds: float
     error: float
     growth_exponent: float
     doubles_per_step: float
@@ -110,11 +106,6 @@ class SteppingRow:
     def weights_multiple(self) -> float:
         """Set-up over the yardstick."""
         return self.weights_seconds / self.yardstick_seconds
-
-    @property
-    def speed_up(self) -> float:
-        """How many times quicker than one step after the other."""
-        return self.direct_seconds / self.stepping_seconds
 
     @property
     def is_met(self) -> bool:
@@ -136,7 +127,6 @@ def stepping_table(rows: Sequence[SteppingRow]) -> str:
             "error",
             "at most",
             "growth",
-            "direct / blocks",
             "doubles per step",
             "operations per step",
             "met",
@@ -151,7 +141,6 @@ def stepping_table(rows: Sequence[SteppingRow]) -> str:
                 number(row.error, ".1e"),
                 number(row.largest_error, ".0e"),
                 number(row.growth_exponent, ".2f"),
-                number(row.speed_up, ".1f"),
                 number(row.doubles_per_step, ".1f"),
                 f"{row.history_operations / row.n_steps:.0f}",
                 yes_or_no(row.is_met),
@@ -219,10 +208,6 @@ def measure_stepping(case: SteppingCase, repeats: int) -> SteppingRow:
         shorter = [integrate(scene, case.method, 2**14) for _ in range(repeats)]
         before = _steps_alone(case, scene, 2**14, [one.stepping_seconds for one in shorter])
         growth = math.log2(stepping / before) / (case.exponent - 14)
-    direct = float("nan")
-    if case.exponent <= 12 and not case.method.is_runge_kutta:
-        slow = replace(case.method, history="direct")
-        direct = min(integrate(scene, slow, n_steps).stepping_seconds for _ in range(repeats))
     operations = runs[0].history_operations
     weights = min(one.setup_seconds for one in runs)
     del runs
@@ -232,7 +217,6 @@ def measure_stepping(case: SteppingCase, repeats: int) -> SteppingRow:
         yardstick_seconds=yardstick,
         stepping_seconds=stepping,
         weights_seconds=weights,
-        direct_seconds=direct,
         error=error,
         growth_exponent=growth,
         doubles_per_step=peak_doubles(lambda: integrate(scene, case.method, n_steps), n_steps),

@@ -38,7 +38,7 @@ def tableau(name: str, m: int) -> ButcherTableau:
         A=own.to_values @ own.matrix @ own.to_coefficients,
         b=own.rule.weights,
         c=own.rule.nodes,
-        order={"gauss": 2 * m, "radau-iia": 2 * m - 1, "lobatto-iiic": 2 * m - 2}[name],
+        order=2 * m - 2 * (name == "lobatto-iiic"),
         stage_order=m - (name == "lobatto-iiic"),
     )
 

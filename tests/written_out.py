@@ -10,8 +10,11 @@ with the weights :math:`W_n` from an integral over a circle inside of the unit o
 shared with the engine but the tableaux and the derivatives of the scene.
 """
 
+import contextlib
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
+from unittest.mock import patch
 
 import numpy as np
 from runge_kutta_symbol import ButcherTableau, symbol_power, tableau
@@ -19,6 +22,7 @@ from runge_kutta_symbol import ButcherTableau, symbol_power, tableau
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.memory import lags
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 
@@ -169,3 +173,11 @@ def _solve(
             break
         previous = size
     return increments
+
+
+@contextlib.contextmanager
+def every_lag_written_out() -> Iterator[None]:
+    """Let backward differences keep all lags, so that their sums are the direct ones."""
+    near = dict.fromkeys(lags.NEAR_LAGS, 2**40)
+    with patch.object(lags, "NEAR_LAGS", near):
+        yield

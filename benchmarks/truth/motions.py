@@ -71,7 +71,7 @@ def draw_ladder(random: Random, scene: Scene, steps: list[int]) -> dict[str, Any
     if kind < 0.7:
         method = gauss if kind < 0.5 else {**gauss, "start": "none"}
     elif kind < 0.78:
-        method = {"rk": str(random.choice(["radau-iia", "lobatto-iiic"])), "degree": 3}
+        method = {"rk": "lobatto-iiic", "degree": 3}
     else:
         sampling = str(random.choice(["nodes", "points"]))
         method = {"bdf": int(random.integers(1, 4)), "sampling": sampling}

@@ -307,9 +307,4 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
         return baseline_objection(problem.scene, method)
     if problem.scene.lagrangian is not None and method.start == "weights":
         return "start: weights need a constant mass matrix; use none"
-    if method.forcing_quadrature == "projected" and method.rule.points > method.degree + 1:
-        return (
-            f"forcing_quadrature: projected takes at most degree + 1 = {method.degree + 1} "
-            f"quadrature points, not {method.rule.points}"
-        )
     return ""

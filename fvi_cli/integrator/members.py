@@ -9,7 +9,7 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import damping_of, writes_out
+from fvi_cli.integrator.damping.damping import damping_of
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.frame import longest_in_batch
@@ -141,7 +141,7 @@ def batch_kind(scene: Scene, method: Method, n_steps: int | Mesh) -> Hashable | 
     memory: Hashable = any(term.order != 1 for term in scene.active_damping)
     if not method.is_runge_kutta:
         is_corrected = method.start == "weights" and scene.active_damping
-        if scene.active_laws or is_corrected or writes_out(method, _count(n_steps)):
+        if scene.active_laws or is_corrected:
             return None
         memory = tuple(term.order for term in scene.active_damping)
     elif scene.active_laws:

@@ -9,29 +9,19 @@ from typing import Literal
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
-from fvi_cli.mathematics.quadrature import (
-    QuadratureRule,
-    gauss_rule,
-    lobatto_rule,
-    radau_right_rule,
-)
+from fvi_cli.mathematics.quadrature import QuadratureRule, gauss_rule, lobatto_rule
 
-RuleName = Literal["gauss", "lobatto", "radau"]
+RuleName = Literal["gauss", "lobatto"]
 Sampling = Literal["nodes", "points"]
 Start = Literal["none", "weights", "graded"]
-ForcingQuadrature = Literal["galerkin", "exact", "projected"]
-History = Literal["auto", "direct", "exponentials"]
+ForcingQuadrature = Literal["galerkin", "exact"]
 
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
-RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
+RUNGE_KUTTA_NAMES = ("gauss", "lobatto-iiic")
 EULER_NAMES = ("explicit-euler", "implicit-euler")
 BASELINE_NAMES = (*EULER_NAMES, "gruenwald-letnikov", "product-integration")
 
-_FAMILIES: Mapping[str, str] = {
-    "gauss": "Gauss",
-    "radau-iia": "Radau IIA ",
-    "lobatto-iiic": "Lobatto IIIC ",
-}
+_FAMILIES: Mapping[str, str] = {"gauss": "Gauss", "lobatto-iiic": "Lobatto IIIC "}
 _LABELS: Mapping[str, str] = {
     "explicit-euler": "explicit Euler",
     "implicit-euler": "implicit Euler",
@@ -60,8 +50,8 @@ class RuleSpecification:
     points: int = 1
 
     def __post_init__(self) -> None:
-        if self.rule not in ("gauss", "lobatto", "radau"):
-            raise ArgumentError("quadrature", f"{self.rule!r} is not one of gauss, lobatto, radau")
+        if self.rule not in ("gauss", "lobatto"):
+            raise ArgumentError("quadrature", f"{self.rule!r} is not one of gauss, lobatto")
         least = 2 if self.rule == "lobatto" else 1
         if not least <= self.points <= 64:
             raise ArgumentError(
@@ -70,8 +60,7 @@ class RuleSpecification:
 
     def build(self) -> QuadratureRule:
         """The nodes and weights."""
-        build = {"gauss": gauss_rule, "lobatto": lobatto_rule, "radau": radau_right_rule}
-        return build[self.rule](self.points)
+        return (gauss_rule if self.rule == "gauss" else lobatto_rule)(self.points)
 
     @property
     def label(self) -> str:
@@ -86,8 +75,8 @@ class Method:
     Parameters
     ----------
     cq
-        Convolution quadrature: ``bdf1`` to ``bdf6``, or the Runge-Kutta families ``gauss``,
-        ``radau-iia``, ``lobatto-iiic``, which bring their own points.
+        Convolution quadrature: ``bdf1`` to ``bdf6``, or the Runge-Kutta families ``gauss``
+        and ``lobatto-iiic``, which bring their own points.
     degree
         Polynomial degree s of the trajectory on one step.
     quadrature
@@ -101,12 +90,7 @@ class Method:
     start_exponents
         For ``weights``: exponents on which the corrected quadrature is exact.
     forcing_quadrature
-        ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
-        (moments of the L2 projection).
-    history
-        ``exponentials`` (some 100 numbers in place of the past, whatever the number of steps),
-        for BDF also ``direct`` (every sum written out, one step after the other); ``auto`` is the
-        quicker one, the same to round-off.
+        ``galerkin`` (the action's rule) or ``exact`` (moments to round-off).
 
     Raises
     ------
@@ -121,15 +105,13 @@ class Method:
     start: Start = "none"
     start_exponents: tuple[float, ...] = ()
     forcing_quadrature: ForcingQuadrature = "galerkin"
-    history: History = "auto"
 
     def __post_init__(self) -> None:
         permitted: dict[str, tuple[str, ...]] = {
             "cq": BDF_NAMES + RUNGE_KUTTA_NAMES,
             "sampling": ("nodes", "points"),
             "start": ("none", "weights", "graded"),
-            "forcing_quadrature": ("galerkin", "exact", "projected"),
-            "history": ("auto", "direct", "exponentials"),
+            "forcing_quadrature": ("galerkin", "exact"),
         }
         for name, values in permitted.items():
             if getattr(self, name) not in values:
@@ -148,12 +130,6 @@ class Method:
                 raise ArgumentError("quadrature", f"{self.cq} brings its own rule, {own.label}")
             if self.start == "weights":
                 raise ArgumentError("start", "weights correct BDF only; use graded or none")
-            if self.history == "direct":
-                raise ArgumentError(
-                    "history",
-                    f"direct is for BDF only; with {self.cq} take auto, which "
-                    "sums the past up in exponentials",
-                )
             object.__setattr__(self, "quadrature", own)
         elif self.start == "graded":
             raise ArgumentError(
@@ -163,8 +139,6 @@ class Method:
             )
         elif self.quadrature is None:
             object.__setattr__(self, "quadrature", RuleSpecification(points=self.degree))
-        if self.rule.rule == "radau" and not self.is_runge_kutta:
-            raise ArgumentError("quadrature", "'radau' is not one of gauss, lobatto")
         if self.start_exponents and self.start != "weights":
             raise ArgumentError("start_exponents", "only start: weights has exponents")
         if self.start == "weights" and not self.start_exponents:
@@ -180,8 +154,6 @@ class Method:
     def _own_rule(self) -> RuleSpecification:
         if self.cq == "gauss":
             return RuleSpecification(rule="gauss", points=self.degree)
-        if self.cq == "radau-iia":
-            return RuleSpecification(rule="radau", points=self.degree)
         return RuleSpecification(rule="lobatto", points=self.degree + 1)
 
     @property
@@ -227,7 +199,7 @@ class Method:
 
     @property
     def label(self) -> str:
-        """Name of the method for people: ``BDF2``, ``Gauss3``, ``Radau IIA 2`` (with stages)."""
+        """Name of the method for people: ``BDF2``, ``Gauss3``, ``Lobatto IIIC 4`` (with stages)."""
         if self.is_runge_kutta:
             return f"{_FAMILIES[self.cq]}{self.stages}"
         return f"BDF{self.bdf_order}"
@@ -245,7 +217,7 @@ class Method:
             name += "-" + "-".join(f"{e:g}".replace(".", "p") for e in self.start_exponents)
         if self.forcing_quadrature != default:
             name += f"-{self.forcing_quadrature}"
-        return name if self.history == "auto" else f"{name}-{self.history}"
+        return name
 
 
 @dataclass(frozen=True, kw_only=True)

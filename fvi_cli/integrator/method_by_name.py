@@ -14,7 +14,6 @@ from fvi_cli.integrator.method import (
     AnyMethod,
     Baseline,
     ForcingQuadrature,
-    History,
     Method,
     RuleSpecification,
     Sampling,
@@ -23,16 +22,15 @@ from fvi_cli.integrator.method import (
 from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 
-EXAMPLES: Final = "gauss3, radau-iia2, bdf2, bdf2-nodes"
+EXAMPLES: Final = "gauss3, bdf2, bdf2-nodes"
 _FAMILY: Final = re.compile(
-    r"bdf-?(?P<bdf>[1-6])|(?:(?P<gauss>gauss)|(?P<radau>radau(?:-?iia)?)|lobatto(?:-?iiic)?)"
+    r"bdf-?(?P<bdf>[1-6])|(?:(?P<gauss>gauss)|lobatto(?:-?iiic)?)"
     r"(?:-?(?P<degree>\d{1,3}))?"
 )
 _WORDS: Final[Mapping[str, tuple[str, ...]]] = {
     "sampling": get_args(Sampling),
     "start": ("none", "graded"),
     "forcing_quadrature": get_args(ForcingQuadrature),
-    "history": get_args(History),
 }
 _NUMBERED: Final = re.compile(r"(s|gauss|lobatto)(\d{1,3})")
 
@@ -40,11 +38,10 @@ _NUMBERED: Final = re.compile(r"(s|gauss|lobatto)(\d{1,3})")
 def method_named(name: str) -> AnyMethod:
     """The method of a short name, or of the name that it has in files.
 
-    ``bdf1`` to ``bdf6``; ``gauss``, ``radau-iia`` or ``lobatto-iiic`` with the degree, as in
-    ``gauss3``; or a baseline. What differs from the defaults is joined by ``-``: ``nodes`` or
-    ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``,
-    ``galerkin``, ``exact`` or ``projected``, ``direct`` or ``exponentials``. ``bdf2-nodes``,
-    ``gauss-s3-graded`` and ``Gauss3`` are such names.
+    ``bdf1`` to ``bdf6``; ``gauss`` or ``lobatto-iiic`` with the degree, as in ``gauss3``; or a
+    baseline. What differs from the defaults is joined by ``-``: ``nodes`` or ``points``, ``s2``
+    (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``, ``galerkin`` or
+    ``exact``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``Gauss3`` are such names.
 
     Raises
     ------
@@ -83,8 +80,7 @@ def keys_of_name(name: str) -> dict[str, Any]:
     if family["bdf"]:
         values["bdf"] = int(family["bdf"])
     else:
-        short = "gauss" if family["gauss"] else "radau-iia" if family["radau"] else "lobatto-iiic"
-        values["rk"] = short
+        values["rk"] = "gauss" if family["gauss"] else "lobatto-iiic"
         if family["degree"]:
             values["degree"] = int(family["degree"])
     for word in words[1:]:
@@ -116,7 +112,7 @@ def _no_method(name: str) -> str:
         meant = f"bdf{sampled[1]}" + "-nodes" * (sampled[2].lower() == "node")
         return f"{excerpt(name)!r} is not the name of a method; write {meant}"
     degree = number[0] if number else "3"
-    families = (f"{one}{degree}" for one in ("gauss", "radau-iia", "lobatto-iiic", "bdf"))
+    families = (f"{one}{degree}" for one in ("gauss", "lobatto-iiic", "bdf"))
     near = suggestion(name, (*BASELINE_NAMES, *families))
     return (
         f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
@@ -143,8 +139,7 @@ def make_method(
     else:
         cq = values.get("rk", "gauss")
         resolved = {"rk": cq}
-        stages = values.get("stages", 3 + (cq == "lobatto-iiic"))
-        degree = values.get("degree", stages - (cq == "lobatto-iiic"))
+        degree = values.get("degree", 3)
         usual_start, usual_quadrature = usual_start if cq == "gauss" else "none", "galerkin"
     start = values.get("start", usual_start)
     exponents: tuple[float, ...] = ()
@@ -167,7 +162,6 @@ def make_method(
         start=start,
         start_exponents=exponents,
         forcing_quadrature=values.get("forcing_quadrature", usual_quadrature),
-        history=values.get("history", "auto"),
     )
     resolved["degree"] = degree
     if "bdf" in values:
@@ -175,5 +169,4 @@ def make_method(
         resolved["quadrature"] = {"rule": method.rule.rule, "points": method.rule.points}
     resolved["start"] = {"weights": list(exponents)} if exponents else start
     resolved["forcing_quadrature"] = method.forcing_quadrature
-    resolved["history"] = method.history
     return method, resolved

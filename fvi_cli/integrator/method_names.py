@@ -11,7 +11,6 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecifica
 _FORCINGS: Mapping[str, str] = {
     "galerkin": "forcing by the rule of the action",
     "exact": "forcing by exact moments",
-    "projected": "forcing by exact moments of its projection",
 }
 
 
@@ -45,7 +44,6 @@ def method_name(method: AnyMethod) -> str:
         _rule(method) if method.rule != RuleSpecification(points=method.degree) else "",
         _start(method) if method.start != "none" else "",
         _forcing(method) if method.forcing_quadrature != usual else "",
-        _history(method),
     ]
     return ", ".join(filter(None, words))
 
@@ -91,8 +89,6 @@ def describe_method(method: AnyMethod) -> list[str]:
     }
     words.append(starts.get(method.start) or f"starting {_start(method)}")
     words.append(_FORCINGS[method.forcing_quadrature])
-    if method.history != "auto":
-        words.append(f"{method.history} history")
     return words
 
 
@@ -124,13 +120,7 @@ def _forcing(method: AnyMethod) -> str:
     return f"{method.forcing_quadrature} forcing" if isinstance(method, Method) else ""
 
 
-def _history(method: AnyMethod) -> str:
-    if not isinstance(method, Method) or method.history == "auto":
-        return ""
-    return f"{method.history} history"
-
-
-_FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing, _history)
+_FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing)
 
 
 def _is_needed(feature: _Feature, methods: Sequence[AnyMethod]) -> bool:

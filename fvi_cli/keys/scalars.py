@@ -11,8 +11,8 @@ import logging
 import math
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -176,7 +176,6 @@ class Choice(Shape):
 
     words: tuple[str, ...]  # what is allowed
     # advice for words that earlier versions allowed
-    gone: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def expected(self) -> str:
@@ -190,8 +189,6 @@ class Choice(Shape):
         text = at.node.text if isinstance(at.node, ScalarNode) else ""
         if text in self.words:
             return text
-        if text in self.gone:
-            return at.refuse(f"{text} was removed; {self.gone[text]}")
         # suggest only for text: numbers and true are not near any word
         hint = suggestion(text, self.words) if text and isinstance(at.scalar, str) else ""
         return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}{hint}")

@@ -1,4 +1,4 @@
-"""Gauss, Lobatto and Radau quadrature on [0, 1], with any number of points up to 64.
+"""Gauss and Lobatto quadrature on [0, 1], with any number of points up to 64.
 
 Nodes are roots of Jacobi polynomials; weights by Davis and Rabinowitz, *Methods of Numerical
 Integration*, section 2.7. Tests check for every rule which polynomials it integrates exactly.
@@ -16,7 +16,7 @@ from fvi_cli.mathematics.arrays import Array, LongArray
 LARGEST_RULE = 64
 """Largest number of points that the rules are made for."""
 
-_ORDER_DEFICIT = {"gauss": 0, "radau-right": 1, "lobatto": 2}  # 2n minus the order
+_ORDER_DEFICIT = {"gauss": 0, "lobatto": 2}  # 2n minus the order
 # Newton's method starts from eigenvalues that are right to about 1e-15 and converges
 # quadratically; the third step only catches what the second one rounds.
 _NEWTON_STEPS = 3
@@ -26,7 +26,7 @@ _NEWTON_STEPS = 3
 class QuadratureRule:
     """The integral of f over [0, 1] is about ``sum_i b_i f(c_i)``."""
 
-    name: str  # gauss, lobatto or radau-right; it fixes the order
+    name: str  # gauss or lobatto; it fixes the order
     nodes: Array  # the c_i, increasing, and the b_i, positive; shape (n,), read-only
     weights: Array
 
@@ -41,7 +41,7 @@ class QuadratureRule:
 
     @property
     def order(self) -> int:
-        """Order of the rule: 2n for Gauss, 2n - 1 for Radau, 2n - 2 for Lobatto."""
+        """Order of the rule: 2n for Gauss, 2n - 2 for Lobatto."""
         return 2 * self.n_points - _ORDER_DEFICIT[self.name]
 
 
@@ -68,21 +68,6 @@ def lobatto_rule(n_points: int) -> QuadratureRule:
     roots = np.concatenate([-one, _jacobi_roots(n_points - 2, 1, 1), one])
     legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
     return _symmetric_rule("lobatto", roots, np.reciprocal(n_points * (n_points - 1) * legendre**2))
-
-
-@cache
-def radau_right_rule(n_points: int) -> QuadratureRule:
-    """The Gauss-Radau rule with 1 to 64 points, the last of which is 1 (Radau IIA).
-
-    The other nodes are the roots of the Jacobi polynomial ``P_{n-1}^{(1,0)}``; the weights on
-    [0, 1] are ``(1 + x_i) / (2 n^2 P_{n-1}(x_i)^2)``.
-    """
-    one = np.ones(1, dtype=np.longdouble)
-    roots = np.concatenate([_jacobi_roots(n_points - 1, 1, 0), one])
-    legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
-    weights = (1 + roots) / (2 * n_points**2 * legendre**2)
-    nodes = ((1 + roots) / 2).astype(np.float64)
-    return QuadratureRule(name="radau-right", nodes=nodes, weights=weights.astype(np.float64))
 
 
 def _symmetric_rule(name: str, roots: LongArray, weights: LongArray) -> QuadratureRule:

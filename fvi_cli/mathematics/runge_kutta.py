@@ -22,7 +22,7 @@ def matrix_power(matrix: Array, exponent: float) -> Array:
     used.
 
     B is ``(m, m)``, its eigenvalues of size 1/70 to 1 and within 75 degrees of the positive axis,
-    as those of Gauss, Radau IIA and Lobatto IIIC methods; exponents lie in (-1, 1).
+    as those of Gauss and Lobatto IIIC methods; exponents lie in (-1, 1).
     """
     unit = np.eye(matrix.shape[0])
     if exponent == 0:

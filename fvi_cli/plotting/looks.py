@@ -22,10 +22,9 @@ BASELINE_COLOURS = ("#8c8c8c", "#5c5c5c")
 _BDF_MARKERS = "os^DvP"
 _STAGE_COLOURS: Mapping[str, Sequence[str]] = {
     "gauss": ("#B79FDB", "#8A5CC8", "#4B2A87", "#8B0037"),
-    "radau-iia": ("#C79A6B", "#A0662D", "#7A4413", "#4A2600"),
     "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
 }
-_STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
+_STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "lobatto-iiic": "*p8d"}
 _BASELINE_MARKERS = "xvdh"
 # markers of methods with the same convolution quadrature and degree that differ otherwise
 _FURTHER_MARKERS = "<>8dHp"

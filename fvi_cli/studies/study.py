@@ -134,10 +134,8 @@ def _thinning(run: Run) -> int:
 
     Errors are taken over all points in memory; observed runs keep all.
     """
-    method = run.method
-    is_memory_free = isinstance(method, Method) and method.history == "exponentials"
     fits = 8 * (run.n_steps + 1) * (2 * run.problem.dimension + 2) <= KEPT_BYTES
-    is_thinned = is_memory_free and not fits and run.observations.is_empty
+    is_thinned = isinstance(run.method, Method) and not fits and run.observations.is_empty
     return run.experiment.store_every if is_thinned else 1
 
 

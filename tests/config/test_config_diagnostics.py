@@ -92,7 +92,7 @@ def test_symmetries_are_found_where_coordinates_do_not_occur():
 
 def test_what_is_asked_for_is_diagnosed():
     store = "store: {diagnostics: [energy-balance]}\n"
-    method = "method: {rk: gauss, history: exponentials}"
+    method = "method: {rk: gauss}"
     (moving,) = parse_config(f"{DUFFING}{method}\n{store}", "d.yaml").experiments
     assert moving.diagnostics.energy_balance
     assert moving.methods[0].start == "graded"

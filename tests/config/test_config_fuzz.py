@@ -37,7 +37,7 @@ words = st.one_of(st.sampled_from(WORDS.split()), st.text(max_size=8))
 KNOWN = (
     "name problem kind mass stiffness damping order coefficient derivative forcing pieces until "
     "value initial position velocity final_time exact omega function method bdf rk baseline "
-    "sampling degree stages quadrature rule start weights history ladder steps from to base report "
+    "sampling degree quadrature rule start weights ladder steps from to base report "
     "norm expect claims figures allow_unstable store every experiments bdf1"
 )
 KEYS = KNOWN.split()

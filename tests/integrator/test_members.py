@@ -11,6 +11,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
+from written_out import every_lag_written_out
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.prony import prony
@@ -86,8 +87,6 @@ def test_who_goes_together():
     assert companions(mixed, BDF2, 64) == [4] * 4 + [5] * 5 + [1]
     other = [*plain[:3], replace(plain[3], derivative="riemann-liouville")]
     assert companions(other, BDF2, 64) == [1] * 4
-    assert companions(plain, replace(BDF2, history="direct"), 64) == [1] * 4
-    assert companions(plain, BDF2, 8) == [1] * 4
 
 
 def test_orders_of_their_own_share_the_states_but_not_a_graded_start():
@@ -108,7 +107,6 @@ def test_laws_with_rates_of_their_own_stand_apart():
 @pytest.mark.parametrize(
     "method",
     [
-        replace(BDF2, history="direct"),
         replace(BDF2, start="weights", start_exponents=(1.0,)),
         Baseline(name="implicit-euler"),
     ],
@@ -199,8 +197,9 @@ def test_wrong_numbers_are_refused():
 
 def difference(scene: Scene, method: Method, n_steps: int) -> float:
     """Of positions, relative, to the sum written out."""
-    direct = integrate(scene, replace(method, history="direct"), n_steps)
-    blocks = integrate(scene, replace(method, history="exponentials"), n_steps)
+    blocks = integrate(scene, method, n_steps)
+    with every_lag_written_out():
+        direct = integrate(scene, method, n_steps)
     assert direct.status == blocks.status == "ok"
     return float(np.abs(direct.position - blocks.position).max() / np.abs(direct.position).max())
 
@@ -226,15 +225,6 @@ def test_steps_too_long_for_any_block():
     """A stiff pendulum over a few turns per step: the frozen response does not contract."""
     scene = swing((0.5, 0.3), T=20.0, omega=6.0, x=2.0)
     assert difference(scene, Method(cq="bdf2", degree=2), 64) <= 1e-9
-
-
-def test_sums_of_a_few_steps_only_are_written_out():
-    scene, method = springs(1, 0.5)[0], Method(cq="bdf2", degree=2)
-    for n_steps, same in ((8, "direct"), (100, "exponentials")):
-        chosen = integrate(scene, method, n_steps)
-        other = integrate(scene, replace(method, history=same), n_steps)
-        assert np.array_equal(chosen.position, other.position)
-        assert chosen.history_operations == other.history_operations
 
 
 # --- steps without a solution ---------------------------------------------------------------------

@@ -55,7 +55,7 @@ def test_between_the_points_a_polynomial_of_degree_m_is_of_order_m_plus_1(m):
     assert slope == pytest.approx(m + 1 if m > 2 else 3.4, abs=0.5)
 
 
-@pytest.mark.parametrize("cq", ["gauss", "radau-iia", "lobatto-iiic"])
+@pytest.mark.parametrize("cq", ["gauss", "lobatto-iiic"])
 def test_it_is_continuous_and_passes_through_the_points(cq):
     for scene in (SCENE, swing(T=8.0, x=1.0, damping=SCENE.damping)):
         found = integrate(scene, Method(cq=cq, degree=3), 100, with_steps=True)

@@ -52,19 +52,6 @@ def test_exact_moments_of_powers(power):
         assert abs(plain[0] - moments[0]).max() > 1e-6
 
 
-@pytest.mark.parametrize("stages", [1, 2, 3])
-def test_projected_moments_are_those_of_polynomials_on_the_points(stages):
-    """For forces of degree below the number of points, projection changes nothing."""
-    exact = Method(cq="gauss", degree=stages, forcing_quadrature="exact")
-    projected = replace(exact, forcing_quadrature="projected")
-
-    def difference(text: str) -> float:
-        return float(np.abs(loads(text, projected, 0.5, 4) - loads(text, exact, 0.5, 4)).max())
-
-    assert difference(f"1 + t**{stages - 1}") < 1e-14
-    assert difference("sqrt(t)") > 1e-4
-
-
 def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
     parts = [part for i, end in enumerate(ends) for part in (str(i), end)]
     return spring(T=final_time, forcing=in_pieces(*parts, str(len(ends))))

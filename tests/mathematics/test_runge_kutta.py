@@ -12,10 +12,9 @@ import pytest
 from runge_kutta_symbol import at_infinity, symbol, symbol_power, tableau
 from written_out import power_weights
 
-FAMILIES = ("gauss", "radau-iia", "lobatto-iiic")
+FAMILIES = ("gauss", "lobatto-iiic")
 METHODS = [
     *[("gauss", m) for m in (1, 2, 3, 4)],
-    *[("radau-iia", m) for m in (1, 2, 3)],
     *[("lobatto-iiic", m) for m in (2, 3, 4)],
 ]
 # --- reference arithmetic ----------------------------------------------------------------------
@@ -30,8 +29,6 @@ def reference_tableau(name: str, m: int) -> tuple[mp.matrix, mp.matrix, mp.matri
             t = 2 * c - 1
             if name == "gauss":
                 return mp.legendre(m, t)
-            if name == "radau-iia":
-                return mp.legendre(m, t) - mp.legendre(m - 1, t)
             # (1 - t^2) P'_{m-1} up to a factor
             return mp.legendre(m, t) - mp.legendre(m - 2, t)
 
@@ -84,8 +81,6 @@ def test_tableaux_printed_in_hairer_and_wanner():
     r = np.sqrt(3) / 6
     gauss = tableau("gauss", 2)
     np.testing.assert_allclose(gauss.A, [[1 / 4, 1 / 4 - r], [1 / 4 + r, 1 / 4]], atol=2e-16)
-    radau = tableau("radau-iia", 2)
-    np.testing.assert_allclose(radau.A, [[5 / 12, -1 / 12], [3 / 4, 1 / 4]], atol=2e-16)
     lobatto = tableau("lobatto-iiic", 3)
     np.testing.assert_allclose(
         lobatto.A,
@@ -97,12 +92,12 @@ def test_tableaux_printed_in_hairer_and_wanner():
 
 @pytest.mark.parametrize("m", [2, 3, 4, 7])
 def test_orders_stage_orders_and_values_at_infinity(m):
-    gauss, radau, lobatto = tableau("gauss", m), tableau("radau-iia", m), tableau("lobatto-iiic", m)
-    assert [t.order for t in (gauss, radau, lobatto)] == [2 * m, 2 * m - 1, 2 * m - 2]
-    assert [t.stage_order for t in (gauss, radau, lobatto)] == [m, m, m - 1]
-    assert [at_infinity(t) for t in (gauss, radau, lobatto)] == [(-1) ** m, 0, 0]
+    gauss, lobatto = tableau("gauss", m), tableau("lobatto-iiic", m)
+    assert [t.order for t in (gauss, lobatto)] == [2 * m, 2 * m - 2]
+    assert [t.stage_order for t in (gauss, lobatto)] == [m, m - 1]
+    assert [at_infinity(t) for t in (gauss, lobatto)] == [(-1) ** m, 0]
     # symplectic: b_i a_ij + b_j a_ji = b_i b_j; only Gauss is
-    for method, expected in ((gauss, True), (radau, False), (lobatto, False)):
+    for method, expected in ((gauss, True), (lobatto, False)):
         weighted = method.b[:, None] * method.A
         defect = np.abs(weighted + weighted.T - np.outer(method.b, method.b)).max()
         assert bool(defect < 1e-15) is expected
@@ -176,5 +171,5 @@ def test_weights_printed_for_lobatto_iiic():
     weights = power_weights(tableau("lobatto-iiic", 2), 0.5, 3)
     for weight, table, digit in zip(weights, printed, half_digits, strict=True):
         assert np.abs(weight - table).max() <= 1.01 * digit
-    other = power_weights(tableau("radau-iia", 2), 0.5, 3)
+    other = power_weights(tableau("gauss", 2), 0.5, 3)
     assert np.abs(other[0] - printed[0]).max() > 0.1

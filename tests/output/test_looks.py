@@ -47,7 +47,7 @@ def test_variants_of_one_quadrature_have_colours_of_their_own():
 def test_a_method_looks_the_same_in_every_figure():
     families = [
         *(Method(cq=f"bdf{p}", degree=d) for p in range(1, 7) for d in (1, 2)),
-        *(Method(cq=cq, degree=s) for cq in ("gauss", "radau-iia") for s in range(1, 5)),
+        *(Method(cq=cq, degree=s) for cq in ("gauss", "lobatto-iiic") for s in range(1, 5)),
         EULER,
     ]
     together = {case: one.look for case, one in method_looks(families).items()}

@@ -31,7 +31,7 @@ experiments:
     store: {{diagnostics: [energy-balance]}}
   - name: thinned
     {OSCILLATOR.strip()}
-    method: {{rk: gauss, degree: 2, start: none, history: exponentials}}
+    method: {{rk: gauss, degree: 2, start: none}}
     store: {{every: 2}}
   - name: not-finished
     {OSCILLATOR.strip()}

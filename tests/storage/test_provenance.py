@@ -34,7 +34,7 @@ MATTERS = [
     "problem.initial.velocity=-1.0", "problem.final_time=2.0", "problem.forcing=t",
     "problem.derivative=riemann-liouville", "method.bdf=1", "method.sampling=points",
     "method.degree=2", "method.quadrature=lobatto", "method.start={weights: [1.5]}",
-    "method.forcing_quadrature=exact", "method.history=direct", "ladder.steps=[8, 16]",
+    "method.forcing_quadrature=exact", "ladder.steps=[8, 16]",
     "store={every: 2}",
 ]  # fmt: skip
 DOES_NOT = [
@@ -77,8 +77,7 @@ OTHER_VALUES = {
     "sampling": "nodes",
     "start": "none",
     "start_exponents": (0.5, 1.5),
-    "forcing_quadrature": "projected",
-    "history": "exponentials",
+    "forcing_quadrature": "exact",
 }
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from drawn_scenes import GENERAL, KINDS, LAWS, LINEAR, STRUCTURES, scene_of, shape_of, sparse
 from spread import spread
-from written_out import integrate_written_out
+from written_out import every_lag_written_out, integrate_written_out
 
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
@@ -79,15 +79,15 @@ class Case:
 def draw_method(rng: np.random.Generator, kind: str) -> Method:
     if kind in LAWS or rng.random() < 0.6 or kind == "double pendulum":
         # unstable runs of a double pendulum come to steps whose equations have several solutions
-        family = str(rng.choice(["gauss", "gauss", "gauss", "radau-iia", "lobatto-iiic"]))
+        family = str(rng.choice(["gauss", "gauss", "gauss", "lobatto-iiic"]))
         most = 9 if family == "gauss" and kind in LINEAR and kind not in STRUCTURES else 5
         least = 2 if family == "lobatto-iiic" else 1
         start = str(rng.choice(["none", "none", "graded"])) if family == "gauss" else "none"
-        degree, loads = int(rng.integers(least, most)), str(rng.choice(["exact", "projected"]))
+        degree, loads = int(rng.integers(least, most)), str(rng.choice(["exact", "galerkin"]))
         return Method(cq=family, degree=degree, start=start, forcing_quadrature=loads)
     order, sampling = int(rng.integers(1, 7)), str(rng.choice(["nodes", "points"]))
     rule = RuleSpecification(rule="lobatto", points=4) if rng.random() < 0.2 else None
-    exact = str(rng.choice(["exact", "projected"]))
+    exact = str(rng.choice(["exact", "galerkin"]))
     return Method(
         cq=f"bdf{order}",
         degree=int(rng.integers(1, 4)),
@@ -166,8 +166,9 @@ def check_given_points(case: Case) -> None:
 
 def check_written_out(case: Case) -> None:
     if not case.method.is_runge_kutta:
-        direct = replace(case.method, history="direct")
-        check_same(case, case.usual, integrate(case.scene, direct, case.n_steps))
+        with every_lag_written_out():
+            direct = integrate(case.scene, case.method, case.n_steps)
+        check_same(case, case.usual, direct)
     elif case.usual.status == "ok" and case.method.start == "none" and case.kind not in LAWS:
         other = integrate_written_out(case.scene, case.method, case.n_steps)
         n_fields = 1 if case.has_smoothed_momenta else 2

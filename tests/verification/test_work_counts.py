@@ -68,7 +68,7 @@ class TestDamping:
 
 def test_the_stencil_of_first_order_is_as_long_as_the_formula():
     for order in (1, 2, 3):
-        method = Method(cq=f"bdf{order}", degree=1, sampling="nodes", history="direct")
+        method = Method(cq=f"bdf{order}", degree=1, sampling="nodes")
         work = integrate(oscillator(1.0), method, 1000).history_operations
         # a step of the past for each of its weights, in the force at both ends of a step
         assert work == 1000 * 2 * order

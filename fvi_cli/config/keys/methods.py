@@ -15,7 +15,6 @@ from fvi_cli.integrator.method import (
     RUNGE_KUTTA_NAMES,
     AnyMethod,
     ForcingQuadrature,
-    History,
     Method,
     Sampling,
     Start,
@@ -79,13 +78,8 @@ def _several(shape: Shape) -> OneOrMany:
 
 _RULES: Final = ByForm(single=Choice(words=("gauss", "lobatto")), mappings=(record_of(Rule),))
 _STARTS: Final = ByForm(
-    single=Choice(
-        words=("none", "graded"),
-    ),
+    single=Choice(words=("none", "graded")),
     mappings=(record_of(Weights),),
-)
-_HISTORIES: Final = Choice(
-    words=get_args(History), gone={"fft": "write auto, which is the same to round-off"}
 )
 _REFUSED: Final = {
     "order": "not a key: write bdf for the order of the BDF; Gauss of degree m has order 2 m",
@@ -118,10 +112,6 @@ class MethodKeys(Setting, refused=_REFUSED):
         "1 with sampling: nodes, 3 for rk.",
         default=None,
     )
-    stages: Annotated[Any, _several(Integer(least=1, most=LARGEST_DEGREE + 1))] = key(
-        "For rk, in place of degree: number of stages (degree; degree + 1 for lobatto-iiic).",
-        default=None,
-    )
     quadrature: Annotated[Any, _several(_RULES)] = key(
         "Rule for the action. Default: gauss with as many points as the degree.", default=None
     )
@@ -134,9 +124,6 @@ class MethodKeys(Setting, refused=_REFUSED):
     forcing_quadrature: Annotated[Any, _several(Choice(words=get_args(ForcingQuadrature)))] = key(
         "How the forcing is integrated. Default: exact for bdf at points, else galerkin.",
         default=None,
-    )
-    history: Annotated[Any, _several(_HISTORIES)] = key(
-        "How the convolution is summed. Default: auto.", default=None
     )
 
 
@@ -213,10 +200,6 @@ def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
         for key in values:
             if key != "baseline":
                 at.refuse_key(key, "a baseline takes no other key")
-    if "stages" in values and "degree" in values:
-        at.refuse_key("stages", "not together with degree: stages sets the degree")
-    if "stages" in values and "bdf" in values:
-        at.refuse_key("stages", "only rk has stages; write degree")
     return len(at.complaints) == before
 
 
@@ -225,8 +208,6 @@ def _complain(error: ArgumentError, chosen: Mapping[str, int], at: Cursor) -> No
     key = _KEY_OF_FIELD.get(error.key, error.key)
     if key == "cq":
         key = "rk" if "rk" in chosen else "bdf"
-    if key == "degree" and "stages" in chosen:
-        key = "stages"
     if key in chosen:
         at.under(key, chosen[key]).refuse(error.message)
     else:

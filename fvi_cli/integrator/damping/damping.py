@@ -29,9 +29,6 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array, Places
 
-LEAST_BLOCK_STEPS = 16
-"""With backward differences and fewer equal steps, every sum over the past is computed directly."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DampingTables:
@@ -316,8 +313,7 @@ def damping_of(
     elif n_steps is None:
         raise ValueError("n_steps: backward differences take a number of equal steps")
     else:
-        is_direct = writes_out(method, n_steps)
-        memory = Lags(method, terms, n_steps=n_steps, final_time=final_time, writes_out=is_direct)
+        memory = Lags(method, terms, n_steps=n_steps, final_time=final_time)
     at_nodes = method.sampling == "nodes" and scenes[0].derivative == "riemann-liouville"
     return Damping(
         directions,
@@ -337,13 +333,6 @@ def law_objection(scene: Scene, method: AnyMethod) -> str:
         f"{method_name(method)} cannot integrate relaxation laws "
         "(zener, maxwell, prony, tempered); take rk: gauss"
     )
-
-
-def writes_out(method: Method, n_steps: int) -> bool:
-    """Whether every sum of the memory of backward differences is computed directly."""
-    if method.history == "auto":
-        return n_steps < LEAST_BLOCK_STEPS
-    return method.history == "direct"
 
 
 def _members(

@@ -32,8 +32,8 @@ class StepLoads:
     :math:`\gamma < 1` for an initial position,
     :math:`-\mu q_0 t^{-\gamma} / \Gamma(1 - \gamma)`.
 
-    ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` and ``projected``
-    integrate to round-off. The part that Riemann-Liouville adds is always integrated exactly, since
+    ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` integrates to
+    round-off. The part that Riemann-Liouville adds is always integrated exactly, since
     it is singular at 0.
     """
 
@@ -56,15 +56,6 @@ class StepLoads:
     def _basis(self) -> LagrangeBasis:
         """Basis of the polynomials of a step."""
         return lobatto_basis(self._tables.degree)
-
-    @cached_property
-    def _projection(self) -> Array:
-        """From exact load vectors to those of the L2 projection, by its values at the points."""
-        tables = self._tables
-        at_points = np.ones((1, tables.degree + 1))
-        if tables.points.size > 1:
-            at_points = tables.stage_basis.values(self._basis.control_points)
-        return np.asarray(tables.test_weights @ (at_points / tables.weights[:, None]))
 
     @property
     def is_empty(self) -> bool:
@@ -106,10 +97,7 @@ class StepLoads:
             return np.asarray(
                 step_size * np.einsum("ni,kid->knd", self._tables.test_weights, values)
             )
-        exact = self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
-        if self._rule == "projected":
-            return np.asarray(np.einsum("nm,kmd->knd", self._projection, exact))
-        return exact
+        return self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
 
     def of_damping(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool

@@ -100,7 +100,7 @@ def power_kernel(
 ) -> Kernel:
     r"""Rates and weights of terms, for all meshes of certain steps.
 
-    The stages are those of the Gauss method; Radau IIA and Lobatto IIIC need less. `steps` is
+    The stages are those of the Gauss method; Lobatto IIIC needs less. `steps` is
     ``shortest_step * sum(1 / h_n)``, if that is known; None: ``final_time / shortest_step``, which
     is not less. The accuracy, 1e-15 to 0.1, is that of the weights of the history, relative to
     their size. Kernels are shared for the powers of 2 next to the arguments.

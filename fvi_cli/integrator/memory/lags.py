@@ -7,8 +7,8 @@ With the unknowns :math:`U_k` of a step (its increments over h) the sampled diff
 
 with the weights w on differences. Near lags are stored one by one, and beyond them the weights
 are sums of exponentials (:func:`lag_exponentials`), each with one state
-for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. If every sum
-is computed directly, all lags are near. Order 1, whose weights end, is a term like the others.
+for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. Order 1, whose
+weights end, is a term like the others.
 """
 
 from __future__ import annotations
@@ -44,9 +44,7 @@ class LagExponentials:
     factors: Array  # c_j for every order of differentiation, shape (n_orders, J)
 
 
-def lag_exponentials(
-    bdf_order: int, orders: Sequence[float], n_steps: int, *, writes_out: bool = False
-) -> LagExponentials:
+def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> LagExponentials:
     r"""Number of lags to store one by one on N equal steps, and exponentials beyond them.
 
     The weights on differences are the coefficients of :math:`\gamma_p(z)^\gamma / (1 - z)`.
@@ -66,7 +64,7 @@ def lag_exponentials(
     """
     near = NEAR_LAGS[bdf_order]
     fractional = [order for order in orders if order != 1.0]
-    if writes_out or not fractional or n_steps <= near:
+    if not fractional or n_steps <= near:
         # the weights of order 1 end
         near = n_steps if fractional else min(bdf_order, n_steps)
         return LagExponentials(near=near, rates=np.zeros(0), factors=np.zeros((len(orders), 0)))
@@ -161,8 +159,7 @@ class Lags:
     The states are the unknowns of the last L steps, in the order of time, and sums over all of
     them, each for the s unknowns of a step: J is ``(L + sums) s``.
 
-    Terms are exponents, 1 minus the orders, each once; with `writes_out` every sum over the past is
-    computed directly.
+    Terms are exponents, 1 minus the orders, each once.
     """
 
     column_start = 0.0
@@ -174,7 +171,6 @@ class Lags:
         *,
         n_steps: int,
         final_time: float,
-        writes_out: bool = False,
     ) -> None:
         tables = step_tables(method)
         self._exponents = [term for term in terms if isinstance(term, float)]
@@ -184,7 +180,7 @@ class Lags:
         self.n_steps, self.h = n_steps, final_time / n_steps
         self.column: Array | None = -tables.control_points[1:]
         orders = [1.0 - term for term in self._exponents]
-        tail = lag_exponentials(method.bdf_order, orders, n_steps, writes_out=writes_out)
+        tail = lag_exponentials(method.bdf_order, orders, n_steps)
         self.n_lags, self._rates = tail.near, tail.rates
         self.n_inputs, self.bdf_order = tables.degree, method.bdf_order
         self.n_states = (self.n_lags + self._rates.size) * tables.degree

@@ -24,11 +24,10 @@ from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
     gauss_rule,
     lobatto_rule,
-    radau_right_rule,
 )
 from fvi_cli.mathematics.runge_kutta import matrix_power
 
-_RULES = {"gauss": gauss_rule, "radau-iia": radau_right_rule, "lobatto-iiic": lobatto_rule}
+_RULES = {"gauss": gauss_rule, "lobatto-iiic": lobatto_rule}
 # exp(-800) is zero in double precision, and 0 * -800 is 0 where 0 * -inf would be NaN
 _LOG_OF_ZERO = -800.0
 
@@ -69,7 +68,7 @@ class StageExponentials:
 class StageOperator:
     """Functions of integration by one Runge-Kutta method over one step."""
 
-    name: str  # gauss, radau-iia or lobatto-iiic
+    name: str  # gauss or lobatto-iiic
     rule: QuadratureRule  # its nodes and weights, m stages
 
     @cached_property
@@ -79,8 +78,6 @@ class StageOperator:
         off = 0.5 / np.sqrt(4.0 * np.arange(1, m) ** 2 - 1.0)
         if self.name == "gauss":
             return off, 0.0
-        if self.name == "radau-iia":
-            return off, 1.0 / (4 * m - 2)
         # Lobatto IIIC: the rule is not exact for the square of the last polynomial
         off[-1] *= math.sqrt((2 * m - 1) / (m - 1))
         return off, 1.0 / (2 * m - 2)

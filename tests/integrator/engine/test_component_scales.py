@@ -25,7 +25,6 @@ METHODS = [
     Method(cq="gauss", degree=3),
     Method(cq="gauss", degree=2, start="graded"),
     Method(cq="lobatto-iiic", degree=2),
-    Method(cq="radau-iia", degree=2),
     Method(cq="bdf2", degree=1, sampling="nodes"),
     Method(cq="bdf3", degree=2),
 ]

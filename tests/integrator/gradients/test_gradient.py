@@ -194,7 +194,7 @@ def test_expressions_against_central_differences(name, monkeypatch):
     assert misses(scene, GAUSS3, steps, quantity, value, ("initial_position",)).max() > 1e3
 
 
-@spread(name=list(SCENES), method=["gauss", "radau-iia", "lobatto-iiic"])
+@spread(name=list(SCENES), method=["gauss", "lobatto-iiic"])
 def test_forwards_and_backwards_are_transposed(name, method):
     scene = SCENES[name]
     solver = Method(cq=method, degree=3, start="none")

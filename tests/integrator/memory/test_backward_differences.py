@@ -67,4 +67,3 @@ def test_few_weights_and_integer_orders_need_no_exponentials():
     assert lag_exponentials(2, (0.5,), NEAR_LAGS[2] + 1).rates.size > 0
     assert lag_exponentials(3, (1.0,), 10**6).rates.size == 0
     assert lag_exponentials(3, (1.0,), 10**6).near == 3
-    assert lag_exponentials(3, (0.5,), 10**4, writes_out=True).near == 10**4

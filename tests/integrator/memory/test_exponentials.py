@@ -154,7 +154,7 @@ def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
         assert abs((terms - weights * right * v).sum()) < 1e-12 * np.abs(terms).sum()
 
 
-@pytest.mark.parametrize("name", ["gauss", "radau-iia", "lobatto-iiic"])
+@pytest.mark.parametrize("name", ["gauss", "lobatto-iiic"])
 def test_all_families_agree_with_dense_resolvents(name):
     operator = stage_operator(name, 5)
     assert np.allclose(operator.to_values @ operator.to_coefficients, np.eye(5), atol=1e-14)
