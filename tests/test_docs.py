@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, json_schema, parse_config
 from fvi_cli.scenes.registry import KINDS
-from fvi_cli.storage.export import FORMATS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -152,7 +151,6 @@ def test_a_new_configuration_comes_with_its_schema(tmp_path, monkeypatch):
         ("fvi plot damped-oscillator ken", set()),
         ("fvi cost cost-pend", {"cost-pendulum"}),
         ("fvi new mine --kind ", set(KINDS)),
-        ("fvi export some.h5 --to ", set(FORMATS)),
     ],
 )
 def test_the_shell_completes(typed, proposed):

@@ -23,10 +23,3 @@ def kinds_of_problems(incomplete: str) -> list[str]:
     from fvi_cli.scenes.registry import KINDS
 
     return [kind for kind in KINDS if kind.startswith(incomplete)]
-
-
-def export_formats(incomplete: str) -> list[str]:
-    """Formats of ``fvi export``."""
-    from fvi_cli.storage.export import FORMATS
-
-    return [form for form in FORMATS if form.startswith(incomplete)]

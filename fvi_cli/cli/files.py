@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from fvi_cli.cli.command import Call, command
-from fvi_cli.cli.completion import export_formats
 from fvi_cli.cli.exits import DONE, RUN_FAILED
 from fvi_cli.cli.options import ResultFile, Shown
 
@@ -62,24 +61,12 @@ def show(
     return DONE
 
 
-@command("output", examples="fvi export results/mine.h5 --to csv")
-def export(
-    call: Call,
-    file: ResultFile,
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="csv|npz|mat",
-            help="Format to write.",
-            autocompletion=export_formats,
-        ),
-    ],
-) -> int:
-    """Write the runs of a result file as CSV, npz (NumPy) or mat (MATLAB, Octave, SciPy)."""
+@command("output", examples="fvi export results/mine.h5")
+def export(call: Call, file: ResultFile) -> int:
+    """Write every run of a result file as CSV."""
     from fvi_cli.storage.export import export_file
 
-    print(*export_file(file, to, call.output / "export" / file.stem), sep="\n")
+    print(*export_file(file, call.output / file.stem), sep="\n")
     return DONE
 
 

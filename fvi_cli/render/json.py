@@ -33,7 +33,7 @@ def contents_as_json(stored: StoredFile) -> str:
     """The provenance of a result file, and every run in it."""
     runs = [
         {name: value for name, value in asdict(run).items() if name != "observed"}
-        | {"complete": True, **_observed(run.observed)}
+        | _observed(run.observed)
         for run in stored.runs
     ]
     return document({"provenance": dict(stored.provenance), "runs": runs})

@@ -2,11 +2,10 @@
 
 ``<name>.h5`` holds ``/<experiment>/<case>/n000016/`` with the datasets ``time(time)``,
 ``position(time, dof)``, ``momentum(time, dof)``, ``energy(time)`` and attributes that name method,
-run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``step_size``, ``error``,
-``seconds``, ``history_operations`` and ``status``; members of a sweep share a group, with an axis
-``member`` in front. Runs with other values than those of the file's configuration are stored in the
-same way below ``/<experiment>@1a2b3c4d/``, long lists of numbers of configurations below
-``/@inputs/``, and ``/@index/`` lists the paths of all runs. Attributes of the root hold provenance.
+run and result; members of a sweep share a group, with an axis ``member`` in front. Runs with other
+values than those of the file's configuration are stored in the same way below
+``/<experiment>@1a2b3c4d/``, long lists of numbers of configurations below ``/@inputs/``, and
+``/@index/`` lists the paths of all runs. Attributes of the root hold provenance.
 """
 
 from fvi_cli.storage.contents import (

@@ -13,7 +13,7 @@ import fvi_cli
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.digests import Inputs, canonical_json, extract_inputs, insert_inputs, sha256
 from fvi_cli.storage.files import escape_text, explain_damage
-from fvi_cli.storage.groups.listing import StoredRun, run_of_line
+from fvi_cli.storage.groups.listing import StoredRun, list_groups
 from fvi_cli.storage.records.record import REFERENCES
 from fvi_cli.storage.result_file import ResultFile
 
@@ -96,11 +96,10 @@ def list_runs(path: Path | str) -> StoredFile:
             for name, value in file.root.items()
             if name not in CONFIGURATION[:3]
         }
-        return StoredFile(
-            provenance=provenance,
-            runs=tuple(
-                run_of_line(one["line"])
+        with explain_damage(file.path):
+            groups = [
+                (str(one["path"]), file.group(one["path"]))
                 for one in file.groups
                 if one["kind"]["experiment"] != REFERENCES
-            ),
-        )
+            ]
+            return StoredFile(provenance=provenance, runs=list_groups(groups))

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.digests import FORMAT, INPUT, canonical_json
 from fvi_cli.storage.files import CREATOR, explain_damage, open_stored, replacing
-from fvi_cli.storage.groups.listing import lines_of
 from fvi_cli.storage.groups.reading import (
-    CONVERGENCE,
     INDEX,
     INPUTS,
     Block,
@@ -28,10 +26,8 @@ from fvi_cli.storage.groups.reading import (
     json_value,
 )
 from fvi_cli.storage.groups.writing import (
-    WrittenGroup,
     guarded,
     write_attributes,
-    write_convergence,
     write_group,
 )
 from fvi_cli.storage.provenance import origin, package_versions, platform_name
@@ -86,7 +82,7 @@ class ResultFile:
 
     @property
     def groups(self) -> list[dict[str, Any]]:
-        """Path, kind and line of the listing for every group of runs."""
+        """Path and kind of every group of runs."""
         return [json.loads(text) for text in self._index["groups"]]
 
     @functools.cached_property
@@ -183,7 +179,7 @@ def write_file(
     lookup: Callable[[str], NDArray[Any]],
     done: Callable[[], None],
 ) -> None:
-    """Write all runs (few in memory at a time), the summary of every case, and the index.
+    """Write all runs (few in memory at a time) and the index.
 
     `attributes` are the root attributes of the configuration; `lookup` returns a long list of
     numbers by its digest; `done` is called when all is read, before the file is replaced.
@@ -200,34 +196,22 @@ def write_file(
     named = _named_in(attributes.values())
     index: dict[str, list[Any]] = {name: [] for name in (IDENTITIES, *NUMBERS)}
     with replacing(path) as (file, check):
-        ladders: dict[str, dict[int, list[WrittenGroup]]] = {}
-        written: list[tuple[str, WrittenGroup]] = []
-        kinds = []
+        groups = []
         for number, (place, rows) in enumerate(layout.items()):
-            group = write_group(file, place, rows)
+            survey = write_group(file, place, rows)
             check()
-            predictions = zip(rows, group.survey.column("predicted"), strict=True)
+            predictions = zip(rows, survey.column("predicted"), strict=True)
             for row, (one, predicted) in enumerate(predictions):
                 own = (one.identity, number, row, predicted == "unstable")
                 for column, value in zip(index.values(), own, strict=True):
                     column.append(value)
-            kinds.append(kind_of(rows[0].attributes()))
-            written.append((place, group))
-            for name in ("specification", *group.keys):
-                named |= _named_in(group.survey.column(name))
-            if rows[0].is_reference:
-                continue
-            case = ladders.setdefault(place.rpartition("/")[0], {})
-            case.setdefault(int(group.attributes["n_steps"]), []).append(group)
-        for place, ladder in ladders.items():
-            write_convergence(file, f"{place}/{CONVERGENCE}", ladder)
+            kind = kind_of(rows[0].attributes())
+            groups.append(json.dumps({"path": place, "kind": kind._asdict()}))
+            for name in ("specification", *kind.swept):
+                named |= _named_in(survey.column(name))
         for digest in sorted(named):
             _write_numbered(file, f"{INPUTS}/{digest}", lookup(digest), digest)
-        lines = [
-            json.dumps({"path": place, "kind": kind._asdict(), "line": line})
-            for (place, _), kind, line in zip(written, kinds, lines_of(written), strict=True)
-        ]
-        _write_index(file, index, lines)
+        _write_index(file, index, groups)
         write_attributes(file, root)
         check()
         done()
@@ -243,16 +227,16 @@ def _named_in(values: Iterable[Any]) -> set[str]:
     return known
 
 
-def _write_index(file: h5py.File, index: Mapping[str, list[Any]], lines: Sequence[str]) -> None:
+def _write_index(file: h5py.File, index: Mapping[str, list[Any]], groups: Sequence[str]) -> None:
     """Write the index."""
     group = file.create_group(INDEX, track_order=True)
     digests = bytes.fromhex("".join(index[IDENTITIES]))
     arrays = {IDENTITIES: np.frombuffer(digests, "u1").reshape(-1, 32)}
     arrays |= {name: np.array(index[name], dtype="<i8") for name in NUMBERS}
-    scales = {"run": len(index["row"]), "byte": 32, "number": len(lines)}
+    scales = {"run": len(index["row"]), "byte": 32, "number": len(groups)}
     for name, size in scales.items():
         group.create_dataset(name, data=np.arange(size)).make_scale(name)
-    group.create_dataset("groups", data=list(lines), dtype=h5py.string_dtype())
+    group.create_dataset("groups", data=list(groups), dtype=h5py.string_dtype())
     group["groups"].dims[0].attach_scale(group["number"])
     for name, values in arrays.items():
         group.create_dataset(name, data=values, **guarded(values.shape))

@@ -5,7 +5,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from command_line import rows_of
 
 import fvi_cli as fvi
 
@@ -68,22 +67,10 @@ def test_groups_and_axes(stored):
         assert run["events/never/time"].size == 0
 
 
-def test_listing_and_export(stored, tmp_path):
+def test_listing(stored):
     text = fvi.as_text(fvi.contents(stored[0]))
     assert "torque" in text
     assert "never  never" in text
-    names = {path.name for path in fvi.export(stored[0], "csv", tmp_path)}
-    stem = "seen-gauss-s4-graded-n000032"
-    assert {f"{stem}.csv", f"{stem}-events-turn.csv", f"{stem}-events-never.csv"} <= names
-    rows = rows_of(tmp_path / f"{stem}.csv")
-    assert list(rows[0]) == ["time", "x", "p_x", "energy", "a", "torque"]
-    assert [row["time"] for row in rows[:4]] == ["0.0", "0.1", "0.2", "0.3"]
-    observed = stored[1].observed
-    assert [float(row["torque"]) for row in rows] == observed.quantities["torque"].tolist()
-    turns = rows_of(tmp_path / f"{stem}-events-turn.csv")
-    assert list(turns[0]) == ["time", "x", "vx"]
-    for form in ("npz", "mat"):
-        assert fvi.export(stored[0], form, tmp_path)
 
 
 def test_members_of_a_sweep_keep_their_quantities(tmp_path):
@@ -108,15 +95,6 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path):
         assert run["events/never/position"].shape == (3, 0, 1)
     observed = [one.trajectory.observed for one in again.finished]
     assert len({one.extents["torque"].peak for one in observed if one is not None}) == 3
-    names = {path.name for path in fvi.export(tmp_path / "seen.h5", "csv", tmp_path)}
-    assert "seen-gauss-s4-graded-n000032.csv" in names
-    stem = tmp_path / "seen-gauss-s4-graded-n000032-events-low.csv"
-    rows = rows_of(stem)
-    assert len(rows) == sum(counts)
-    swept = "problem.damping.0.order"
-    assert sorted(rows[0]) == sorted(["member", "occurrence", swept, "time", "x", "vx"])
-    times = np.concatenate([one.trajectory.observed.events["low"].time for one in again.finished])
-    assert [float(row["time"]) for row in rows] == times.tolist()
 
 
 @pytest.mark.few(1)

@@ -77,8 +77,7 @@ def test_what_a_crash_left_at_the_end_of_a_link_is_removed():
     command=[
         ("plot", "small.yaml"),
         ("convergence", "small.yaml"),
-        ("export", "results/small.h5", "--to", "csv"),
-        ("export", "results/small.h5", "--to", "npz"),
+        ("export", "results/small.h5"),
     ],
     where=["write", "mkstemp", "fsync"],
 )
@@ -97,7 +96,7 @@ def test_on_a_full_disk_the_file_is_named(monkeypatch, command, where):
     (line,) = [line for line in told.splitlines() if "No space left" in line]
     assert line.startswith("fvi: ")
     named = line.split(": ")[1]
-    assert Path(named).suffix in (".pdf", ".csv", ".npz", ".md", ".tex")
+    assert Path(named).suffix in (".png", ".csv", ".md", ".tex")
     assert "small" in named
 
 

@@ -45,16 +45,12 @@ def test_an_annotated_file_is_used_and_written_again(folder, name):
     again = fvi("run", f"{name}.yaml", code=0).stderr
     assert " 0 of them stored" not in again
     for command in ("show", "convergence", "export"):
-        told = fvi(command, f"results/{name}.h5", *_export(command), code=0)
+        told = fvi(command, f"results/{name}.h5", code=0)
         assert "\x1b" not in told.output
     # another ladder: the file is written anew with the runs that it has
     more = fvi("run", f"{name}.yaml", "--set", "ladder.steps=[4, 8, 16, 32, 64]", code=0).stderr
     assert " 0 of them stored" not in more
     fvi("show", f"results/{name}.h5", code=0)
-
-
-def _export(command: str) -> tuple[str, ...]:
-    return ("--to", "csv") if command == "export" else ()
 
 
 def test_a_flipped_bit_of_an_array_is_reported_in_one_sentence(folder):

@@ -52,7 +52,7 @@ def test_a_command_opens_its_file_as_often_as_it_must(tmp_path, monkeypatch, ope
     assert count("run", "ten.yaml", "--set", "ladder.steps=[4]") == 2
     assert count("convergence", "results/ten.h5") == 2
     assert count("show", "results/ten.h5") == 1
-    assert count("export", "results/ten.h5", "--to", "npz") == 1
+    assert count("export", "results/ten.h5", "-o", "made") == 1
 
 
 def stamped(stiffness: float) -> list[FinishedRun]:

@@ -152,8 +152,6 @@ def test_layout_is_as_documented(path, kept):
 
     with h5py.File(path) as file:
         file.visititems(tell)
-        table = file["sample/implicit-euler/convergence"]
-        lines += [f"{name}: {table[name][()].tolist()}" for name in sorted(table)]
     kept("layout.txt", "\n".join(lines) + "\n")
 
 
@@ -250,8 +248,7 @@ def test_runs_that_were_not_asked_for_again_are_kept(path, runs):
     with read_results(path) as results:
         assert_same(results.finished(runs[0].run), runs[0])
     with h5py.File(path) as file:
-        table = file["sample/gauss-s3-graded/convergence"]
-        assert table["n_steps"][()].tolist() == [4, 8, 16]
+        assert sorted(file["sample/gauss-s3-graded"]) == ["n000004", "n000008", "n000016"]
     # what is computed afresh replaces what it was, and nothing else
     again = made_up(longer.runs()[0], error=0.5)
     store(path.parent, [again], fresh=True)

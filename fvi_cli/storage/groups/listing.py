@@ -1,18 +1,17 @@
-"""One line for every group of runs, written into the index and listed by ``fvi show``."""
+"""One line for every group of runs, as ``fvi show`` lists them."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.storage.differences import difference_in_words
 from fvi_cli.storage.files import escape_text
-from fvi_cli.storage.groups.writing import WrittenGroup
+from fvi_cli.storage.groups.reading import StoredGroup
 from fvi_cli.storage.records.fields import EMPTY_SUMMARY, ObservedSummary, observed_summary
 from fvi_cli.storage.records.record import RUN_KEYS
 from fvi_cli.studies.members import swept_in_words
@@ -39,37 +38,24 @@ class StoredRun:
     observed: ObservedSummary = EMPTY_SUMMARY  # quantities and events of a single run
 
 
-def run_of_line(row: dict[str, Any]) -> StoredRun:
-    """The inverse of a line of :func:`lines_of`; its texts are safe to print."""
-    words: dict[str, Any] = {k: escape_text(v) if isinstance(v, str) else v for k, v in row.items()}
-    own = row.get("observed")
-    if own is not None:
-        extents = {name: Extent(**one) for name, one in own["extents"].items()}
-        words["observed"] = ObservedSummary(**{**own, "extents": extents})
-    return StoredRun(**words)
-
-
-def lines_of(found: Sequence[tuple[str, WrittenGroup]]) -> list[dict[str, Any]]:
-    """A line for every group (path, group); groups of variants name their other values."""
-    names = [path.split("/")[1] for path, _ in found]
-    specifications = [_specification(group) for _, group in found]
+def list_groups(found: Sequence[tuple[str, StoredGroup]]) -> tuple[StoredRun, ...]:
+    """A line for every group (path, group); those of variants name their other values."""
     own: dict[str, Any] = {}
-    for name, specification in zip(names, specifications, strict=True):
-        own.setdefault(name, specification)
-    lines, empty = [], asdict(EMPTY_SUMMARY)
-    for name, (_, group), specification in zip(names, found, specifications, strict=True):
-        experiment = str(group.attributes["experiment"])
+    for path, group in found:
+        own.setdefault(path.split("/")[1], _specification(group))
+    lines = []
+    for path, group in found:
+        name, experiment = path.split("/")[1], str(group.attributes["experiment"])
         variant = ""
         if name != experiment:
-            variant = _difference(own.get(experiment), specification) or name
-        row = asdict(_stored_run(group, variant))
-        lines.append({k: v for k, v in row.items() if v != empty})
-    return lines
+            variant = _difference(own.get(experiment), _specification(group)) or name
+        lines.append(_stored_run(group, variant))
+    return tuple(lines)
 
 
-def _specification(group: WrittenGroup) -> dict[str, Any]:
+def _specification(group: StoredGroup) -> dict[str, Any]:
     """All that determines the numbers, and the norm, which also distinguishes variants."""
-    return {**json.loads(group.attributes["specification"]), "norm": group.survey.column("norm")[0]}
+    return {**json.loads(group.attributes["specification"]), "norm": group.column("norm")[0]}
 
 
 def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
@@ -80,27 +66,28 @@ def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
     return difference_in_words({**base, **without}, own)
 
 
-def _stored_run(group: WrittenGroup, variant: str) -> StoredRun:
+def _stored_run(group: StoredGroup, variant: str) -> StoredRun:
     a = group.attributes
     of_several: dict[str, Any] = {"error": float(a.get("error", 0.0))}
     if group.keys:
-        errors = np.asarray(group.survey.column("error"))
-        swept = [swept_in_words(key, group.survey.column(key)) for key in group.keys]
+        errors = np.asarray(group.column("error"))
+        swept = [swept_in_words(key, group.column(key)) for key in group.keys]
         of_several = {
             "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
-            "members": len(group.survey),
-            "swept": "; ".join(swept),
+            "members": len(group),
+            "swept": escape_text("; ".join(swept)),
         }
     else:
         of_several["observed"] = observed_summary(a)
     words: dict[str, Any] = {
-        n: str(a[n]) for n in ("experiment", "case", "norm", "status", "predicted", "identity")
+        n: escape_text(str(a[n]))
+        for n in ("experiment", "case", "norm", "status", "predicted", "identity")
     }
     return StoredRun(
         **words,
         n_steps=int(a["n_steps"]),
         step_size=float(a["step_size"]),
-        created=str(a.get("created", "at several times")),
-        variant=variant,
+        created=escape_text(str(a.get("created", "at several times"))),
+        variant=escape_text(variant),
         **of_several,
     )

@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.groups.columns import Columns, attributes_in_row, read_column
+from fvi_cli.storage.groups.columns import ABSENT, Columns, attributes_in_row, read_column
 from fvi_cli.storage.records.fields import MESH, OCCURRENCE, TIME
 from fvi_cli.storage.records.record import SWEPT, Shapes
 
 MEMBER: Final = "member"
-CONVERGENCE: Final = "convergence"
-"""Group of a case that holds its summary and no run."""
 INDEX, INPUTS = "@index", "@inputs"
 """Groups at the level of experiments: the index of runs, and long lists of numbers by digest."""
 SUBGROUPS: Final = ("quantities", "events")
@@ -151,6 +149,10 @@ class StoredGroup:
             return iter(self.datasets[ARRAYS].asstr()[()])
         return iter([str(self.attributes[ARRAYS])])
 
+    def column(self, name: str) -> Sequence[Any]:
+        """The value of an attribute for each run."""
+        return self.columns.get(name) or [self.attributes.get(name, ABSENT)] * len(self)
+
     def attributes_of(self, row: int) -> dict[str, Any]:
         """All attributes of a run."""
         found = {**self.attributes, **attributes_in_row(self.columns, row)}
@@ -172,23 +174,6 @@ class StoredGroup:
                 rest = shape[1 if is_shared(name, axes) else 2 :]
                 shape = (shape[0] if count is None else count, *rest)
             found.append((name, shape, along))
-        return found
-
-    @property
-    def dimensions(self) -> Axes:
-        """Names of the axes of every dataset, as they were written.
-
-        They are not read as dimension scales by h5py: these have no checksum, and it may fail.
-        """
-        of_members = bool(self.keys)
-        found = {}
-        for name, node in self.datasets.items():
-            own = self._axes_of_all.get(name, ())
-            axes = tuple(scale_of(axis, of_members=of_members) for axis in own)
-            if of_members and axes != (name,):
-                axes = (MEMBER, *axes) if name != MEMBER else (MEMBER,)
-            if len(axes) == node.ndim:  # else it is a stranger's
-                found[name] = axes
         return found
 
     @functools.cached_property

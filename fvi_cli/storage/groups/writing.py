@@ -1,18 +1,17 @@
-"""Writing runs into groups of a file, and the summary of every case."""
+"""Writing runs into groups of a file."""
 
 from __future__ import annotations
 
 import functools
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.digests import canonical_json, sha256
+from fvi_cli.storage.digests import sha256
 from fvi_cli.storage.groups.columns import Survey, column_to_write
 from fvi_cli.storage.groups.reading import (
     ARRAYS,
@@ -41,7 +40,6 @@ _MEANINGS: Final[Mapping[str, str]] = {
     POINTS: "number of points that the member has; nan behind them",
     MESH_POINTS: "number of points of its steps",
     IDENTITY: "SHA-256 of what determines the numbers",
-    "seconds": "time for the steps in seconds",
 }
 
 _SUMMARIES: Final[Mapping[str, Callable[[Any], str]]] = {
@@ -126,17 +124,11 @@ class NewGroup:
                     h5py.h5ds.attach_scale(handles[name], handles[axis], number)
 
 
-@dataclass(frozen=True, kw_only=True)
-class WrittenGroup:
-    """Attributes of the runs of a group that has just been written."""
+def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> Survey:
+    """Write a run, or members of a sweep in common arrays with few of them in memory at a time.
 
-    attributes: dict[str, Any]  # values that all runs share, and summaries of the others
-    survey: Survey  # attributes of every run
-    keys: tuple[str, ...]  # the swept keys
-
-
-def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGroup:
-    """Write a run, or members of a sweep in common arrays with few of them in memory at a time."""
+    Returns the attributes of all runs.
+    """
     survey, axes, sizes = _survey(rows)
     keys = tuple(json.loads(survey.common.get(SWEPT, "[]")))
     new = NewGroup(file, path, keys)
@@ -161,9 +153,8 @@ def write_group(file: h5py.File, path: str, rows: Sequence[Entry]) -> WrittenGro
         written += len(block)
     for name, values in shared.items():
         new.datasets[name][: values.size] = values
-    attributes = _attributes_of(survey, keys)
-    new.finish(attributes)
-    return WrittenGroup(attributes=attributes, survey=survey, keys=keys)
+    new.finish(_attributes_of(survey, keys))
+    return survey
 
 
 def _survey(rows: Sequence[Entry]) -> tuple[Survey, Axes, Mapping[str, int]]:
@@ -280,52 +271,3 @@ def _described(dtype: np.dtype[Any], shape: tuple[int, ...]) -> tuple[Any, Any, 
     """HDF5 objects for a type in a file, a type in memory, and a shape."""
     kinds = h5py.h5t.py_create(dtype, logical=True), h5py.h5t.py_create(dtype)
     return *kinds, h5py.h5s.create_simple(shape)
-
-
-_SUMMARY: Final[Mapping[str, tuple[str, Any, Any]]] = {
-    "error": ("error", np.nan, "<f8"),
-    "seconds": ("stepping_seconds", np.nan, "<f8"),
-    "history_operations": ("history_operations", 0, "<i8"),
-    "status": ("status", "missing", object),
-}
-"""By name in the summary of a case: (attribute, value for a missing run, type)."""
-
-
-def write_convergence(
-    file: h5py.File, path: str, ladder: Mapping[int, Sequence[WrittenGroup]]
-) -> None:
-    """Write the summary of a case: errors, times, work and status by number of steps and member."""
-    steps = sorted(ladder)
-    first = ladder[steps[0]][0]
-    keys = first.keys
-    numbers: dict[str, int] = {}
-    members: list[tuple[Any, ...]] = []
-    rungs: dict[int, list[int]] = {n_steps: [] for n_steps in ladder}
-    for n_steps, groups in ladder.items():
-        for one in groups:
-            # without swept keys there is one run
-            columns = [one.survey.column(key) for key in keys]
-            for values in zip(*columns, strict=True) if keys else [()]:
-                row = numbers.setdefault(canonical_json(values), len(members))
-                rungs[n_steps].append(row)
-                if row == len(members):
-                    members.append(values)
-    new = NewGroup(file, path, keys)
-    if keys:
-        new.add(MEMBER, (MEMBER,), np.arange(len(members), dtype="<i8"))
-        for key, column in zip(keys, zip(*members, strict=True), strict=True):
-            new.add_column(key, column)
-    new.add("n_steps", ("n_steps",), np.array(steps, dtype="<i8"))
-    sizes = [float(ladder[n][0].attributes["step_size"]) for n in steps]
-    new.add("step_size", ("n_steps",), np.array(sizes, dtype="<f8"))
-    axes = (MEMBER, "n_steps") if keys else ("n_steps",)
-    for name, (source, empty, kind) in _SUMMARY.items():
-        table = np.full((len(members), len(steps)), empty, dtype=kind)
-        for rung, n_steps in enumerate(steps):
-            table[rungs[n_steps], rung] = [
-                v for one in ladder[n_steps] for v in one.survey.column(source)
-            ]
-        new.add(name, axes, table if keys else table[0])
-    new.finish(
-        {"norm": first.survey.column("norm")[0]} | ({SWEPT: json.dumps(keys)} if keys else {})
-    )
