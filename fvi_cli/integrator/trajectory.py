@@ -97,8 +97,6 @@ class Trajectory:
         All steps as polynomials on their own mesh, where they were kept.
     rejected
         Rejected steps of an adaptive run.
-    doubts
-        Times of an adaptive run at which the local error could not be kept or seen, and why.
     assessment
         Assessment of its error, if it was made for a tolerance.
     observed
@@ -125,7 +123,6 @@ class Trajectory:
     diagnostics: Diagnostics | None = None
     steps: RunSteps | None = None
     rejected: int = 0
-    doubts: tuple[tuple[float, str], ...] = ()
     assessment: Assessment | None = None
     observed: Observed | None = None
     coordinates: tuple[str, ...] = ()

@@ -10,11 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.break_points import fits_break_points
-from fvi_cli.integrator.local_error.pulses import pulses_that_move
+from fvi_cli.integrator.local_error.looks import sample_forces
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem, Problem
@@ -22,10 +20,9 @@ from fvi_cli.studies.experiment import Experiment, Run, Subject
 from fvi_cli.studies.members import Member, members_at_a_time
 from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.tolerance.rounds import likely_amplitude
-from fvi_cli.studies.tolerance.runs import AdaptiveRuns, knots_of
+from fvi_cli.studies.tolerance.runs import AdaptiveRuns
 
-REFERENCE_METHOD = Method(cq="gauss", degree=4, start="graded")
-LEAST_STEPS = 256
+CHECK_METHOD = Method(cq="gauss", degree=4, start="graded")
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
 SCALE_TOLERANCE = 1e-4
@@ -110,8 +107,8 @@ def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
 
     None for a scene whose exact solution passed its check.
     """
-    experiment, problems = runs[0].experiment, [run.problem for run in runs]
-    found = find_references(problems, experiment.steps, grading=experiment.grading)
+    problems = [run.problem for run in runs]
+    found = find_references(problems)
     return [
         None
         if problem.exact is not None and reference.source == problem.exact_source
@@ -140,79 +137,52 @@ def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
         return _unknown(problem.scene, "none (a motion with impacts)")
     if member is not None and problem.exact is not None:
         return _exact(problem, problem.exact)
-    return find_reference(problem, experiment.steps, grading=experiment.grading)
+    return find_reference(problem)
 
 
-def find_reference(
-    problem: AnyProblem, steps: tuple[int, ...], *, grading: float = 1.0
-) -> Reference:
+def find_reference(problem: AnyProblem) -> Reference:
     """The exact solution where it is known and passes a check, otherwise a refined run.
 
     The check compares an exact solution with two short runs. If these agree with each other but
     not with it, it is compared with the refined run, which replaces it where it differs by more
     than ten times the error of that run.
 
-    The refined run is made by the Gauss method of degree 4 with a graded start on a grid that
-    contains all grids of the ladder. N is doubled until two runs agree to 2e-14 of the largest
-    value, or come no closer, or N reaches 16384. The stated error is the difference of the last
-    two runs, although the finer one, which is used, is usually much better.
-
-    The steps of the refined run are adaptive for graded meshes, for forces with narrow pulses, for
-    break points off the smallest common grid, and where that grid has more than 16384 steps. Its
-    polynomials then give the values between the steps, and the stated error is its difference from
-    a run of another degree and tolerance.
-
-    If the refined run does not reach the end there are no values; the source says why.
+    The steps of the refined run are adaptive, whatever the steps of the ladder are. Its polynomials
+    give the values, and the stated error is its difference from a run of another degree and
+    tolerance. If it does not reach the end there are no values; the source says why.
     """
-    (reference,) = find_references([problem], steps, grading=grading)
+    (reference,) = find_references([problem])
     return reference
 
 
-def find_references(
-    problems: Sequence[AnyProblem], steps: tuple[int, ...], *, grading: float = 1.0
-) -> list[Reference]:
-    """:func:`find_reference` for each problem; the refined runs are computed together."""
-    common = math.lcm(*steps)
-    has_grid = grading == 1.0 and common <= MOST_STEPS
+def find_references(problems: Sequence[AnyProblem]) -> list[Reference]:
+    """:func:`find_reference` for each problem; exact solutions are checked together."""
     differences = _differences_from_exact(problems)
-    found: dict[int, Reference] = {}
-    on_grids: dict[int, Scene] = {}
-    for index, problem in enumerate(problems):
-        exact, scene, source = problem.exact, problem.scene, problem.exact_source
-        if exact is not None:
-            found[index] = _exact(problem, exact)
-        elif scene is not None and source == "none":
-            found[index] = _unknown(scene, "none, as asked for")
-        if scene is not None and (index not in found or index in differences):
-            # without steps that end at these times a run may step over pulses of the force
-            pulses = pulses_that_move(scene, SUFFICIENT * likely_amplitude(scene)).points
-            if has_grid and not pulses and fits_break_points(scene, common):
-                on_grids[index] = scene
-            else:
-                found[index] = _chosen(
-                    problem, _refined_adaptively(scene, pulses), differences.get(index)
-                )
-    for index, refined in zip(
-        on_grids, _refined_on_grids(list(on_grids.values()), common), strict=True
-    ):
-        found[index] = _chosen(problems[index], refined, differences.get(index))
-    return [found[index] for index in range(len(problems))]
+    return [_reference(one, differences.get(index)) for index, one in enumerate(problems)]
+
+
+def _reference(problem: AnyProblem, difference: float | None) -> Reference:
+    """The exact solution unless runs contradict it by a `difference`, else a refined run."""
+    exact, scene = problem.exact, problem.scene
+    if exact is not None and (scene is None or difference is None):
+        return _exact(problem, exact)
+    if scene is None:
+        raise ValueError("reference: a derivative needs its exact value")
+    if exact is None and problem.exact_source == "none":
+        return _unknown(scene, "none, as asked for")
+    refined = _refined(scene)
+    if exact is None or difference is None:
+        why = problem.exact_source
+    elif not ERROR_FACTOR * refined.error < difference:
+        return _exact(problem, exact)
+    else:
+        why = f"the exact solution differs from it by {difference:.0e}"
+    return refined if why == "unknown" else replace(refined, source=f"{refined.source}; {why}")
 
 
 def _exact(problem: AnyProblem, exact: Callable[[Array], Array]) -> Reference:
     error = problem.exact_error if isinstance(problem, Problem) else 0.0
     return Reference(values=exact, error=error, source=problem.exact_source, is_dense=True)
-
-
-def _chosen(problem: AnyProblem, refined: Reference, difference: float | None) -> Reference:
-    """The exact solution where runs do not contradict it (`difference`), else the refined run."""
-    if problem.exact is None or difference is None:
-        why = problem.exact_source
-    elif not ERROR_FACTOR * refined.error < difference:
-        return _exact(problem, problem.exact)
-    else:
-        why = f"the exact solution differs from it by {difference:.0e}"
-    return refined if why == "unknown" else replace(refined, source=f"{refined.source}; {why}")
 
 
 def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
@@ -263,12 +233,11 @@ def _in_words(error: float, scale: float) -> str:
     return f"estimated error below {round_up(bound)}"
 
 
-def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
+def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
-    scale = likely_amplitude(scene) or 1.0
-    points = tuple(sorted({*knots_of(scene), *pulses}))
+    scale, samples = likely_amplitude(scene) or 1.0, sample_forces(scene)
     better, worse = (
-        AdaptiveRuns(scene, degree, points=points, most_steps=MOST_STEPS) for degree in (8, 10)
+        AdaptiveRuns(scene, degree, samples=samples, most_steps=MOST_STEPS) for degree in (8, 10)
     )
     for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
         runs = (better.run(tolerance * scale), worse.run(3.0 * tolerance * scale))
@@ -287,57 +256,15 @@ def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
     return _without_end(scene, last)
 
 
-def first_steps(common: int) -> int:
-    """Steps of the first refined run on multiples of a common grid."""
-    return common * max(1, math.ceil(LEAST_STEPS / common))
-
-
-def _refined_on_grids(scenes: Sequence[Scene], common: int) -> list[Reference]:
-    """Runs on multiples of a common grid; N is doubled for every scene while errors fall."""
-    n_steps = first_steps(common)
-    runs = _members(scenes, n_steps)
-    errors = [math.inf] * len(runs)
-    going = [index for index, run in enumerate(runs) if run.status == "ok"]
-    while going and 2 * n_steps <= max(MOST_STEPS, 2 * common):
-        n_steps *= 2
-        finer = zip(going, _members([scenes[index] for index in going], n_steps), strict=True)
-        going = []
-        for index, fine in finer:
-            if fine.status != "ok":
-                runs[index] = fine
-                continue
-            difference = float(np.abs(fine.position[::2] - runs[index].position).max())
-            if difference >= errors[index]:
-                continue
-            runs[index], errors[index] = fine, difference
-            if difference > SUFFICIENT * float(np.abs(fine.position).max()):
-                going.append(index)
-    return [_on_grid(*each, common) for each in zip(scenes, runs, errors, strict=True)]
-
-
 def _members(
     scenes: Sequence[Scene], n_steps: int, *, with_steps: bool = False
 ) -> list[Trajectory]:
-    """Positions of runs by the method of references, as many together as memory allows."""
+    """Positions of runs on equal steps, as many together as memory allows."""
     found: list[Trajectory] = []
     size = members_at_a_time(n_steps, max((scene.dimension for scene in scenes), default=1))
     for start in range(0, len(scenes), size):
         together = integrate_members(
-            scenes[start : start + size], REFERENCE_METHOD, n_steps, with_steps=with_steps
+            scenes[start : start + size], CHECK_METHOD, n_steps, with_steps=with_steps
         )
         found += [replace(run, momentum=None, energy=None) for run in together]
     return found
-
-
-def _on_grid(scene: Scene, run: Trajectory, error: float, common: int) -> Reference:
-    if run.status != "ok":
-        return _without_end(scene, run)
-    # values between the points of the common grid are never requested
-    kept = np.ascontiguousarray(run.position[:: run.n_steps // common])
-
-    def values(times: Array) -> Array:
-        return np.asarray(kept[np.rint(times / scene.final_time * common).astype(int)])
-
-    words = _in_words(error, float(np.abs(run.position).max(initial=0.0)))
-    source = f"refined run ({method_name(REFERENCE_METHOD)}, {words})"
-    return Reference(values=values, error=error, source=source)

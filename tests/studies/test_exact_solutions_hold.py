@@ -14,7 +14,6 @@ from fvi_cli.studies import reference
 from fvi_cli.studies.reference import find_reference
 
 SEED = int(os.environ.get("FVI_TEST_SEED", "1"))
-STEPS = (50, 100)
 
 
 def problem(order, **keys):
@@ -79,7 +78,7 @@ def test_references_hold_where_closed_forms_cancel(draw, tolerance):
     rng = np.random.default_rng([SEED, 25])
     for _ in range(3):
         one, oracle = draw(rng)
-        found, times = find_reference(one, STEPS), np.linspace(0.0, 10.0, 51)
+        found, times = find_reference(one), np.linspace(0.0, 10.0, 51)
         expected = oracle(times)
         scale = np.abs(expected).max()
         assert np.abs(found.at(times) - expected).max() <= tolerance * scale, (one, found.source)
@@ -94,7 +93,7 @@ def test_the_closed_form_alone_is_wrong_there(draw):
     expected = oracle(times)
     wrong = np.abs(match_scene(one.scene).position(times) - expected).max()
     assert wrong > 1e-10 * np.abs(expected).max()
-    assert "loses" in find_reference(one, STEPS).source
+    assert "loses" in find_reference(one).source
 
 
 def test_a_wrong_exact_solution_is_left_for_a_refined_run(monkeypatch):
@@ -104,10 +103,10 @@ def test_a_wrong_exact_solution_is_left_for_a_refined_run(monkeypatch):
         reference, "integrate_members", lambda *a, **k: calls.append(a[2]) or own(*a, **k)
     )
     right = problem(0.5, initial={"position": 1.0})
-    assert find_reference(right, STEPS).source == right.exact_source
+    assert find_reference(right).source == right.exact_source
     assert calls == list(reference.CHECK_STEPS)
     wrong = replace(right, exact=lambda t: right.exact(t) * (1.0 + 1e-4 * t[:, None]))
-    found = find_reference(wrong, STEPS)
+    found = find_reference(wrong)
     assert "the exact solution differs" in found.source
     times = np.linspace(0.0, 10.0, 51)
     assert np.abs(found.at(times) - right.exact(times)).max() < 1e-11

@@ -9,9 +9,7 @@ import pytest
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import graded_mesh
-from fvi_cli.integrator.method import Method
 from fvi_cli.storage.digests import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
@@ -68,7 +66,7 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
 def test_the_adaptive_reference_knows_its_error(order):
     problem = fvi.build_problem(free(order))
     assert problem.exact is not None
-    found = reference.find_reference(replace(problem, exact=None), (16,), grading=2.0)
+    found = reference.find_reference(replace(problem, exact=None, exact_source="unknown"))
     times = graded_mesh(8.0, 300, 2.0)
     at = np.array([one.end for one in times.stretches])
     true = float(np.abs(found.values(at) - problem.exact(at)).max())
@@ -146,15 +144,9 @@ def test_the_norm_l2_weighs_every_point_by_its_step():
 
 
 def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):
-    calls: list[int] = []
-
-    def counted(
-        scenes: list[fvi.Scene], method: Method, n_steps: int, **keys: bool
-    ) -> list[fvi.Trajectory]:
-        calls.append(n_steps)
-        return integrate_members(scenes, method, n_steps, **keys)
-
-    monkeypatch.setattr(reference, "integrate_members", counted)
+    calls: list[fvi.Scene] = []
+    own = reference.sample_forces
+    monkeypatch.setattr(reference, "sample_forces", lambda scene: calls.append(scene) or own(scene))
     for exact, computed in (("none", False), ("auto", True)):
         source = {"name": exact, "problem": {**PULSE, "exact": exact}, "ladder": {"steps": [73]}}
         (outcome,) = fvi.run(source, output=tmp_path)

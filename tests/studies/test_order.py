@@ -13,6 +13,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope, order_table, pairwise_order
 from fvi_cli.studies.reference import Reference, find_reference
+from fvi_cli.studies.tolerance.search import solve
 from fvi_cli.studies.study import assessed, execute, prediction_of, study
 
 SPECIFICATION = {
@@ -160,24 +161,13 @@ def pendulum(**keywords: object) -> dict[str, object]:
 
 def test_a_refined_reference_states_its_error():
     problem = build_problem(pendulum())
-    reference = find_reference(problem, (16, 32, 48))
+    reference = find_reference(problem)
     assert "refined run" in reference.source
     assert reference.error < 1e-12
     times = np.linspace(0, 4, 49)
     assert reference.values(times).shape == (49, 1)
-    finer = find_reference(problem, (1024,))
-    assert np.abs(finer.values(times[::3]) - reference.values(times[::3])).max() < 1e-12
-
-
-def test_ladders_without_a_common_grid_get_a_reference_at_any_time():
-    problem = build_problem(pendulum())
-    apart = find_reference(problem, (127, 131))
-    assert "adaptive steps" in apart.source
-    assert apart.error < 1e-12
-    for n_steps in (127, 131):
-        times = np.linspace(0, 4, n_steps + 1)
-        together = find_reference(problem, (n_steps,))
-        assert np.abs(apart.values(times) - together.values(times)).max() < 1e-12
+    finer = solve(problem.scene, tolerance=1e-13)
+    assert np.abs(finer(times) - reference.values(times)).max() < 1e-12
 
 
 def test_a_reference_that_fails_costs_the_errors_but_not_the_runs():
@@ -193,7 +183,7 @@ def test_a_reference_that_fails_costs_the_errors_but_not_the_runs():
         steps=(4, 8),
         allow_unstable=True,
     )
-    reference = find_reference(own.problem, own.steps)
+    reference = find_reference(own.problem)
     assert not reference.is_known
     assert "refined run" in reference.source
     runs = list(study(own))

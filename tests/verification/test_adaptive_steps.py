@@ -80,14 +80,6 @@ def test_a_force_that_jumps():
     assert error(found, exact(STEP_FORCED)) < 1e-9
 
 
-def test_a_force_that_jumps_unannounced():
-    """The jump of a formula is found, and becomes a point of the mesh."""
-    hidden = replace(STEP_FORCED, forcing=Forcing.from_text("(1 - sign(t - 1))/2"))
-    found = run(hidden, 1e-6)
-    assert np.abs(found.time - 1.0).min() < 1e-12
-    assert error(found, exact(STEP_FORCED)) < 1e-9
-
-
 def test_a_jump_that_no_formula_tells_of():
     """The control: the same jump through a table of samples costs accuracy and steps."""
     knots = np.array([0.0, 1.0, 1.0 + 1e-9, 50.0])

@@ -16,7 +16,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, Solve, solver, times
 from fvi_cli.effects.potential import QuadraticPotential
@@ -69,8 +68,6 @@ def stiff_modes(scene: Scene, stages: int) -> StiffModes | None:
 
 BETWEEN_SHARE = 0.1
 """Factor of h^2 times a difference of accelerations between the stages."""
-ON_KINK = 1e-11
-"""A kink lies at an end if its argument there is at most this, relative to its largest size."""
 
 
 class StepPath(NamedTuple):
@@ -141,10 +138,6 @@ class Between:
             total = total + self._sizes(path, found.momentum, BETWEEN_SHARE * size)
         if fresh and not math.isfinite(total[0]):
             total[0] = 0.0
-        for place in (0, -1):
-            if found.kinks.size and self._on_kink(found.kinks, place).any():
-                # the force has two values there
-                total[place] = 0.0
         largest = float(total.max())
         return largest if math.isfinite(largest) else math.inf
 
@@ -154,13 +147,11 @@ class Between:
         moved = np.abs(self._accelerations(path, missed))
         return np.asarray(factor * (moved[:, 0] if moved.shape[1] == 1 else moved.max(axis=1)))
 
-    def interpolated(self, found: PointForces, places: Array) -> Array:
-        """The polynomial through the forces at the stages, at other places, ``(n, d)``."""
-        return np.asarray(self._stage_basis.values(places).T @ found.force[1::2])
-
-    def missed(self, found: PointForces) -> Array:
-        """What the polynomial through the stages misses of the forces between them, ``(n, d)``."""
-        return np.abs(found.force[::2] - self._from_stages @ found.force[1::2])
+    def forces_off(self, path: StepPath, found: PointForces, places: Array) -> Array:
+        """What the polynomial through the forces at the stages misses at other places, ``(n,)``."""
+        force = self.forces.at(*self.path_at(path, places), path.middle).force
+        told = self._stage_basis.values(places).T @ found.force[1::2]
+        return np.asarray(np.abs(force - told).max(axis=1))
 
     def mobility_of(self, path: StepPath) -> float:
         """Largest acceleration by forces that are 1 at most."""
@@ -178,6 +169,3 @@ class Between:
 
     def _first_rate(self, path: StepPath) -> Array:
         return np.asarray(self._slopes[1] @ path.unknowns)
-
-    def _on_kink(self, kinks: Array, place: int) -> NDArray[np.bool_]:
-        return np.asarray(np.abs(kinks[:, place]) <= ON_KINK * np.abs(kinks).max(axis=1))

@@ -1,28 +1,22 @@
-"""The forces of a scene at any points of a step, on arrays and on intervals."""
+"""The forces of a scene at any points of a step."""
 
 from __future__ import annotations
 
 import bisect
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, ForcingPiece, formula_of
+from fvi_cli.effects.forcing import ForcingPiece, formula_of
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.algebra.arithmetic import KINKED
-from fvi_cli.mathematics.algebra.dependence import arguments_of
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.functions import Interval, hull
-from fvi_cli.mathematics.intervals.traced import Traced
 
-LARGEST_DIFFERENCE: Final = 1e300  # arguments of kinks are clipped to this size
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
 """Functions that cannot rise and fall between two samples without a trace in these."""
 GENTLE_KINDS: Final = ("number", "variable", "+", "-", "*", "negate")
@@ -42,8 +36,6 @@ class PointForces:
     momentum: Array | None  # P, shape (n, d); None where it is linear in the velocity
     # conservative force and forcing, shape (n, d); for a linear scene the forcing only
     force: Array
-    # arguments of the functions with kinks, in the order in which they are met, (k, n)
-    kinks: Array
 
 
 class SceneForces:
@@ -51,7 +43,8 @@ class SceneForces:
 
     The stiffness of a linear scene hides no peaks and is left out. Where it `may_hide`, a formula
     may be large between samples: it has functions that rise and fall steeply, quotients or high
-    powers. Where it `is_steep`, a formula has functions of which walls and pulses are made.
+    powers. Where it `is_steep`, a formula has functions with kinks or such of which walls and
+    pulses are made.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -67,13 +60,10 @@ class SceneForces:
         self.depend_on_time_only = all(one is None for one in moving)
         systems = list(_systems(scene))
         called = frozenset[str]().union(*(one.called for one in systems))
-        self.has_kinks = bool(called & set(KINKED))
         self.may_hide = any(map(may_hide, systems))
         # a Python function is unknown
         is_program = scene.forcing is not None and scene.forcing.has_functions
-        self.is_steep = is_program or bool(called & STEEP_FUNCTIONS)
-        still = _systems(replace(scene, forcing=None))
-        self.may_have_walls = any(one.called & STEEP_FUNCTIONS for one in still)
+        self.is_steep = is_program or bool(called & {*STEEP_FUNCTIONS, *KINKED})
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
     def are_zero_at(self, time: float) -> bool:
@@ -129,96 +119,7 @@ class SceneForces:
                 found = component.evaluate({"t": time})
                 if isinstance(found, np.ndarray) or found:
                     force[:, own] += np.asarray(found)[..., None]
-        kinks = np.zeros((0, time.size))
-        if self.has_kinks:
-            kinks = self._kinks(position, velocity, time, piece)
-        return PointForces(momentum=momentum, force=force, kinks=kinks)
-
-    def _kinks(
-        self, position: Array, velocity: Array, time: Array, piece: ForcingPiece | None
-    ) -> Array:
-        """Arguments of the functions with kinks, shape ``(k, n)``."""
-        found: list[Array | float] = []
-        if self._potential is not None:
-            found += self._potential.evaluate(self._kinks_of_motion, position)
-        elif self._lagrangian is not None:
-            system = self._kinks_of_motion
-            found += [*self._lagrangian.evaluate(system, position, velocity, time).T]
-        for component, _ in () if piece is None else piece.distinct:
-            if (formula := formula_of(component)) is not None:
-                found += arguments_of(formula.system).evaluate(
-                    {**dict(formula.constants), "t": time}
-                )
-        kinks = np.empty((len(found), time.size))
-        for row, one in zip(kinks, found, strict=True):
-            row[:] = one
-        # values may be infinite: only the sign counts
-        return np.clip(kinks, -LARGEST_DIFFERENCE, LARGEST_DIFFERENCE)
-
-    @cached_property
-    def _kinks_of_motion(self) -> FormulaSystem:
-        if self._potential is not None:
-            return arguments_of(self._potential.gradient_system)
-        assert self._lagrangian is not None
-        return arguments_of(self._lagrangian.first)
-
-    def enclosed(
-        self,
-        position: Sequence[Interval],
-        velocity: Sequence[Interval],
-        time: Interval,
-        middle: float,
-    ) -> list[tuple[int, Interval]]:
-        """Ranges of the force over boxes of positions, velocities and times, by component.
-
-        Components with the same formula of the time are reported once. The boxes are not used
-        if the force depends on the time only, :attr:`depend_on_time_only`.
-        """
-        piece = self._piece(middle)
-        zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
-        if self.depend_on_time_only:
-            return [
-                (places[0], _range_of(component, time))
-                for component, places in (() if piece is None else piece.distinct)
-                if (formula := formula_of(component)) is not None and not formula.is_constant
-            ]
-        total = [zero for _ in range(self._dimension)]
-        if self._potential is not None:
-            found = self._potential.gradient_components(list(position))
-            total = [one - value for one, value in zip(total, found, strict=True)]
-        if self._supplied is not None:
-            low = np.stack([one.low for one in position], axis=-1)
-            high = np.stack([one.high for one in position], axis=-1)
-            middles = 0.5 * (low + high)
-            # to first order: functions of the user have no known range
-            curvature = np.abs(self._supplied.hessian(middles))
-            reach = np.einsum("nab,nb->na", curvature, high - middles)
-            force = -self._supplied.gradient(middles)
-            total = [
-                one + Interval(force[:, i] - reach[:, i], force[:, i] + reach[:, i])
-                for i, one in enumerate(total)
-            ]
-        if self._lagrangian is not None:
-            _, forces = self._lagrangian.forces_on(list(position), list(velocity), time)
-            total = [one + value for one, value in zip(total, forces, strict=True)]
-        if piece is not None:
-            for i, component in enumerate(piece.components):
-                total[i] = total[i] + _range_of(component, time)
-        return list(enumerate(total))
-
-    def unseen(self, position: Sequence[Traced], velocity: Sequence[Traced], time: Traced) -> Array:
-        """How far forces of the motion may go beyond their samples where these see too little."""
-        if self._lagrangian is not None:
-            _, forces = self._lagrangian.forces_on(list(position), list(velocity), time)
-        else:
-            assert self._potential is not None
-            forces = self._potential.gradient_components(list(position))
-        total = np.zeros_like(time.box.low)
-        for one in forces:
-            if isinstance(one, Traced):
-                excess = np.maximum(one.box.high - one.hull.high, one.hull.low - one.box.low)
-                total = np.maximum(total, np.where(np.isnan(excess), math.inf, excess))
-        return np.where(time.undersampled, total, 0.0)
+        return PointForces(momentum=momentum, force=force)
 
     def units_at(self, middle: float) -> Array | None:
         """Forces of 1 where each formula of the time acts, ``(k, d)``; None if too many."""
@@ -236,15 +137,6 @@ class SceneForces:
         if self._forcing is None:
             return None
         return self._forcing.pieces[bisect.bisect_left(self._breaks, middle)]
-
-
-def _range_of(component: ForceComponent, time: Interval) -> Interval:
-    """Range of a component; samples and functions are evaluated at three places."""
-    formula, seen = formula_of(component), hull(np.zeros_like(time.low))
-    if not isinstance(component, Expression):
-        places = np.stack([time.low, 0.5 * (time.low + time.high), time.high])
-        seen = hull(*np.asarray(replace(component, formula=None).evaluate({"t": places})))
-    return seen if formula is None else seen + formula.evaluate({"t": time})
 
 
 def _systems(scene: Scene) -> Iterator[FormulaSystem]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from fvi_cli.integrator.local_error.looks import ForceSamples
 
 FIRST_STEP = 1e-7
 """First step of a stretch on which the motion begins like a power of t, relative to T."""
@@ -18,8 +20,6 @@ GROWTH = 8.0
 SHRINKAGE = 0.3
 REJECTED_SHRINKAGE = 0.2
 SAFETY = 0.85
-AFTER_KINK = 0.1
-"""First step after a kink of a formula, relative to the last step that was intended."""
 UNSOLVED = 0.25  # in place of the ratio by the error, for a step without a solution
 ROUND_OFF = 1e-14
 """Relative to the position; no step is rejected for a smaller error."""
@@ -31,12 +31,10 @@ class AdaptiveSteps:
 
     A step is accepted if its error est is at most the tolerance: what the Legendre coefficients of
     its velocity leave out, what shows between its stages
-    (:mod:`~fvi_cli.integrator.local_error.defect`) and what formulas may hide between those
-    points (:mod:`~fvi_cli.integrator.local_error.examine`). The next size is
+    (:mod:`~fvi_cli.integrator.local_error.defect`) and what two looks find between those
+    points (:mod:`~fvi_cli.integrator.local_error.looks`). The next size is
     :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most eight times as long; while steps grow, the
-    order m + 1 is that which successive estimates show, but not less than half of it. Where an
-    argument of ``abs`` or ``sign`` in a formula is zero, a step ends
-    (:mod:`~fvi_cli.integrator.local_error.examine`).
+    order m + 1 is that which successive estimates show, but not less than half of it.
 
     Parameters
     ----------
@@ -52,11 +50,15 @@ class AdaptiveSteps:
     may_miss
         How far a force that no point of a step sees may move the scene until its end, a length;
         no more than the tolerance.
+    max_step
+        Longest step, in the unit of time.
+    samples
+        Samples of the formulas of the force; None: they are taken by each run that needs them.
 
     Raises
     ------
     ValueError
-        For a tolerance or first step that is not positive and finite.
+        For a tolerance or a step that is not positive.
     """
 
     tolerance: float
@@ -64,12 +66,16 @@ class AdaptiveSteps:
     most_steps: int = 10**7
     points: tuple[float, ...] = ()
     may_miss: float = math.inf
+    max_step: float = math.inf
+    samples: ForceSamples | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "first_step"):
             value = getattr(self, name)
             if value is not None and not 0 < value < math.inf:
                 raise ValueError(f"{name}: {value!r} is not allowed; it must be positive")
+        if not self.max_step > 0:
+            raise ValueError(f"max_step: {self.max_step!r} is not allowed; it must be positive")
         if self.most_steps < 1:
             raise ValueError(f"most_steps: {self.most_steps} is not allowed; it must be positive")
 
@@ -98,18 +104,15 @@ class StepController:
         relative = FIRST_STEP if is_singular else SMOOTH_FIRST_STEP
         self._first = steps.first_step or relative * final_time
         lengths = [b - a for a, b in itertools.pairwise([0.0, *sorted(self._breaks)])]
-        self._first = min(self._first, 0.1 * min(lengths))
+        self._first = min(self._first, 0.1 * min(lengths), steps.max_step)
+        self._longest = steps.max_step
         self.shortest_step = min(SHORTEST_STEP * final_time, 1e-2 * self._first)
         self._size = self._first
-        self._cut: float | None = None
         self._before = math.inf, 0.0  # size and estimate of the step before; none: it is fresh
         self._intended = self._first
         # where the next step begins, and whether that is the start or a break point
         self.time, self.is_fresh = 0.0, True
-        # numbers of rejected steps and of steps of the shortest size with too large an error, with
-        # the beginning of the last of these
-        self.rejected = self.forced = 0
-        self.forced_at: float | None = None
+        self.rejected = 0  # number of rejected steps
         self.is_stuck = False  # not even a step of the shortest size could be solved
         self._reaches_end = False
 
@@ -121,20 +124,13 @@ class StepController:
     def propose(self) -> float:
         """Size of the next step to try."""
         left = self._ends[0] - self.time
-        if self._cut is not None:
-            self._reaches_end = self._cut >= left * (1 - 1e-12)
-            return left if self._reaches_end else self._cut
-        size = self._intended = self._rounded(self._size)
+        size = self._intended = self._rounded(min(self._size, self._longest))
         self._reaches_end = size >= left * (1 - 1e-12)
         if self._reaches_end:
             return left
         if 2 * size > left:
             return 0.5 * left
         return size
-
-    def cut(self, size: float) -> None:
-        """Let the next step to try have this size, so that it ends at a kink."""
-        self._cut = size
 
     def tolerance_for(self, scale: float) -> float:
         """Local tolerance for positions of this size, a length."""
@@ -146,24 +142,18 @@ class StepController:
             self._final_time * 2.0 ** (math.floor(STEPS_PER_OCTAVE * ratio) / STEPS_PER_OCTAVE)
         )
 
-    def judge(
-        self, size: float, estimate: float, scale: float = 0.0, *, ends_on_kink: bool = False
-    ) -> bool:
+    def judge(self, size: float, estimate: float, scale: float = 0.0) -> bool:
         """Whether a step with this estimate of its error is accepted; sets the next size.
 
         The estimate is infinite if the step could not be solved; below :data:`ROUND_OFF` times
-        `scale`, the size of the position, it does not count. If the force has a kink at the end of
-        the step (`ends_on_kink`), a short first step follows.
+        `scale`, the size of the position, it does not count. A step of the shortest size is
+        accepted if it could be solved.
         """
-        self._cut = None
         solved = math.isfinite(estimate)
         tolerance = self.tolerance_for(scale)
         factor = (tolerance / max(estimate, 1e-300)) ** self._exponent if solved else UNSOLVED
         if solved and (estimate <= tolerance or size <= self.shortest_step):
             at_end = self._reaches_end
-            if estimate > tolerance:
-                self.forced += 1
-                self.forced_at = self.time
             self.time = self._ends[0] if at_end else self.time + size
             # steps that grow behind a singular point err by the power with which the motion begins;
             # half of the order is left to the points, whose error is like the square of this one
@@ -173,15 +163,12 @@ class StepController:
                 factor **= min(2.0, max(1.0, 1.0 / (self._exponent * max(seen, 1e-300))))
             self._before = size, estimate
             self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
-            self.is_fresh = ends_on_kink
+            self.is_fresh = at_end and self._ends.pop(0) in self._breaks
             if at_end:
-                self.is_fresh |= self._ends.pop(0) in self._breaks
                 # a step that was cut short at a point says little about the size that is possible
                 self._size = max(self._size, self._intended)
             if self.is_fresh:
                 self._size, self._before = self._first, (math.inf, 0.0)
-                if ends_on_kink and not at_end:
-                    self._size = max(self._first, AFTER_KINK * self._intended)
             return True
         self.rejected += 1
         if size <= self.shortest_step:

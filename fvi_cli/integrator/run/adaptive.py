@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 
-from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.domain import first_undefined, undefined_near
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.local_error.defect import StepPath
-from fvi_cli.integrator.local_error.examine import Examiner, StepFinding
+from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
@@ -24,10 +22,7 @@ from fvi_cli.mathematics.arrays import Array
 
 MOST_SHORTEST = 256.0
 """Bound on ``shortest_step * sum(1 / h_n)`` of an adaptive run, for which its memory is chosen."""
-INFINITE = "the force may be infinite"
-TOO_LONG = "no step is short enough for the local error"
 UNKEPT = "the local error cannot be kept"
-UNEXAMINED = StepFinding(error=math.inf)
 
 
 def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepController:
@@ -58,27 +53,13 @@ class AdaptiveSource:
 
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self.controller = step_controller(scene, method, steps)
-        self._examiner = Examiner(scene, step_tables(method), steps.may_miss)
-        potential = scene.potential
-        if (
-            isinstance(potential, ExpressionPotential)
-            and potential.energy_expression.system.is_entire
-        ):
-            # where such an energy overflows its forces do too, and the examiner looks at them
-            potential = None
-        self._potential, self._most_steps = potential, steps.most_steps
+        self._examiner = Examiner(
+            scene, step_tables(method), may_miss=steps.may_miss, samples=steps.samples
+        )
+        self._most_steps = steps.most_steps
         self.failure: Failure | None = None
         self._done = 0
         self._error = StepFailedError(UNKEPT)
-        self._infinite: list[float] = []
-
-    @property
-    def doubts(self) -> tuple[tuple[float, str], ...]:
-        """Times with what the steps there may have missed."""
-        found = [(time, INFINITE) for time in self._infinite]
-        if self.controller.forced_at is not None:
-            found.append((self.controller.forced_at, TOO_LONG))
-        return tuple(found)
 
     def propose(self) -> Proposal | None:
         """The next step to try."""
@@ -99,41 +80,20 @@ class AdaptiveSource:
         controller, h = self.controller, steps.h
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
-        scale, finding = _largest(position), UNEXAMINED
+        scale, error = _largest(position), math.inf
         if steps.has_failed:
             self._error = why_unsolved(steps, state)
-        elif (outside := self._outside(position, unknowns, h)) is not None:
-            self._error = StepFailedError(undefined_near(outside), reason="irregular")
         else:
             self._error = StepFailedError(UNKEPT)
             scale += h * _largest(unknowns)
             path = StepPath(begin=controller.time, size=h, position=position, unknowns=unknowns)
-            finding = self._examiner.examine(
-                path,
-                controller.tolerance_for(scale),
-                fresh=controller.is_fresh,
-                shortest=controller.shortest_step,
+            error = self._examiner.local_error(
+                path, controller.tolerance_for(scale), fresh=controller.is_fresh
             )
-        if finding.cut is not None:
-            controller.cut(finding.cut)
+        if not controller.judge(h, error, scale):
             return None
-        is_kink = finding.ends_on is not None
-        if not controller.judge(h, finding.error, scale, ends_on_kink=is_kink):
-            self._examiner.note_rejected()
-            return None
-        self._examiner.note_accepted(finding)
-        if finding.unresolved_at is not None:
-            self._infinite.append(finding.unresolved_at)
         self._done += 1
         return controller.time
-
-    def _outside(self, position: Array, unknowns: Array, h: float) -> Array | None:
-        """A place of a step at which the potential energy is not finite."""
-        if self._potential is None:
-            return None
-        path = np.concatenate([position[None], position + h * unknowns])
-        found = first_undefined(self._potential, path)
-        return None if found is None else path[found]
 
 
 def _largest(values: Array) -> float:

@@ -124,7 +124,6 @@ def trajectory_of(
         steps=steps if with_steps else None,
         remarks=remarks,
         rejected=0 if found_steps is None else found_steps.controller.rejected,
-        doubts=() if found_steps is None else found_steps.doubts,
     )
 
 

@@ -16,9 +16,9 @@ from fvi_cli.storage.digests import (
 from fvi_cli.storage.records.record import REFERENCES, StoredRecord
 from fvi_cli.storage.records.runs import record_for
 from fvi_cli.studies.experiment import Run
-from fvi_cli.studies.reference import REFERENCE_METHOD, Reference, Tabulated
+from fvi_cli.studies.reference import Reference, Tabulated
 
-_METHOD: Final = {"cq": REFERENCE_METHOD.cq, "degree": REFERENCE_METHOD.degree}
+_METHOD: Final = {"cq": "gauss", "degree": 8}
 _AXES: Final = {"time": ("time",), "position": ("time", "dof")}
 
 

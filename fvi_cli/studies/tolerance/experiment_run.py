@@ -127,7 +127,7 @@ def _diagnosed(run: Run, found: Trajectory) -> Trajectory:
         diagnostics=request,
         with_steps=found.steps is not None,
     )
-    return replace(again, assessment=found.assessment, doubts=found.doubts)
+    return replace(again, assessment=found.assessment)
 
 
 def _observed(run: Run, found: Trajectory) -> Trajectory:

@@ -3,7 +3,8 @@
 A run with m stages chooses its steps by a local tolerance. A second run with two stages more on the
 same mesh measures its error, and is the run that is delivered. Where forces have kinks, or are as
 steep as walls and pulses, the second run chooses its own steps: on one mesh both runs might miss
-the same feature. Samples of a force are points of the mesh.
+the same feature. Both look for such features between their points, at the same samples of the
+force. Samples of a record are points of the mesh.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
+from fvi_cli.integrator.local_error.looks import sample_forces
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
@@ -38,11 +39,8 @@ from fvi_cli.studies.tolerance.rounds import (
     likely_amplitude,
 )
 from fvi_cli.studies.tolerance.runs import (
-    MOST_KINKED_STEPS,
     MOST_STEPS,
     AdaptiveRuns,
-    knot_mesh,
-    knots_of,
     run_on,
 )
 
@@ -51,8 +49,6 @@ FEW_DIGITS: Final = 7.0
 """Up to so many digits the less accurate of two runs has 8 stages, beyond that 10."""
 LEAST_GAIN: Final = 0.03
 """Least estimate of the error of the better of two runs, as a share of their difference."""
-SAMPLED_GAIN: Final = 0.3
-"""The same on the samples of a record, where the slope of the force jumps."""
 PROBED: Final = 1e-9
 """For tolerances below this share of a nonlinear motion the growth of round-off is measured."""
 CAUTION: Final = 10.0
@@ -71,17 +67,8 @@ STALLED_SHARE: Final = 0.2
 """An error that does not fall with the steps must be below this share of the tolerance."""
 SENSITIVE: Final = 1e3
 """Differences that grow by more than this in a run make it unreliable."""
-MOST_PER_INTERVAL: Final = 64
-FAR: Final = 1e3
-"""Two stages more are not enough for errors of more than so many tolerances."""
-PER_HALVING: Final = 16.0
-"""What an error falls by when steps between samples are halved, after jumps of the slope."""
 MAY_MISS: Final = 0.03
 """Share of the tolerance by which what no step sees may move the system."""
-NEGLIGIBLE: Final = 0.01
-"""Pulses that move the system by less than this share of the tolerance do not matter."""
-SHORTER_START: Final = 1e-12
-"""First step for motions that begin more steeply than usual, relative to T."""
 
 
 def solve(
@@ -137,20 +124,7 @@ class _Search:
     worst_since: float = 0.0
     rounding: tuple[Array, Array] | None = None
     lines: list[str] = field(default_factory=list)
-    first_step: float | None = None
-    pulses: Pulses = field(default_factory=Pulses)
     guess: float = 0.0
-
-    def result(self) -> Trajectory:
-        forces, knots = SceneForces(self.scene), knots_of(self.scene)
-        self.guess = likely_amplitude(self.scene)
-        self.pulses = pulses_that_move(self.scene, NEGLIGIBLE * self.target(self.guess))
-        # on steps between samples two runs may miss the same wall
-        if knots and not (self.pulses.points or forces.has_kinks or forces.is_steep):
-            found = self._on_samples(knots)
-            if found is not None:
-                return found
-        return self._adaptively(forces, tuple(sorted({*knots, *self.pulses.points})))
 
     def target(self, amplitude: float) -> float:
         """The tolerance as a length, for a motion of this size."""
@@ -173,34 +147,34 @@ class _Search:
             # a later run that differs more shows that the agreement was an accident
             self.worst_since = max(self.worst_since, one.at_points)
 
-    def _adaptively(self, forces: SceneForces, knots: tuple[float, ...]) -> Trajectory:
+    def result(self) -> Trajectory:
+        self.guess = likely_amplitude(self.scene)
         degree = 8 if self.digits <= FEW_DIGITS else 10
         local = first_local(self.target(self.guess), self.guess)
-        most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
+        samples = sample_forces(self.scene)
         runs, finer = (
-            AdaptiveRuns(self.scene, one, points=knots, most_steps=most_steps)
-            for one in (degree, degree + 2)
+            AdaptiveRuns(self.scene, one, samples=samples) for one in (degree, degree + 2)
         )
         # on one mesh two runs may miss the same feature
-        is_rough = forces.has_kinks or forces.is_steep
+        is_rough = SceneForces(self.scene).is_steep
         least_gain = 1.0 if is_rough else LEAST_GAIN
-        before, still, failed, doubted, target = math.inf, 0, 0, False, 0.0
+        before, still, failed, target = math.inf, 0, 0, 0.0
         for _ in range(MOST_ROUNDS):
             # what hides does not fall with the steps as other errors do
             may_miss = MAY_MISS * (target or self.target(self.guess)) or math.inf
-            run = coarse = runs.run(local, self.first_step, may_miss=may_miss)
+            run = coarse = runs.run(local, may_miss=may_miss)
             words = f"Gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
             if coarse.status == "ok" and coarse.steps is not None:
                 mesh = coarse.steps.mesh(self.scene.break_points)
                 if is_rough:
-                    run = finer.run(SECOND_RUN_FACTOR * local, self.first_step, may_miss=may_miss)
+                    run = finer.run(SECOND_RUN_FACTOR * local, may_miss=may_miss)
                 else:
                     run = run_on(self.scene, degree + 2, mesh)
-                    run = replace(run, doubts=coarse.doubts, rejected=coarse.rejected)
+                    run = replace(run, rejected=coarse.rejected)
             if run.status != "ok" or run.steps is None or coarse.steps is None:
                 self._note(Round(run=run, line=f"{words}; {run.status}: {run.message}"))
                 failed += 1
-                if failed > 2 or coarse.n_steps >= most_steps:
+                if failed > 2 or coarse.n_steps >= MOST_STEPS:
                     break
                 local *= 0.03
                 continue
@@ -217,18 +191,11 @@ class _Search:
                 return self._result(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
-            if run.doubts and self.first_step is None and run.doubts[0][0] == 0.0:
-                self.first_step = SHORTER_START * self.scene.final_time
-                continue
             if self.rounding is not None and self._rounded(run) > target:
                 return self._is_limited_by_rounding(one, target)
             # runs that are dominated by round-off may agree by accident
             if one.estimate <= (target if still == 0 else STALLED_SHARE * target):
-                if not run.doubts:
-                    return self._result(one, "met", "")
-                if doubted:
-                    break
-                doubted = True
+                return self._result(one, "met", "")
             factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
             if one.estimate > STILL * before:
                 # a small reduction may change nothing; if a large one does not help it is round-off
@@ -277,38 +244,6 @@ class _Search:
         )
         return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
 
-    def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
-        """A run on equal steps between samples; None where they do not meet the tolerance."""
-        degree = 2 if self.digits < 3.5 else 3 if self.digits < 7.5 else 4
-        per_interval, before = 1, math.inf
-        while per_interval <= MOST_PER_INTERVAL and per_interval * len(knots) <= MOST_STEPS:
-            mesh = knot_mesh(self.scene, knots, per_interval)
-            coarse = run_on(self.scene, degree, mesh)
-            line = f"Gauss{degree}, {mesh.n_steps} steps between the samples"
-            if coarse.status != "ok" or coarse.steps is None:
-                self._note(Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
-                return None
-            fine = run_on(self.scene, degree + 2, mesh)
-            if fine.status != "ok" or fine.steps is None:
-                return None
-            one = self._compared(coarse, fine, SAMPLED_GAIN, line)
-            self._note(one)
-            if one.amplitude == 0.0 and self.wanted.relative is not None:
-                return self._result(
-                    one, "refused", "relative: the motion stays at zero; give tolerance"
-                )
-            if one.estimate <= self.target(one.amplitude):
-                return self._result(one, "met", "")
-            if one.estimate > STILL * before:
-                return None
-            before = one.estimate
-            short = max(one.estimate / self.target(one.amplitude), 1.0)
-            if degree < 6:
-                degree = min(6, degree + (2 if short < FAR else 4))
-            else:
-                per_interval *= 2 ** min(3, math.ceil(math.log(short, PER_HALVING)))
-        return None
-
     def _given_up(self) -> Trajectory:
         """The best run, and why it is not good enough."""
         one = self.best
@@ -319,9 +254,6 @@ class _Search:
             return self._result(one, "refused", run.message)
         target = self.target(one.amplitude)
         one = replace(one, at_points=max(one.at_points, self.worst_since))
-        if one.estimate <= target and run.doubts:
-            time, why = run.doubts[0]
-            return self._result(one, "unreliable", f"{why} near t = {time:.6g}", time=time)
         if one.estimate <= target:
             reason = (
                 f"the estimate {one.estimate:.2g} does not fall with the steps: it is round-off, "
@@ -349,10 +281,6 @@ class _Search:
     ) -> Trajectory:
         self.given = one
         target = self.target(one.amplitude)
-        if outcome == "met" and self.pulses.unresolved_at is not None:
-            time = self.pulses.unresolved_at
-            outcome = "unreliable"
-            reason = f"the formula of the force may hide a pulse near t = {time:.6g}"
         assessment = Assessment(
             outcome=outcome,
             tolerance=target if target > 0 else math.nan,

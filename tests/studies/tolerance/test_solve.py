@@ -79,8 +79,8 @@ def test_kinks(potential):
         tolerance=1e-6,
     )
     assert run.outcome == "met"
-    assert np.abs(run.time - np.sqrt(2.0)).min() < 1e-12
-    assert run(9.0)[0] == pytest.approx(-0.867532, abs=1e-6)
+    late = 9.0 - 5.0 * np.sqrt(2.0)
+    assert run(9.0)[0] == pytest.approx(0.5 * late**2 - np.sqrt(2.0) * late, abs=1e-6)
 
 
 LINEAR = {
@@ -220,29 +220,6 @@ def test_samples_are_points_of_the_mesh():
         total += change * np.where(late > 0, step(late)[:, 0], 0.0)
     amplitude = np.abs(total).max()
     assert np.abs(run(times)[:, 0] - total).max() <= 1e-7 * amplitude
-
-
-def test_a_record_of_2000_samples_on_the_shipped_frame(tmp_path):
-    """Two runs on the samples, of which one would have done: no search."""
-    times = 0.01 * np.arange(2000)
-    shaking = np.random.default_rng(1).standard_normal(2004)
-    shaking = np.convolve(shaking, np.ones(5) / 5, "valid")
-    rows = [f"{t!r},{a!r}" for t, a in zip(times.tolist(), shaking.tolist(), strict=True)]
-    (tmp_path / "record.csv").write_text("\n".join(["t,a", *rows]))
-    frame = (CONFIGS / "frame-quake.yaml").read_text().replace("ground-motion.csv", "record.csv")
-    frame = frame[: frame.index("method:")].replace("final_time: 8.0", "final_time: 19.99")
-    (tmp_path / "frame.yaml").write_text(f"{frame}accuracy: {{relative: 1e-6}}\n")
-    (experiment,) = fvi.load(tmp_path / "frame.yaml").experiments
-    scene = experiment.problem.scene
-    run = fvi.solve(scene, relative=1e-6)
-    assert run.outcome == "met"
-    (attempt,) = run.assessment.attempts
-    assert attempt.startswith("Gauss3, ")
-    assert "Gauss5 on the same" in attempt
-    by_hand = fvi.integrate(scene, "gauss3-graded", 1999)
-    # stages of both runs
-    assert (3 + 5) * run.n_steps <= 3 * 3 * by_hand.n_steps
-    assert np.abs(run(by_hand.time) - by_hand.position).max() <= run.assessment.tolerance
 
 
 @pytest.mark.few(1)

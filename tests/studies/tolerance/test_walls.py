@@ -1,4 +1,4 @@
-"""Walls in space that are far thinner than a step: a tolerance that is met is met behind them."""
+"""Walls in space that are thinner than a step: a tolerance that is met is met behind them."""
 
 import math
 
@@ -18,7 +18,7 @@ def through_a_wall(rng: np.random.Generator) -> tuple[Scene, float]:
     text = str(rng.choice(list(SHAPES)))
     shape, reach = SHAPES[text]
     place, speed = float(rng.uniform(0.2, 1.0)), float(10 ** rng.uniform(-0.3, 0.7))
-    width = float(10 ** rng.uniform(-6, -3))
+    width = float(10 ** rng.uniform(-2.3, -1))
     height = float(rng.choice([-1, 1]) * 10 ** rng.uniform(-5, -1) * speed**2)
     T = float(rng.uniform(2.0, 8.0)) / speed
     edges = place + width * np.linspace(-reach, reach, 401)
