@@ -70,6 +70,18 @@ def lobatto_rule(n_points: int) -> QuadratureRule:
     return _symmetric_rule("lobatto", roots, np.reciprocal(n_points * (n_points - 1) * legendre**2))
 
 
+def jacobi_rule(n_points: int, exponent: float) -> tuple[Array, Array]:
+    """Nodes and weights for integrals over [0, 1] with the weight ``(1 - u)**exponent``.
+
+    The weights on [-1, 1] are in the ratios of ``1 / ((1 - x_i^2) P_n'(x_i)^2)``.
+    """
+    roots = _jacobi_roots(n_points, exponent, 0)
+    _, slopes = _jacobi(n_points, exponent, 0, roots)
+    weights = np.reciprocal((1 - roots**2) * slopes**2)
+    weights /= (exponent + 1.0) * weights.sum()
+    return ((1 + roots) / 2).astype(np.float64), weights.astype(np.float64)
+
+
 def _symmetric_rule(name: str, roots: LongArray, weights: LongArray) -> QuadratureRule:
     """Map a rule from [-1, 1] so that node pairs add up to 1 exactly."""
     upper = np.maximum(np.abs(roots), np.abs(roots[::-1]))
@@ -83,7 +95,7 @@ def _symmetric_rule(name: str, roots: LongArray, weights: LongArray) -> Quadratu
     )
 
 
-def _jacobi_roots(degree: int, a: int, b: int) -> LongArray:
+def _jacobi_roots(degree: int, a: float, b: float) -> LongArray:
     """Roots of the Jacobi polynomial P_degree^{(a,b)}, increasing.
 
     Eigenvalues of the symmetric tridiagonal matrix (Golub and Welsch 1969), then Newton's method
@@ -108,7 +120,7 @@ def _jacobi_roots(degree: int, a: int, b: int) -> LongArray:
     return roots
 
 
-def _jacobi(degree: int, a: int, b: int, x: LongArray) -> tuple[LongArray, LongArray]:
+def _jacobi(degree: int, a: float, b: float, x: LongArray) -> tuple[LongArray, LongArray]:
     """Value and derivative of P_degree^{(a,b)} at `x` by the three-term recurrence.
 
     The recurrence is differentiated as it stands, so that the end points need no special case.

@@ -6,7 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.quadrature import gauss_rule, lobatto_rule
+from fvi_cli.mathematics.quadrature import gauss_rule, jacobi_rule, lobatto_rule
 
 RULES = {"gauss": gauss_rule, "lobatto": lobatto_rule}
 LEAST = {"gauss": 1, "lobatto": 2}
@@ -123,3 +123,11 @@ def test_rules_of_the_textbooks():
 def test_rules_are_made_once():
     rule = gauss_rule(3)
     assert gauss_rule(3) is rule
+
+
+@pytest.mark.parametrize("exponent", [-0.9, -0.5, 0.0, 0.7])
+def test_weights_at_an_end(exponent):
+    nodes, weights = jacobi_rule(20, exponent)
+    for power in range(40):
+        exact = float(mp.beta(power + 1, exponent + 1))
+        assert weights @ nodes**power == pytest.approx(exact, rel=1e-13)

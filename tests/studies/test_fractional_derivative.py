@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.special import gammainc
+from scipy.special import gamma, gammainc
 
 import fvi_cli as fvi
 
@@ -30,3 +30,31 @@ def test_functions_that_start_away_from_zero(order, bdf, tmp_path):
     assert value == pytest.approx(expected, rel=2e-2 if bdf == 1 else 2e-4)
     shifted = last_value(order, "exp(t) + 5", bdf, tmp_path)
     assert shifted == pytest.approx(value, rel=1e-9)
+
+
+@pytest.mark.parametrize("order", [0.05, 0.5, 0.9, 1.0, 1.2, 1.5, 1.9])
+def test_exact_values_are_those_of_closed_forms(order):
+    def exact(function):
+        problem = {"kind": "fractional-derivative", "order": order, "function": function}
+        return fvi.build_problem({**problem, "final_time": 2.0}).exact(times)[:, 0]
+
+    times = np.linspace(0.0, 2.0, 41)
+    whole = np.ceil(order)
+    wave = np.exp(times) * (gammainc(whole - order, times) if whole > order else 1.0)
+    assert exact("exp(t) + 5") == pytest.approx(wave, abs=1e-12)
+    power = gamma(3.3) / gamma(3.3 - order) * times ** (2.3 - order)
+    assert exact("t**2.3") == pytest.approx(power, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("function", "order", "words"),
+    [
+        ("sqrt(t)", 0.8, "not bounded at 0"),
+        ("abs(t - 0.7)", 0.5, "do not resolve"),
+        ("sin(1000*t)", 0.5, "do not resolve"),
+    ],
+)
+def test_what_has_no_exact_values_is_refused(function, order, words):
+    problem = {"kind": "fractional-derivative", "order": order, "function": function}
+    with pytest.raises(ValueError, match=words):
+        fvi.build_problem({**problem, "final_time": 2.0})
