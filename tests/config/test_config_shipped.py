@@ -13,7 +13,6 @@ from fvi_cli.config import parse_config as parse
 from fvi_cli.errors import RequestError
 from fvi_cli.scenes.registry import PROBLEM
 
-PROJECT = Path(__file__).parents[2]
 NAMES = shipped_configs()
 
 

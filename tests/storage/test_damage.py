@@ -1,11 +1,9 @@
 """Faults, kills and damage: nothing that was stored is lost, and nothing wrong is read."""
 
-import io
 import os
 import signal
 import subprocess
 import sys
-import tempfile
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -25,10 +23,7 @@ from stored_runs import (
 import fvi_cli
 from fvi_cli.errors import StorageError
 from fvi_cli.storage import list_runs, open_results, read_configuration, read_results
-from fvi_cli.storage import stream as stream_module
-from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.digests import FORMAT
-from fvi_cli.storage.stream import SafeStream
 from fvi_cli.studies.experiment import FinishedRun
 
 # --- faults ---------------------------------------------------------------------------------------
@@ -85,16 +80,6 @@ def test_killed_at_any_moment_no_run_is_lost_that_was_added(tmp_path, runs, plac
     assert len(places(tmp_path / "sample.h5")) == 8
 
 
-def test_runs_of_a_journal_are_read_beside_and_without_the_file(tmp_path, runs):
-    added(tmp_path, runs[:1])
-    assert found_in(tmp_path, runs[:2]) == [True, False]
-    store(tmp_path, [runs[1]])
-    added(tmp_path, [runs[2]])
-    before = tree(tmp_path)
-    assert found_in(tmp_path, runs[:4]) == [True, True, True, False]
-    assert tree(tmp_path) == before
-
-
 @pytest.mark.parametrize("limit", [0, 1000, 5000, 30_000])
 def test_a_full_disk_is_told_and_destroys_nothing(tmp_path, runs, limit):
     resource = pytest.importorskip("resource", reason="limits of Unix")
@@ -142,22 +127,6 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     ):
         pass
     assert list(tree(tmp_path)) == ["file"]
-
-
-def test_a_folder_that_may_not_be_written_is_told(path, runs, monkeypatch):
-    before = tree(path.parent)
-
-    def refuse(*arguments: object, **keywords: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    with open_results(path.parent, "sample", fresh=True) as results:
-        monkeypatch.setattr(Path, "touch", refuse)
-        with pytest.raises(
-            StorageError, match=r"sample\.journal: cannot be written: Permission denied"
-        ):
-            results.add([runs[0]])
-    monkeypatch.undo()
-    assert tree(path.parent) == before
 
 
 def damaged(path: Path, how: str) -> None:
@@ -229,16 +198,6 @@ def journal_of(folder: Path, runs: list[FinishedRun]) -> tuple[Path, list[int]]:
     return path, ends
 
 
-def test_what_runs_that_are_added_together_have_in_common_is_written_once(tmp_path, runs):
-    single = [one for one in runs if one.run.n_steps == runs[0].run.n_steps]
-    _, ends = journal_of(tmp_path / "one by one", single)
-    with open_results(tmp_path / "together", "sample") as results:
-        results.add(single)
-        size = (tmp_path / "together" / "sample.journal").stat().st_size
-    assert size < 0.75 * ends[-1]
-    assert found_in(tmp_path / "together", single) == [True] * len(single)
-
-
 def test_cut_anywhere_a_journal_loses_what_is_behind_the_cut_and_nothing_else(tmp_path, runs):
     path, ends = journal_of(tmp_path, runs[:3])
     content = path.read_bytes()
@@ -261,110 +220,4 @@ def test_a_journal_of_version_0_3_is_refused_and_left_as_it_is(tmp_path, runs):
     assert path.read_bytes() == content
 
 
-def recall(path: Path, runs: list[FinishedRun]) -> int:
-    with read_results(path) as results:
-        return sum(results.finished(finished.run) is not None for finished in runs)
-
-
-def test_cut_anywhere_a_file_is_told_to_be_damaged(path, runs):
-    content = path.read_bytes()
-    assert recall(path, runs) == len(runs)
-    random = np.random.default_rng(1)
-    for length in [*random.integers(0, len(content), 100), len(content) - 1]:
-        path.write_bytes(content[:length])
-        with pytest.raises(StorageError, match=r"sample\.h5: "):
-            recall(path, runs)
-
-
-def test_after_a_failure_a_stream_goes_on_in_memory(tmp_path):
-    """The same random writes and reads on a stream that fails half way and on plain memory."""
-    random = np.random.default_rng(3)
-    memory = io.BytesIO()
-    handle = os.open(tmp_path / "file", os.O_RDWR | os.O_CREAT)
-    first, stream = handle, SafeStream(handle)
-    for k in range(400):
-        if k == 200:
-            stream.check()
-            kept = memory.getvalue()
-            os.close(handle)
-            handle = os.open(tmp_path / "file", os.O_RDONLY)
-            assert handle == first
-        place, size = (int(n) for n in random.integers(0, 300, 2))
-        assert stream.seek(place) == memory.seek(place)
-        if k % 2:
-            content = random.bytes(size)
-            assert stream.write(content) == memory.write(content)
-        else:
-            assert stream.read(size) == memory.read(size)
-        assert stream.tell() == memory.tell()
-        assert stream.seek(0, os.SEEK_END) == memory.seek(0, os.SEEK_END)
-    with pytest.raises(OSError, match="Bad file descriptor"):
-        stream.check()
-    os.close(handle)
-    # what was on the disk has not changed since
-    assert (tmp_path / "file").read_bytes() == kept
-
-
-@pytest.mark.parametrize("count", [1, 10, 50])
-def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(path, runs, monkeypatch, count):
-    before = tree(path.parent)
-    real = os.write
-    calls = 0
-
-    def interrupted(*arguments: Any) -> int:
-        nonlocal calls
-        calls += 1
-        if calls == count:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    monkeypatch.setattr(stream_module.os, "write", interrupted)
-    with open_results(path.parent, "sample") as results:
-        resolved = {**configuration().resolved, "more": 1}
-        changed = configuration(text="another", resolved=resolved)
-        assert results.finished(runs[0].run) is not None
-        with pytest.raises(KeyboardInterrupt):
-            results.consolidate(changed)
-        assert tree(path.parent) == before
-        # control: without an interrupt it is written
-        results.consolidate(changed)
-    assert read_configuration(path).text == "another"
-    assert recall(path, runs) == len(runs)
-
-
 # --- two processes --------------------------------------------------------------------------------
-
-
-def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path):
-    def fail() -> None:
-        with open_results(tmp_path, "sample"):
-            with pytest.raises(StorageError, match="another fvi"):
-                open_results(tmp_path, "sample").__enter__()
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    with open_results(tmp_path, "sample"):
-        pass
-
-
-@pytest.mark.parametrize("times", [1, 2, 5])
-def test_a_file_that_another_process_takes_for_abandoned_is_begun_anew(
-    tmp_path, monkeypatch, times
-):
-    """Between its creation and its lock another one may hold and remove it."""
-    made = []
-    create = tempfile.mkstemp
-
-    def removed_at_once(**options):
-        handle, name = create(**options)
-        made.append(name)
-        if len(made) <= times:
-            Path(name).unlink()
-        return handle, name
-
-    monkeypatch.setattr(tempfile, "mkstemp", removed_at_once)
-    replace_file(tmp_path / "table.csv", b"1,2\n")
-    assert len(made) == times + 1
-    assert (tmp_path / "table.csv").read_bytes() == b"1,2\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]

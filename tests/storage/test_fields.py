@@ -2,19 +2,16 @@
 
 import dataclasses
 import json
-import os
 import typing
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import stored_runs as t
-from command_line import configuration, fvi
+from command_line import configuration
 
 import fvi_cli as api
-from fvi_cli.config import members, parse_config
-from fvi_cli.errors import StorageError
+from fvi_cli.config import parse_config
 from fvi_cli.storage import list_runs, open_results, read_configuration, read_results
 from fvi_cli.storage.records import fields, runs
 from fvi_cli.storage.records.fields import FIELDS, Field
@@ -140,46 +137,3 @@ def test_matrices_are_stored_once_whatever_the_number_of_runs(tmp_path):
     api.forget(path, others=True)
     with h5py.File(path) as file:
         assert {name for name in file["@inputs"] if len(name) == 64} < before
-
-
-def test_a_pipe_in_the_place_of_a_journal_does_not_hang(tmp_path):
-    os.mkfifo(tmp_path / "sample.journal")
-    with (
-        pytest.raises(StorageError, match=r"sample\.journal: is not an ordinary file"),
-        read_results(tmp_path / "sample.h5", may_be_missing=True),
-    ):
-        pass
-
-
-def test_runs_that_an_earlier_version_left_in_parts_are_not_passed_over(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("small.yaml").write_text(configuration(f"{OSCILLATOR}, final_time: 6.0", name="small"))
-    Path("results/small.parts").mkdir(parents=True)
-    Path("results/small.parts/0123.h5").write_bytes(b"old")
-    told = fvi("run", "small.yaml", code=2).stderr
-    assert "small.parts/0123.h5: waits to be joined by the earlier version of fvi" in told
-
-
-def test_members_of_a_stored_configuration_are_not_checked_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = configuration(f"{OSCILLATOR}, final_time: 6.0", name="small")
-    sweep = "sweep: {problem.stiffness: [1.0, 2.0, 3.0]}\n"
-    Path("small.yaml").write_text(text + sweep)
-    checked = []
-    real = members._check_member
-    monkeypatch.setattr(members, "_check_member", lambda *a: checked.append(a) or real(*a))
-
-    def count(*arguments: str) -> int:
-        checked.clear()
-        fvi("run", "small.yaml", "-q", *arguments, code=0)
-        return len(checked)
-
-    assert count() == 3
-    assert count() == 0
-    # control: whatever else is asked for is checked, and mistakes of members are told
-    assert count("--set", "problem.mass=2.0") == 3
-    assert count() == 3
-    Path("small.yaml").write_text(
-        text + sweep.replace("stiffness: [1.0, 2.0, 3.0]", "mass: [1, -1]")
-    )
-    assert "mass: -1" in fvi("run", "small.yaml", "-q", code=2).stderr

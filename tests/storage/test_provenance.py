@@ -1,17 +1,13 @@
 """Identity of runs, and what is said of versions and commits."""
 
 import dataclasses
-import json
-import subprocess
-from datetime import UTC, datetime
-from pathlib import Path
 
 import pytest
 from command_line import configuration
 
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
-from fvi_cli.storage import digests, provenance
+from fvi_cli.storage import digests
 from fvi_cli.storage.digests import identity_of
 from fvi_cli.studies.experiment import Run
 
@@ -105,71 +101,3 @@ def test_baselines_have_identities_of_their_own():
     }
     assert len(found) == 2
     assert all(len(one) == 64 and set(one) <= set("0123456789abcdef") for one in found)
-
-
-# --- origin ---------------------------------------------------------------------------------------
-
-
-def git(folder, *arguments):
-    subprocess.run(
-        ["git", "-c", "user.name=a", "-c", "user.email=a@b", *arguments],
-        cwd=folder,
-        check=True,
-        capture_output=True,
-    )
-
-
-@pytest.fixture
-def package(tmp_path):
-    """A checkout with a package in it."""
-    folder = tmp_path / "package"
-    folder.mkdir()
-    (folder / "__init__.py").write_text("")
-    git(tmp_path, "init", "-q")
-    git(tmp_path, "add", ".")
-    git(tmp_path, "commit", "-qm", "Begin")
-    provenance.checkout.cache_clear()
-    yield folder
-    provenance.checkout.cache_clear()
-
-
-def test_a_clean_and_a_dirty_checkout(package, monkeypatch):
-    # a hook sets these; they must not lead elsewhere
-    monkeypatch.setenv("GIT_DIR", "/nonexistent")
-    commit, dirty = provenance.checkout(package)
-    assert len(commit) == 40
-    assert dirty == "no"
-    (package / "__init__.py").write_text("changed = 1\n")
-    provenance.checkout.cache_clear()
-    assert provenance.checkout(package) == (commit, "yes")
-
-
-def test_results_do_not_make_a_checkout_dirty(package):
-    results = package.parent / "results"
-    results.mkdir()
-    (results / "table.csv").write_text("")
-    assert provenance.checkout(package)[1] == "no"
-    (package.parent / "other.py").write_text("")
-    provenance.checkout.cache_clear()
-    assert provenance.checkout(package)[1] == "yes"
-
-
-def test_outside_of_a_checkout_and_without_git_both_are_unknown(package, tmp_path, monkeypatch):
-    # an installed copy inside somebody's checkout is not that checkout's
-    copy = package.parent / "site-packages" / "package"
-    copy.mkdir(parents=True)
-    (copy / "__init__.py").write_text("")
-    assert provenance.checkout(copy) == ("unknown", "unknown")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    provenance.checkout.cache_clear()
-    assert provenance.checkout(package) == ("unknown", "unknown")
-
-
-def test_origin_is_in_universal_time_and_names_nothing_private():
-    origin = provenance.origin()
-    created = datetime.fromisoformat(origin["created"])
-    assert created.utcoffset() == UTC.utcoffset(None)
-    assert abs((datetime.now(UTC) - created).total_seconds()) < 60
-    assert origin["git_dirty"] in ("yes", "no", "unknown")
-    told = json.dumps([origin, provenance.package_versions(), provenance.platform_name()])
-    assert str(Path(provenance.__file__).parents[2]) not in told
