@@ -85,15 +85,6 @@ def fit_as_json(result: FitResult) -> list[object]:
                 for one in model.estimates
             ],
             "correlations": [list(map(float, row)) for row in model.correlations],
-            "not_needed": [
-                {
-                    "term": one.key,
-                    "parameters": one.parameters,
-                    "increase": one.increase,
-                    "probability": one.probability,
-                }
-                for one in model.needless
-            ],
             "warnings": list(model.warnings),
         }
         for model in result.models

@@ -128,17 +128,16 @@ def key_label(
     The unit of a coefficient contains the order next to it in `problem`: as a number unless that
     order is `varied`.
     """
-    path, _, motion = key.partition("@")  # a parameter of a single motion has @ and its name
-    last = [part for part in path.split(".") if not part.isdigit()][-1]
-    whole = _without_room(path)
+    last = [part for part in key.split(".") if not part.isdigit()][-1]
+    whole = _without_room(key)
     names = (whole,) if whole in _KEYS else (last, _LIKE.get(last, last))
     # the units of coefficients contain the letter of the order
-    words = re.sub(r"^order\b", r"order $\\gamma$", key_in_words(path))
+    words = re.sub(r"^order\b", r"order $\\gamma$", key_in_words(key))
     label = with_unit(words, units, *names)
-    order = f"{path.rpartition('.')[0]}.order"
-    if order not in (path, *varied) and leads_somewhere(problem or {}, order):
+    order = f"{key.rpartition('.')[0]}.order"
+    if order not in (key, *varied) and leads_somewhere(problem or {}, order):
         label = label.replace(r"\gamma", f"{{{value_at(problem or {}, order):g}}}")
-    return f"{label}, {motion}" if motion else label
+    return label
 
 
 def columns_with_units(

@@ -15,14 +15,12 @@ from fvi_cli.config.fits.data import (
     refuse_path,
 )
 from fvi_cli.config.keys.fit import Fit, Model, Parameter
-from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import NowhereError, with_node
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.registry import KINDS
 from fvi_cli.studies.fits.settings import (
-    DataSet,
     FitModel,
     FitParameter,
     FitSettings,
@@ -68,20 +66,16 @@ def fit_settings(
         if specification is None:
             continue
         found = _parameters(chosen, specification, where)
-        fixed = {k: v.fixed for k, v in chosen.items() if v.fixed is not None}
         if len(at.complaints) > before:
             continue
-        full = with_values(specification, {**fixed, **{one.key: one.start for one in found}})
+        full = with_values(specification, {one.key: one.start for one in found})
         if not is_possible(full, where):
             continue
-        models.append(
-            FitModel(name=name, specification=with_values(specification, fixed), parameters=found)
-        )
-    deviations = _deviations(fit.noise, data, at.under("noise"))
+        models.append(FitModel(name=name, specification=specification, parameters=found))
     if len(at.complaints) > before:
         return None
     for made in models:
-        free = sum(len(data) if one.is_own else 1 for one in made.parameters if not one.tied_to)
+        free = len(made.parameters)
         size = sum(one.size for one in data)
         if size <= free:
             at.refuse(
@@ -90,12 +84,11 @@ def fit_settings(
                 "data",
             )
         if free == 0:
-            at.refuse(
-                "every parameter is fixed or tied; leave at least one to be fitted", "parameters"
-            )
+            at.refuse("give at least one parameter to be fitted", "parameters")
     if len(at.complaints) > before:
         return None
-    return FitSettings(data=tuple(data), models=tuple(models), deviations=deviations)
+    deviation = None if fit.noise == "auto" else float(fit.noise)
+    return FitSettings(data=tuple(data), models=tuple(models), deviation=deviation)
 
 
 def _changed(
@@ -128,14 +121,12 @@ def _changed(
 def _without(
     parameters: Mapping[str, Parameter], changes: Mapping[str, Any]
 ) -> dict[str, Parameter]:
-    """The parameters that a model does not set, and that are not tied to one that it sets."""
-    left = {
+    """The parameters that a model does not set."""
+    return {
         key: value
         for key, value in parameters.items()
         if not any(key == one or key.startswith(f"{one}.") for one in changes)
     }
-    gone = set(parameters) - set(left)
-    return {key: value for key, value in left.items() if value.tied not in gone}
 
 
 def _parameters(
@@ -147,14 +138,7 @@ def _parameters(
         if isinstance(number, bool) or not isinstance(number, int | float):
             refuse_path(described, key, at)
             continue
-        if value.fixed is not None:
-            continue
         under = at.under(key)
-        tied = value.tied or ""
-        other = given.get(tied)
-        if tied and (other is None or other.tied is not None or other.fixed is not None):
-            under.refuse(f"{excerpt(tied)!r} is not a fitted parameter", "tied")
-            continue
         is_order = key.endswith(".order")
         low = (LEAST_ORDER if is_order else -math.inf) if value.from_ is None else value.from_
         owner = value_at(described, key.rpartition(".")[0])
@@ -164,7 +148,7 @@ def _parameters(
         start = float(number) if value.start is None else value.start
         if not low < high:
             under.refuse(f"from = {low:g} is not below to = {high:g}")
-        elif not tied and not low <= start <= high:
+        elif not low <= start <= high:
             under.refuse(
                 f"{start:g} lies outside of the bounds, {low:g} to {high:g}",
                 *(() if value.start is None else ("start",)),
@@ -175,27 +159,7 @@ def _parameters(
                 start=start,
                 low=low,
                 high=high,
-                is_own=value.own,
-                tied_to=tied,
-                factor=value.factor,
                 place=f"{under.node.place}: ",
             )
         )
     return tuple(found)
-
-
-def _deviations(noise: Any, data: list[DataSet], at: Cursor) -> dict[tuple[str, str], float]:
-    """The noise of every column of every data set."""
-    columns = [(one.name, series.column) for one in data for series in one.series]
-    if noise == "auto":
-        return {}
-    if not isinstance(noise, Mapping):
-        return dict.fromkeys(columns, noise)
-    names = list(dict.fromkeys(column for _, column in columns))
-    for column in noise:
-        if column not in names:
-            at.refuse_key(column, f"not a column of the data{suggestion(column, names)}")
-    for column in names:
-        if column not in noise:
-            at.refuse(f"a standard deviation for column {excerpt(column)!r} is missing")
-    return {each: noise[each[1]] for each in columns if each[1] in noise}

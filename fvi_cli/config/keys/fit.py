@@ -8,7 +8,6 @@ from typing import Annotated, Any, Final
 
 from fvi_cli.keys.containers import ByForm, Named, OneOrMany
 from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.scalars import AsWritten, Number, Schema, Shape, Text
 from fvi_cli.keys.settings import Setting, key, record_of
 
@@ -17,14 +16,12 @@ MOST_SETS: Final = 100
 
 @dataclass(frozen=True, kw_only=True)
 class Noise(Shape):
-    """``auto``, a standard deviation, or one for each column."""
+    """``auto`` or a standard deviation."""
 
-    expected: str = "auto, a positive number, or a mapping such as {displacement: 0.01}"
+    expected: str = "auto or a positive number"
 
     def read(self, at: Cursor) -> Any:
-        """The word, a float, or a dict."""
-        if isinstance(at.node, MappingNode):
-            return Named(shape=Number(above=0.0), names="columns").read(at)
+        """The word or a float."""
         if at.scalar == "auto":
             return "auto"
         if isinstance(at.scalar, int | float) and not isinstance(at.scalar, bool):
@@ -33,14 +30,7 @@ class Noise(Shape):
 
     def schema(self, defs: Schema) -> Schema:
         """The shape in JSON schema."""
-        number = Number(above=0.0).schema(defs)
-        return {
-            "anyOf": [
-                {"const": "auto"},
-                number,
-                {"type": "object", "additionalProperties": number},
-            ]
-        }
+        return {"anyOf": [{"const": "auto"}, Number(above=0.0).schema(defs)]}
 
 
 _COLUMN: Final = Text(what="the name of a column")
@@ -113,12 +103,6 @@ class Parameter(
     )
     from_: float | None = key("Lower bound; with from: 0 the logarithm is fitted.", default=None)
     to: float | None = key("Upper bound.", default=None)
-    fixed: float | None = key("Not fitted, but held at this value.", default=None)
-    tied: Annotated[str | None, Text(what="the key path of another parameter")] = key(
-        "Not fitted on its own: factor times this parameter.", default=None
-    )
-    factor: float = key("Of the tie.", default=1.0)
-    own: bool = key("Every motion in data has its own value.", default=False)
 
 
 _PARAMETERS: Final = Named(
@@ -148,9 +132,8 @@ class Fit(Setting):
         "Measured motions, one or several."
     )
     parameters: Parameters = key("Numbers of the problem that are fitted.")
-    noise: Annotated[str | float | Mapping[str, float], Noise()] = key(
-        "Standard deviation of the noise: auto (estimated from the residuals), a number, or a "
-        "mapping from columns to numbers.",
+    noise: Annotated[str | float, Noise()] = key(
+        "Standard deviation of the noise: auto (estimated from the residuals), or a number.",
         default="auto",
     )
     models: Annotated[

@@ -33,7 +33,7 @@ _WHOSE = (_EXPERIMENT, replace(_MODEL, meaning="name of the model", title=""))
 PARAMETER_COLUMNS = (
     *within(
         "one",
-        Column("parameter", "key path; with @ and the motion where each has its own", get="name"),
+        Column("parameter", "key path", get="name"),
         Column("estimate", "in the unit of the key", compared=ESTIMATED, get="value"),
         Column("standard_error", "from the curvature of the misfit, same unit", compared=ROUGH),
         Column(
@@ -96,12 +96,6 @@ MODEL_COLUMNS = (
         ),
         Column("steps", "steps of the runs", compared=None),
         Column("discretisation", "error of the runs over the residuals", compared=None),
-    ),
-    Column(
-        "not_needed",
-        "terms that the data do not need",
-        "not needed",
-        get=lambda of: ", ".join(one.key for one in of.model.needless),
     ),
     Column(
         "status", "ok or failed", "status", get=lambda of: ("failed", "ok")[of.model.is_converged]

@@ -11,11 +11,9 @@ import numpy as np
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.between import between_samples
 from fvi_cli.studies.fits.intervals import estimates
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms
 from fvi_cli.studies.fits.profile import BetterMinimumError, Minimum, quantile
-from fvi_cli.studies.fits.regions import holds, other_sides, region_of, regions
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import HOPELESS, Found, distinct, least_squares_from, search
 from fvi_cli.studies.fits.settings import FitModel, FitSettings
@@ -26,14 +24,11 @@ from fvi_cli.studies.fits.statistics import (
     series_freedoms,
     whiteness,
 )
-from fvi_cli.studies.fits.terms import needless_terms
 
 FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 """Tolerance of a step in the first and in the finest runs, relative to the size of the motion."""
 DISCRETISATION = 0.01
 """Permitted error of the runs, relative to the residuals."""
-LOOSE = 1e-4
-"""Tolerance of a step during the search for a minimum, relative to the size of the motion."""
 MOST_REWEIGHTINGS, ENOUGH = 20, 1e-3
 """Most iterations for the noise of the columns; they end when it changes by less, relative."""
 LEAST_FREEDOM = 0.5
@@ -73,7 +68,7 @@ def fit_models(name: str, settings: FitSettings, *, log: Log = lambda words: Non
     return FitResult(name=name, settings=settings, models=tuple(models))
 
 
-def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = True) -> ModelFit:
+def fit_model(settings: FitSettings, described: FitModel) -> ModelFit:
     """Fit one model.
 
     Raises
@@ -83,22 +78,15 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
     """
     model = MotionModel(described, settings.data, ())
     model.deviations = [rms(one.values) or 1.0 for one in model.series]
-    if settings.deviations:
-        model.deviations = [settings.deviations[one] for one in settings.columns]
+    if settings.deviation is not None:
+        model.deviations = [settings.deviation] * len(model.series)
     scale = _scale(model)
     _check_influence(model, scale)
-    found: list[Found] = []
-    for bounds in regions(model):
-        if with_scan:
-            found += search(model, bounds, scale)
-        elif holds(bounds, model.start):
-            model.loosen(LOOSE * scale)
-            found += distinct([least_squares_from(model, model.start, bounds, tolerance=1e-3)])
-    found = distinct(found)
+    found = search(model, model.bounds, scale)
     if not found:
         return _failed(model, "every run near the starting values fails", model.start)
     try:
-        return _fit_from(model, found, scale, is_known=bool(settings.deviations))
+        return _fit_from(model, found, scale, is_known=settings.deviation is not None)
     except NoFitError as error:
         return _failed(model, str(error), error.point)
     except RunFailedError as error:
@@ -119,9 +107,7 @@ def _fit_from(
     for _ in range(MOST_BETTER + 1):
         best, minimum, ratio = _polished(model, best, scale, is_known=is_known)
         close = [one for one in others if one.cost <= HOPELESS * found[0].cost][:MOST_OTHERS]
-        polished = distinct(
-            least_squares_from(model, one.point, region_of(model, one.point)) for one in close
-        )
+        polished = distinct(least_squares_from(model, one.point, model.bounds) for one in close)
         try:
             return _result(best, minimum, polished, ratio, is_known=is_known)
         except BetterMinimumError as better:
@@ -138,7 +124,7 @@ def _polished(
     model: MotionModel, best: Found, scale: float, *, is_known: bool
 ) -> tuple[Found, Minimum, float]:
     """The minimum on steps that are fine enough, and their error relative to the residuals."""
-    bounds, tolerance = region_of(model, best.point), FIRST_TOLERANCE
+    bounds, tolerance = model.bounds, FIRST_TOLERANCE
     while True:
         model.remesh(best.point, tolerance * scale)
         for _ in range(MOST_REWEIGHTINGS):
@@ -199,7 +185,7 @@ def _check_influence(model: MotionModel, scale: float) -> None:
     for one, value, size in zip(model.free, model.start, sizes, strict=True):
         if size * max(abs(value), 1.0) <= NO_INFLUENCE * max(float(sizes.max()), 1e-300):
             mistakes.append(
-                f"{one.place}fit.parameters.{one.key.partition('@')[0]}: it has no influence on "
+                f"{one.place}fit.parameters.{one.key}: it has no influence on "
                 f"what was measured where the search begins ({one.start:g}); begin elsewhere, or "
                 "leave it out"
             )
@@ -241,14 +227,11 @@ def _result(
     p = len(model.free)
     freedom = model.size - p
     variance = 1.0 if is_known else max(at_best.cost / freedom, 1e-300)
-    correlations, errors, is_regular = covariance(at_best, variance)
+    correlations, _, is_regular = covariance(at_best, variance)
     values = model.values(best.point)
     is_clean = _is_clean(model, at_best)
     is_sought = is_regular and best.is_converged
-    sides = other_sides(minimum, others) if is_sought and not is_clean else []
-    found = estimates(
-        [minimum, *sides], variance, is_known=is_known, is_clean=is_clean, is_sought=is_sought
-    )
+    found = estimates(minimum, variance, is_known=is_known, is_clean=is_clean, is_sought=is_sought)
     left = model.split(at_best.residuals)
     unit = 1.0 if is_known else math.sqrt(variance)
     deviations = [value * unit for value in model.deviations]
@@ -286,10 +269,6 @@ def _result(
         steps=sum(getattr(mesh, "n_steps", 0) for mesh in model.meshes),
         discretisation=float(ratio),
         others=tuple(alike),
-        needless=needless_terms(
-            minimum, errors * model.slopes(best.point), variance, is_known=is_known
-        ),
-        between=between_samples(minimum, variance),
         evaluations=model.evaluations,
         is_converged=best.is_converged and is_regular,
         message=message,

@@ -1,10 +1,9 @@
-"""Estimates with their 95 % intervals, over all regions in which the motion is smooth."""
+"""Estimates with their 95 % intervals."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,12 +19,9 @@ from fvi_cli.studies.fits.profile import (
 from fvi_cli.studies.fits.result import Estimate
 from fvi_cli.studies.fits.statistics import covariance, freedoms
 
-JUMP = 1.0
-"""The order at which a motion with a start velocity jumps."""
-
 
 def estimates(
-    minima: Sequence[Minimum],
+    best: Minimum,
     variance: float,
     *,
     is_known: bool,
@@ -39,7 +35,7 @@ def estimates(
     BetterMinimumError
         If the first point is no minimum.
     """
-    best, model = minima[0], minima[0].model
+    model = best.model
     _, errors, _ = covariance(best.evaluation, variance)
     ranks = freedoms(best.evaluation, model.sizes)
     if is_sought and not is_clean:
@@ -47,12 +43,7 @@ def estimates(
     found = []
     for index in range(len(model.free)):
         threshold = quantile(float(ranks[index]), is_known=is_known)
-        rivals = [
-            each
-            for each in minima[1:]
-            if each.evaluation.cost - best.evaluation.cost <= variance * threshold**2
-        ]
-        sides, is_over_jump = [], False
+        sides = []
         for sign in (-1.0, 1.0):
             step = sign * threshold * errors[index]
             if is_clean:
@@ -60,10 +51,9 @@ def estimates(
             elif not is_sought:
                 side = Side(end=math.nan, reached=float(best.point[index]))
             else:
-                side, is_rival = _farthest([best, *rivals], index, step, variance, threshold)
-                is_over_jump |= is_rival
+                side = profile_side(best, index, step, variance=variance, threshold=threshold)
             sides.append(side)
-        found.append(_estimate(best, index, sides, float(errors[index]), is_over_jump=is_over_jump))
+        found.append(_estimate(best, index, sides, float(errors[index])))
     return tuple(found)
 
 
@@ -88,42 +78,16 @@ def _by_curvature(best: Minimum, index: int, step: float) -> Side:
     return Side(end=bound if is_bound else end, is_bound=is_bound)
 
 
-def _farthest(
-    minima: Sequence[Minimum], index: int, step: float, variance: float, threshold: float
-) -> tuple[Side, bool]:
-    """The farthest of the ends for all minima, and whether it is not that of the first minimum."""
-    sign, least = math.copysign(1.0, step), minima[0].evaluation.cost
-    sides = [
-        profile_side(one, index, step, least=least, variance=variance, threshold=threshold)
-        for one in minima
-    ]
-    lost = [one for one in sides if math.isnan(one.end)]
-    chosen = max(lost or sides, key=lambda one: sign * (one.reached if lost else one.end))
-    ends = [one.end for one in sides if not math.isnan(one.end)]
-    if lost and any(sign * (end - chosen.reached) > 0 for end in ends):
-        chosen = Side(end=math.nan, reached=max(ends, key=lambda end: sign * end))
-    points = np.concatenate([one.points for one in sides])
-    return replace(chosen, points=points), chosen is not sides[0]
-
-
-def _estimate(
-    best: Minimum, index: int, sides: Sequence[Side], error: float, *, is_over_jump: bool
-) -> Estimate:
+def _estimate(best: Minimum, index: int, sides: Sequence[Side], error: float) -> Estimate:
     one = best.model.free[index]
-    ends, bounds, jumps = [], [], []
+    ends, bounds = [], []
     for side, name in zip(sides, ("low", "high"), strict=True):
         end = math.nan if math.isnan(side.end) else one.outer(side.end)
         if side.is_bound:
-            given = one.low if name == "low" else one.high
-            searched = one.inner_bounds[name == "high"]
-            if side.end != searched:
-                end = JUMP
-                jumps.append(name)
-            else:
-                # the search ended at the bound that was given; infinite: there is no limit
-                end = given
-                if math.isfinite(given):
-                    bounds.append(name)
+            # infinite: there is no limit
+            end = one.low if name == "low" else one.high
+            if math.isfinite(end):
+                bounds.append(name)
         ends.append(end)
     tried = np.concatenate([sides[0].points, [[best.point[index], 0.0]], sides[1].points])
     tried = tried[np.argsort(tried[:, 0])]
@@ -134,8 +98,6 @@ def _estimate(
         low=ends[0],
         high=ends[1],
         at_bound="both" if len(bounds) == 2 else "".join(bounds),
-        at_jump="both" if len(jumps) == 2 else "".join(jumps),
-        over_jump=is_over_jump,
         reached=(one.outer(sides[0].reached), one.outer(sides[1].reached)),
         profile=np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]]),
     )

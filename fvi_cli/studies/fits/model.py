@@ -44,8 +44,7 @@ class Evaluation:
 class MotionModel:
     """The motions of all data sets as functions of the free parameters.
 
-    Parameters of one data set have ``@`` and its name in their keys. `deviations` are those of all
-    series, one after the other; `evaluations` counts runs.
+    `deviations` are those of all series, one after the other; `evaluations` counts runs.
     """
 
     def __init__(
@@ -53,12 +52,7 @@ class MotionModel:
     ) -> None:
         self.model, self.data, self.deviations = model, tuple(data), list(deviations)
         self.series = [one for each in data for one in each.series]
-        self.free = [
-            replace(one, key=one.key + suffix)
-            for one in model.parameters
-            if not one.tied_to
-            for suffix in ([f"@{each.name}" for each in data] if one.is_own else [""])
-        ]
+        self.free = model.parameters
         self.meshes: list[AnySteps] = []
         self.evaluations = 0
 
@@ -103,16 +97,8 @@ class MotionModel:
 
     def assignments(self, number: int, values: Array) -> dict[str, float]:
         """Key paths with their values, for one data set."""
-        data = self.data[number]
-        found = dict(data.changes)
         named = {one.key: float(value) for one, value in zip(self.free, values, strict=True)}
-        for one in self.model.parameters:
-            if not one.tied_to:
-                found[one.key] = named[f"{one.key}@{data.name}" if one.is_own else one.key]
-        for one in self.model.parameters:
-            if one.tied_to:
-                found[one.key] = one.factor * found[one.tied_to]
-        return found
+        return {**self.data[number].changes, **named}
 
     def _specified(
         self, number: int, values: Array, index: int = -1, value: float = 0.0
@@ -195,11 +181,7 @@ class MotionModel:
         rows: list[Array] = []
         for number, data in enumerate(self.data):
             self.evaluations += 1
-            own = [
-                index
-                for index, one in enumerate(self.free)
-                if with_jacobian and ("@" not in one.key or one.key.endswith(f"@{data.name}"))
-            ]
+            own = range(len(self.free)) if with_jacobian else ()
             # steps of the search may lead to motions that grow beyond all bounds
             with np.errstate(all="ignore"):
                 predicted = self._predicted(number, data, values, own)

@@ -58,7 +58,7 @@ class Minimum:
     model: MotionModel
     point: Array  # inner parameters
     evaluation: Evaluation
-    bounds: tuple[Array, Array]  # within which the motion is a smooth function of the parameters
+    bounds: tuple[Array, Array]  # of the inner parameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ def quantile(freedom: float, *, is_known: bool) -> float:
 
 
 def profile_side(
-    begin: Minimum, index: int, step: float, *, least: float, variance: float, threshold: float
+    begin: Minimum, index: int, step: float, *, variance: float, threshold: float
 ) -> Side:
     """One end of the interval of a parameter.
 
@@ -89,12 +89,12 @@ def profile_side(
     Raises
     ------
     BetterMinimumError
-        If there is less misfit than the least known so far.
+        If there is less misfit than at the minimum.
     """
     sign = math.copysign(1.0, step)
     best = float(begin.point[index])
     limit = float(begin.bounds[int(sign > 0)][index])
-    inner, root_inner = best, math.sqrt(max(begin.evaluation.cost - least, 0.0) / variance)
+    least, inner, root_inner = begin.evaluation.cost, best, 0.0
     outer, root_outer, unknown = math.nan, math.nan, math.nan
     near = Followed(
         point=begin.point,

@@ -10,7 +10,6 @@ import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
-from fvi_cli.studies.fits.terms import NeedlessTerm
 
 ALIKE = 0.99
 """Parameters whose estimates are correlated like this are hard to distinguish."""
@@ -21,7 +20,7 @@ class Estimate:
     """One parameter."""
 
     name: str
-    """Key path of the parameter; followed by ``@`` and the data set if each has its own value."""
+    """Key path of the parameter."""
     value: float
     standard_error: float = math.nan
     """The estimate, and the one that follows from the curvature of the misfit."""
@@ -31,10 +30,6 @@ class Estimate:
     end was not found."""
     at_bound: str = ""
     """Ends of the interval that are bounds: ``low``, ``high``, ``both``, or empty."""
-    at_jump: str = ""
-    """Ends of the interval at order 1, where the motion jumps and the other side fits worse."""
-    over_jump: bool = False
-    """Whether values from both sides of such a jump lie in the interval."""
     reached: tuple[float, float] = (math.nan, math.nan)
     """The least and the largest value that are known to lie in the interval."""
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -46,17 +41,6 @@ class Estimate:
         found = []
         if self.at_bound:
             found.append(f"{self.name}: the interval ends at a bound ({self.at_bound})")
-        if self.at_jump:
-            worse = "above" if self.at_jump == "high" else "below"
-            found.append(
-                f"{self.name}: the interval ends at order 1, where a motion with a start velocity "
-                f"jumps; orders {worse} 1 were tried and fit worse"
-            )
-        if self.over_jump and self.name.partition("@")[0].endswith("order"):
-            found.append(
-                f"{self.name}: orders on both sides of 1, where a motion with a start velocity "
-                "jumps, fit alike; the interval holds both"
-            )
         sides = zip((self.low, self.high), ("below", "above"), self.reached, strict=True)
         for end, word, reached in sides:
             if math.isinf(end):
@@ -108,10 +92,6 @@ class ModelFit:
     """Error of the runs, relative to the residuals."""
     others: tuple[tuple[float, ...], ...] = ()
     """Other minima that fit alike: values of the parameters."""
-    needless: tuple[NeedlessTerm, ...] = ()
-    """Terms whose removal the data do not contradict."""
-    between: tuple[str, ...] = ()
-    """Warnings where the displacement between its samples matters."""
     is_converged: bool = False
 
     @property
@@ -124,11 +104,9 @@ class ModelFit:
         """Warnings about the result, or the reason why there is none."""
         found = self._inseparable()
         if not self.is_converged:
-            return (*found, *(one.words for one in self.needless))
-        found += self.between
+            return tuple(found)
         for one in self.estimates:
             found += one.warnings
-        found += [one.words for one in self.needless]
         for values in self.others:
             shown = ", ".join(
                 f"{one.name} = {value:.6g}"
@@ -145,7 +123,7 @@ class ModelFit:
 
     def _inseparable(self) -> list[str]:
         """Pairs of parameters that the data hardly distinguish."""
-        advice = "" if self.is_converged else "; if one of them is known, hold it with fixed:"
+        advice = "" if self.is_converged else "; if one of them is known, write it into the problem"
         found = []
         for i, one in enumerate(self.estimates):
             for j in range(i):

@@ -82,24 +82,20 @@ class DataSet:
 
 @dataclass(frozen=True, kw_only=True)
 class FitParameter:
-    """A number of the problem that is fitted, or is a multiple of a fitted one."""
+    """A number of the problem that is fitted."""
 
     key: str
     """Its key path, such as ``problem.damping.0.order``."""
     start: float  # where the search begins
     low: float = -math.inf
     high: float = math.inf
-    is_own: bool = False  # whether every data set has its own value
-    tied_to: str = ""
-    factor: float = 1.0
-    """The number is `factor` times the parameter of this key; empty: it is free."""
     place: str = ""  # its place in the configuration, for complaints
 
     @property
     def is_positive(self) -> bool:
         """Whether the inner parameter is the logarithm of the number."""
         is_wide = self.low >= 0 and self.start > 0 and self.high > 100 * max(self.low, 0.0)
-        return is_wide and not self.key.partition("@")[0].endswith("order")
+        return is_wide and not self.key.endswith(".order")
 
     def inner(self, value: float) -> float:
         """The inner parameter, with which the fit works: the number, or its logarithm."""
@@ -135,11 +131,6 @@ class FitSettings:
 
     data: tuple[DataSet, ...]
     models: tuple[FitModel, ...]  # one model, or several to be compared
-    deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """Standard deviations of the noise by data set and column; empty: they are estimated from the
+    deviation: float | None = None
+    """Standard deviation of the noise; None: those of the columns are estimated from the
     residuals."""
-
-    @property
-    def columns(self) -> list[tuple[str, str]]:
-        """Data set and column of all series, in their order."""
-        return [(data.name, one.column) for data in self.data for one in data.series]

@@ -1,7 +1,5 @@
 """Laws from a damper on the bench: force against displacement, and complex stiffness."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -51,46 +49,3 @@ def test_the_complex_stiffness_gives_the_law_back(tmp_path):
     for one in found.best.estimates:
         name = one.name.removeprefix("problem.law.")
         assert abs(one.value / TRUTH[name] - 1) < 1e-6
-
-
-@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
-def test_straight_lines_between_coarse_samples_of_a_smooth_motion_are_told(tmp_path, interpolation):
-    # a rate that lags by half an interval takes c omega^2 h / 2 from the stiffness
-    times, omega = np.arange(0.0, 4.0001, 0.05), 2 * np.pi
-    motion, rate = 0.01 * np.sin(omega * times), 0.01 * omega * np.cos(omega * times)
-    noise = np.random.default_rng(5).normal(0.0, 3.0, times.size)
-    force = 5e4 * motion + 3e3 * rate + noise
-    table = np.column_stack([times, motion, force])
-    np.savetxt(tmp_path / "b.csv", table, delimiter=",", header="t,u,F", comments="", fmt="%.8g")
-    law = {"law": "kelvin-voigt", "stiffness": 4.0e4, "coefficient": 2.0e3}
-    file = {"file": str(tmp_path / "b.csv"), "time": "t"}
-    (found,) = fvi.fit(
-        {
-            "name": "bench",
-            "problem": {
-                "kind": "material",
-                "law": law,
-                "displacement": {**file, "column": "u", "interpolation": interpolation},
-            },
-            "fit": {
-                "data": {**file, "columns": {"force": "F"}},
-                "parameters": {
-                    f"problem.law.{name}": {"from": 0} for name in ("stiffness", "coefficient")
-                },
-            },
-        }
-    )
-    stiffness, _ = found.best.estimates
-    said = [one for one in found.best.warnings if one.startswith("between the samples: ")]
-    if interpolation == "cubic":
-        assert stiffness.low < 5e4 < stiffness.high
-        assert not said
-        return
-    assert stiffness.high < 0.95 * 5e4
-    (words,) = said
-    far, errors = re.findall(r"by (?:some )?([\d.]+) standard", words)
-    assert float(far) == pytest.approx(7.6, rel=0.05)
-    assert float(errors) == pytest.approx(
-        (5e4 - stiffness.value) / stiffness.standard_error, rel=0.1
-    )
-    assert "write interpolation: cubic under displacement" in words

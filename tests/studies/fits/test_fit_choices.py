@@ -1,4 +1,4 @@
-"""Bounds, ties, own and shared parameters, and what is told of doubtful fits: on responses."""
+"""Bounds, and what is told of doubtful fits: on responses."""
 
 from dataclasses import replace
 from typing import Any
@@ -61,33 +61,6 @@ def parameter(key: str, start: float, **more: Any) -> FitParameter:
 STIFFNESS = parameter("stiffness", 7.0)
 ORDER = parameter("damping.0.order", 0.9, high=1.95)
 COEFFICIENT = parameter("damping.0.coefficient", 0.4)
-
-
-def test_experiments_share_what_is_not_their_own():
-    values = [receptance(WIDE, k, (0.6, 0.5), mass=m) for k, m in ((5.0, 1.0), (11.0, 2.0))]
-    data = [measured("one", WIDE, values[0]), measured("other", WIDE, values[1], mass=2.0)]
-    own = parameter("stiffness", 7.0, is_own=True)
-    found = fitted(data, own, ORDER, COEFFICIENT)
-    assert [one.name.partition("@")[2] for one in found.estimates] == ["one", "other", "", ""]
-    np.testing.assert_allclose([o.value for o in found.estimates], [5, 11, 0.6, 0.5], rtol=1e-8)
-    first, second = found.assignments
-    assert (first["problem.stiffness"], second["problem.stiffness"]) == (
-        found.estimates[0].value,
-        found.estimates[1].value,
-    )
-    assert second["problem.mass"] == 2.0
-
-
-def test_a_tied_parameter_follows():
-    data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5), (1.2, 0.25)))]
-    tied = parameter(
-        "damping.1.coefficient", 0.0, tied_to="problem.damping.0.coefficient", factor=0.5
-    )
-    twice = parameter("damping.1.order", 0.0, tied_to="problem.damping.0.order", factor=2.0)
-    found = fitted(data, STIFFNESS, ORDER, COEFFICIENT, tied, twice, terms=2)
-    np.testing.assert_allclose([o.value for o in found.estimates], [5, 0.6, 0.5], rtol=1e-8)
-    assert found.assignments[0]["problem.damping.1.order"] == pytest.approx(1.2)
-    assert found.assignments[0]["problem.damping.1.coefficient"] == pytest.approx(0.25)
 
 
 def test_bounds_hold_and_are_told():
@@ -155,7 +128,7 @@ def test_what_failed_says_what_cannot_be_separated_and_comes_last():
     correlation = found.correlations[1, 2]
     (said,) = [one for one in failed.warnings if "order and problem.damping.0.coeff" in one]
     assert f"correlation {correlation:+.4f}" in said
-    assert said.endswith("; if one of them is known, hold it with fixed:")
+    assert said.endswith("; if one of them is known, write it into the problem")
     good = replace(found, model=replace(found.model, name="at its end"))
     settings = FitSettings(data=tuple(data), models=(described, good.model))
     result = FitResult(name="two", settings=settings, models=(failed, good))

@@ -2,11 +2,19 @@
 
 import numpy as np
 import pytest
-from fit_kinds import KINDS, derivatives, fitted, holds_in_theory, holds_truth, kind_named, noise_of
+from fit_kinds import (
+    KINDS,
+    derivatives,
+    fit_nearby,
+    fitted,
+    holds_in_theory,
+    holds_truth,
+    kind_named,
+    noise_of,
+)
 from oracles.least_squares import restricted_deviations, viscous_motion
 from scipy.stats import t as student
 
-from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation
 from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
 from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, FitSettings, Series
@@ -96,7 +104,7 @@ def test_the_length_of_an_interval_is_that_of_the_freedom_of_its_column(seed):
         ),
     )
     data = (DataSet(name="a", series=series),)
-    found = fit_model(FitSettings(data=data, models=()), model, with_scan=False)
+    found = fit_nearby(FitSettings(data=data, models=()), model)
     for one in found.estimates:
         times = 0.5 * (one.high - one.low) / one.standard_error
         assert times == pytest.approx(student.ppf(0.975, 3), rel=0.05)

@@ -25,7 +25,7 @@ fit:
     - {name: one, file: a.csv, columns: {x: xa}}
     - {name: two, file: b.csv, columns: {x: xb}}
   parameters: {problem.stiffness: {from: 0}}
-  noise: {xa: 0.001, xb: 10}
+  noise: 0.01
 """
 
 
@@ -40,14 +40,6 @@ def folder(tmp_path: Path) -> Path:
 def load(folder: Path, text: str = TEXT) -> fvi.LoadedConfig:
     (folder / "decay.yaml").write_text(text)
     return fvi.load(folder / "decay.yaml")
-
-
-def test_noise_belongs_to_the_column_of_its_data_set(folder):
-    settings = load(folder).experiments[0].fit
-    assert settings.deviations == {("one", "xa"): 0.001, ("two", "xb"): 10.0}
-    # the precise column decides
-    (result,) = fvi.fit(folder / "decay.yaml")
-    assert [one.deviation for one in result.best.series] == [0.001, 10.0]
 
 
 def test_a_check_in_json_prints_json_alone(folder, monkeypatch):
