@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal, Self, TypeVar, cast
@@ -14,8 +13,6 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.power_series import PowerSeries
-from fvi_cli.mathematics.series.terms import SeriesError
 
 T = TypeVar("T")
 Interpolation = Literal["linear", "cubic"]
@@ -117,7 +114,7 @@ class SampledForce(_WithFormula):
         )
 
     def evaluate(self, names: Mapping[str, T | float]) -> T | float:
-        """The force at the times under ``t``, or its expansion to the right of a point.
+        """The force at the times under ``t``.
 
         Before the first and after the last sample the outermost polynomials are continued, only
         to allow for round-off at the ends.
@@ -125,16 +122,12 @@ class SampledForce(_WithFormula):
         Raises
         ------
         ExpressionError
-            For values of any other algebra, exact sums of powers included: samples are no formula.
+            For values of any other algebra: samples are no formula.
         """
         time = names["t"]
-        samples: object
-        if isinstance(time, PowerSeries) and math.isfinite(time.cutoff):
-            samples = self._series(time)
-        elif isinstance(time, np.ndarray | float | int):
-            samples = self._values(np.asarray(time, dtype=float))
-        else:
+        if not isinstance(time, np.ndarray | float | int):
             raise ExpressionError(f"{self.source}: samples are not a formula")
+        samples: object = self._values(np.asarray(time, dtype=float))
         if self.formula is not None:
             samples = samples + self.formula.evaluate(names)  # type: ignore[operator]
         return cast(T, samples)
@@ -146,14 +139,6 @@ class SampledForce(_WithFormula):
         for row in self.coefficients[1:]:
             values = values * offset + row[pieces]
         return np.asarray(values)
-
-    def _series(self, time: PowerSeries) -> PowerSeries:
-        place = int(self._pieces(np.asarray(time.coefficient(0.0))))
-        local = time - float(self.knots[place])
-        total = PowerSeries.constant(float(self.coefficients[0, place]), time.cutoff)
-        for coefficient in self.coefficients[1:, place]:
-            total = total * local + float(coefficient)
-        return total
 
     def _pieces(self, time: Array) -> NDArray[np.intp]:
         """Which polynomial holds at `time`; at a knot the later one."""
@@ -189,14 +174,13 @@ class FunctionForce(_WithFormula):
 
         Raises
         ------
-        SeriesError
-            For values of any algebra other than floating-point numbers.
         ExpressionError
-            Where the function gives another shape, or no real numbers.
+            For values of any algebra other than floating-point numbers, and where the function
+            gives another shape, or no real numbers.
         """
         time = names["t"]
         if not isinstance(time, np.ndarray | float | int):
-            raise SeriesError(f"{self.text}: a function is not a formula")
+            raise ExpressionError(f"{self.text}: a function is not a formula")
         times = np.asarray(time, dtype=float)
         values = np.asarray(self.function(times))
         if values.shape not in (times.shape, ()) or values.dtype.kind not in "fiu":

@@ -21,7 +21,7 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.series.power_series import PowerSeries, SeriesError
+from fvi_cli.mathematics.powers import Powers
 from fvi_cli.mathematics.transforms.characteristic import (
     characteristic_terms,
     characteristic_zeros,
@@ -39,7 +39,7 @@ TRUSTED: Final = 1e-10
 is better."""
 SEEN: Final = 1e-13
 """Rounding of an entry of a mode above this share of the entry counts in the error."""
-ZERO: Final = PowerSeries.constant(0.0, math.inf)
+ZERO: Final = Powers.constant(0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +60,7 @@ def linear_response(
     damping: tuple[tuple[float, float], ...] = (),
     position: float = 0.0,
     velocity: float = 0.0,
-    forcing: tuple[tuple[float, PowerSeries], ...] = (),
+    forcing: tuple[tuple[float, Powers], ...] = (),
     derivative: Derivative = "caputo",
     laws: tuple[tuple[RelaxationKernel, float], ...] = (),
 ) -> LinearResponse:
@@ -134,7 +134,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     shapes, diagonals, doubts = modes
     momenta = shapes.T @ scene.inertia.mass
     position, velocity = momenta @ scene.initial_position, momenta @ scene.initial_velocity
-    forcing: list[tuple[float, tuple[PowerSeries, ...]]] = []
+    forcing: list[tuple[float, tuple[Powers, ...]]] = []
 
     def response_of(i: int, entries: list[Array]) -> LinearResponse:
         own = [float(diagonal[i]) for diagonal in entries]
@@ -241,47 +241,45 @@ def _common_modes(
     return root @ rotation, diagonals, [EPSILON * d * norm for norm in norms]
 
 
-def shift_polynomial(force: PowerSeries, start: float) -> PowerSeries:
+def shift_polynomial(force: Powers, start: float) -> Powers:
     """A polynomial in t, rewritten in powers of t - start; rounded once at the end."""
     if start == 0:
         return force
     if not all(e >= 0 and e == round(e) for e in force.exponents):
-        raise SeriesError(f"{force!r} is neither a polynomial nor a sum of powers about {start:g}")
+        raise ExpressionError(
+            f"{force!r} is neither a polynomial nor a sum of powers about {start:g}"
+        )
     sums: dict[int, Fraction] = {}
     for degree, coefficient in zip(map(int, force.exponents), force.coefficients, strict=True):
         for j in range(degree + 1):
             term = Fraction(coefficient) * math.comb(degree, j) * Fraction(start) ** (degree - j)
             sums[j] = sums.get(j, Fraction(0)) + term
-    return PowerSeries(
+    return Powers(
         exponents=np.array(list(sums), dtype=float),
         coefficients=np.array([float(value) for value in sums.values()]),
-        cutoff=math.inf,
     )
 
 
-def transform(force: PowerSeries) -> dict[float, float]:
+def transform(force: Powers) -> dict[float, float]:
     r"""Laplace transform: :math:`t^\beta` becomes :math:`\Gamma(\beta+1) s^{-\beta-1}`."""
     if not all(-1 < exponent < 100 for exponent in force.exponents):
-        raise SeriesError(f"{force!r} has no Laplace transform in range")
+        raise ExpressionError(f"{force!r} has no Laplace transform in range")
     terms = zip(force.exponents.tolist(), force.coefficients.tolist(), strict=True)
     return {-exponent - 1.0: c * math.gamma(exponent + 1.0) for exponent, c in terms}
 
 
-def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSeries, ...]]]:
+def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[Powers, ...]]]:
     """Pairs (begin, components) for the pieces of a force."""
     if forcing is None:
         return []
-    variables = {"t": PowerSeries.variable(math.inf)}
+    variables = {"t": Powers.variable()}
     starts = (0.0, *forcing.break_points)
-    try:
-        return [
-            (start, tuple(one.evaluate(variables) + ZERO for one in piece.components))
-            for start, piece in zip(starts, forcing.pieces, strict=True)
-        ]
-    except ExpressionError as error:
-        raise SeriesError(str(error)) from error
+    return [
+        (start, tuple(one.evaluate(variables) + ZERO for one in piece.components))
+        for start, piece in zip(starts, forcing.pieces, strict=True)
+    ]
 
 
-def _combined(shape: Array, components: tuple[PowerSeries, ...]) -> PowerSeries:
+def _combined(shape: Array, components: tuple[Powers, ...]) -> Powers:
     weighted = zip(shape, components, strict=True)
     return sum((component * float(weight) for weight, component in weighted), start=ZERO)

@@ -1,16 +1,13 @@
 """Forces that are known at samples: values between them, expansions, and what they refuse."""
 
-import math
-
 import numpy as np
 import pytest
-from spread import spread
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.power_series import PowerSeries, expand
+from fvi_cli.mathematics.powers import Powers
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
@@ -46,23 +43,12 @@ def test_the_spline_has_two_continuous_derivatives_and_gives_cubics_back():
     assert np.abs(at(lines, time) - cubic(time)).max() > 0.1
 
 
-@spread(interpolation=["linear", "cubic"], place=[0.0, 0.3, 1.1])
-def test_the_expansion_is_that_of_the_polynomial_to_the_right(interpolation, place):
-    force = SampledForce.through(TIME, VALUES, interpolation)
-    series = expand(force, 6.0, place)
-    ahead = np.linspace(0.0, 0.09, 7)
-    np.testing.assert_allclose(series(ahead), at(force, place + ahead), atol=1e-13)
-    assert series.exponents.max() <= force.order - 1
-
-
 def test_factors_and_formulas_are_added_up():
     force = SampledForce.through(TIME, VALUES, "linear")
     formula = Expression.parse("t**2", ("t",))
     both = force.scaled(2.0).plus(formula).plus(formula).scaled(-1.0)
     time = np.linspace(0.0, 2.0, 11)
     np.testing.assert_allclose(at(both, time), -2 * at(force, time) - 2 * time**2, atol=1e-13)
-    series = expand(both, 4.0)
-    np.testing.assert_allclose(series(time[:2]), at(both, time[:2]), atol=1e-13)
     assert not both.is_constant
     assert SampledForce.through(TIME, 0 * VALUES + 3, "linear").is_constant
 
@@ -70,7 +56,7 @@ def test_factors_and_formulas_are_added_up():
 def test_samples_are_no_formula():
     force = SampledForce.through(TIME, VALUES, "linear")
     with pytest.raises(ExpressionError, match="not a formula"):
-        force.evaluate({"t": PowerSeries.variable(math.inf)})
+        force.evaluate({"t": Powers.variable()})
 
 
 def test_knots_are_no_break_points():

@@ -10,7 +10,6 @@ from fvi_cli.mathematics.algebra.builder import Builder, derivatives, join
 from fvi_cli.mathematics.algebra.dependence import constant_values
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
-from fvi_cli.mathematics.series.power_series import PowerSeries
 
 NAMES = ("x", "y")
 TEXTS = [
@@ -77,15 +76,6 @@ def test_nothing_is_added_to_what_is_zero():
     program = derivatives(system("x*y + sin(y) - cos(y)"), [{"x": 1.0}])
     assert [str(kind) for kind, *_ in program.instructions].count("+") == 1
     assert [str(kind) for kind, *_ in program.instructions].count("-") == 1
-
-
-def test_programs_work_on_power_series():
-    t = PowerSeries.variable(6.0)
-    (_, slope) = derivatives(system("sin(x)/(1 + y**2)"), [{"x": 1.0}]).evaluate(
-        {"x": t, "y": t**1.5}
-    )
-    assert isinstance(slope, PowerSeries)
-    assert slope(np.array(0.1)) == pytest.approx(np.cos(0.1) / 1.001, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -1,20 +1,15 @@
 """min, max, abs and sign as primitives: values, derivatives, ranges, series, steps."""
 
-import math
 import random
 
 import mpmath
 import numpy as np
 import pytest
 
-from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression, slopes_of, slopes_system
 from fvi_cli.mathematics.intervals.functions import Interval
-from fvi_cli.mathematics.series.power_series import SeriesError, expand
-from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
@@ -117,38 +112,6 @@ def test_ranges_of_slopes_are_those_of_the_side_that_is_taken(word, below, above
     box = Interval(np.array([0.5, 4.0, 0.5]), np.array([1.0, 5.0, 5.0]))
     _, found = system.evaluate({"t": box})
     assert [*zip(found.low, found.high, strict=True)] == [below, above, (1.0, 10.0)]
-
-
-def test_expansions_take_the_side_to_the_right():
-    def expansion(text):
-        found = expand(Expression.parse(text, ("t",)), 3.0)
-        return dict(zip(found.exponents.tolist(), found.coefficients.tolist(), strict=True))
-
-    assert expansion("min(sqrt(t), t)") == {1.0: 1.0}
-    assert expansion("max(sqrt(t), t)") == {0.5: 1.0}
-    assert expansion("min(1/t, 5)") == {0.0: 5.0}
-    assert expansion("max(t, t)") == {1.0: 1.0}
-    with pytest.raises(SeriesError):
-        expansion("min(gamma(t), 1)")
-
-
-@pytest.mark.parametrize("place", [0.3, 137.53125e-3, 2.0])
-def test_a_step_ends_where_min_turns(place):
-    """x'' = min(exp(200 (t - place)), 1), from rest: the exact motion is elementary."""
-    end = place + 1.0
-    scene = linear_oscillator(
-        stiffness=0.0,
-        forcing=Forcing.from_text(f"min(exp(200*(t - {place!r})), 1)"),
-        final_time=end,
-    )
-    found = integrate(scene, Method(cq="gauss", degree=3), AdaptiveSteps(tolerance=1e-6))
-    assert found.status == "ok"
-    assert np.abs(found.time - place).min() < 1e-10
-    before = math.exp(-200 * place)
-    speed = (1 - before) / 200
-    at_turn = (1 - before) / 200**2 - before * place / 200
-    exact = at_turn + speed * 1.0 + 0.5
-    assert found.position[-1, 0] == pytest.approx(exact, abs=2e-6)
 
 
 def test_a_force_that_overflows_where_it_is_not_taken_ends_no_run():

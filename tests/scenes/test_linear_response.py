@@ -10,8 +10,9 @@ from oracles.closed_forms import half_order_response
 from spread import spread
 
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.power_series import PowerSeries, SeriesError
+from fvi_cli.mathematics.powers import Powers
 from fvi_cli.scenes.linear_response import (
     ZERO,
     linear_response,
@@ -20,7 +21,7 @@ from fvi_cli.scenes.linear_response import (
     transform,
 )
 
-T = PowerSeries.variable(math.inf)
+T = Powers.variable()
 
 
 @pytest.mark.parametrize(
@@ -138,7 +139,7 @@ def test_pieces_are_superposed():
     times = np.linspace(0.0, 9.0, 40)
     late = np.maximum(times - 2.0, 0.0)
     assert stopped(times) == pytest.approx(ramp(times) - ramp(late), abs=1e-13)
-    with pytest.raises(SeriesError):
+    with pytest.raises(ExpressionError):
         linear_response(**common, forcing=((0.0, T**0.5), (2.0, ZERO)))
 
 
@@ -314,22 +315,21 @@ def read(text):
 )
 def test_sums_of_powers_are_read_off(text, terms):
     found = read(text)
-    assert math.isinf(found.cutoff)
     by_power = dict(zip(found.exponents.tolist(), found.coefficients.tolist(), strict=True))
     assert by_power == pytest.approx(terms, rel=1e-15)
 
 
 @pytest.mark.parametrize("text", ["1/(1 + t)", "sqrt(1 + t)", "2**t", "(1+t)**-1"])
 def test_what_leaves_the_sums_is_refused(text):
-    with pytest.raises(SeriesError):
+    with pytest.raises(ExpressionError):
         read(text)
 
 
 def test_other_functions_are_not_there():
-    with pytest.raises(SeriesError, match="sin"):
+    with pytest.raises(ExpressionError, match="sin"):
         read("sin(t)")
     for text in ("abs(t - 1)", "sign(t)", "min(t, 2)"):
-        with pytest.raises(SeriesError, match="known to the right of 0 only"):
+        with pytest.raises(ExpressionError, match="not available here"):
             read(text)
 
 
@@ -340,11 +340,11 @@ def test_shift_is_exact_for_polynomials_only():
     # (t - 1)^24 about 1 is t^24 alone, although its coefficients are large.
     found = shift_polynomial(read("(t - 1)**24"), 1.0)
     assert (found.exponents.tolist(), found.coefficients.tolist()) == ([24.0], [1.0])
-    with pytest.raises(SeriesError):
+    with pytest.raises(ExpressionError):
         shift_polynomial(read("sqrt(t)"), 1.0)
 
 
 def test_transform():
     assert transform(read("t**3 + 2")) == {-4.0: 6.0, -1.0: 2.0}
-    with pytest.raises(SeriesError):
+    with pytest.raises(ExpressionError):
         transform(read("1/t"))

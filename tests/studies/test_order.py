@@ -13,8 +13,8 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope, order_table, pairwise_order
 from fvi_cli.studies.reference import Reference, find_reference
-from fvi_cli.studies.tolerance.search import solve
 from fvi_cli.studies.study import assessed, execute, prediction_of, study
+from fvi_cli.studies.tolerance.search import solve
 
 SPECIFICATION = {
     "kind": "bagley-torvik",
